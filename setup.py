@@ -14,8 +14,9 @@ VERSION = next(
 NODES = ("simulator", "trajectory_generator", "identifier", "gap_monitor", "recorder", "replayer")
 
 
-# What the library and all of its commands need at run time, from the oldest versions that it is tested with (`make
-# oldest`) or known to need. The pins of requirements.txt belong to the project's own environment.
+# What the library and all of its commands need at run time, from the oldest versions that it is
+# tested with (`make oldest`) or known to need. The pins of requirements.txt belong to the project's
+# own environment.
 LIBRARIES = (
     "casadi>=3.7",
     "clarabel>=0.9",
@@ -48,7 +49,10 @@ LIBRARIES = (
 setup(
     name=NAME,
     version=VERSION,
-    description="Elastic-joint robot arms: emulate, record, identify, and say where and why model and robot differ.",
+    description=(
+        "Elastic-joint robot arms: emulate, record, identify, and say where and why model and robot"
+        " differ."
+    ),
     # colcon runs a link to this file in a folder of its own.
     long_description=Path(__file__).resolve().with_name("README.md").read_text(encoding="utf-8"),
     long_description_content_type="text/markdown",

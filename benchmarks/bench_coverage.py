@@ -1,8 +1,9 @@
 """How often the intervals of `identify` hold the truth. ``python -m benchmarks.bench_coverage``.
 
-Each recording is of another random motion and another arm, whose masses, inertias, springs and dampers differ from the
-description by up to 15 %. Counted is, parameter by parameter, how often the true value lies within 1.96 standard
-deviations of the estimate: over all recordings, and over those in which the parameter is called "well" determined.
+Each recording is of another random motion and another arm, whose masses, inertias, springs and
+dampers differ from the description by up to 15 %. Counted is, parameter by parameter, how often the
+true value lies within 1.96 standard deviations of the estimate: over all recordings, and over those
+in which the parameter is called "well" determined.
 """
 
 import argparse
@@ -39,7 +40,8 @@ FEWEST = 20
 
 @dataclass(frozen=True)
 class Outcome:
-    """One recording: errors over standard deviations (B,), and which parameters are called "well" (B,)."""
+    """One recording: errors over standard deviations (B,), and which parameters are called "well"
+    (B,)."""
 
     names: tuple[str, ...]
     z: np.ndarray
@@ -47,7 +49,8 @@ class Outcome:
 
 
 def record(robot: Robot, seconds: float, noise: float, seed: int) -> tuple[Recording, Robot]:
-    """Record an arm that differs from the description along a random motion; return it with the true arm.
+    """Record an arm that differs from the description along a random motion; return it with the
+    true arm.
 
     Parameters
     ----------
@@ -110,9 +113,9 @@ def report(seconds: float, noise: float, outcomes: Sequence[Outcome]) -> None:
     ]
     least = float(np.nanmin(of_well)) if np.isfinite(of_well).any() else math.nan
     print(
-        f"  {seconds:4.0f} s, {noise:6.0e} rad: all {share(held):.3f}; called well {share(held[well]):.3f} "
-        f"({100 * well.mean():3.0f} % are), least of one parameter {least:.3f}, largest error "
-        f"{np.abs(z[well]).max(initial=0.0):.1f} std",
+        f"  {seconds:4.0f} s, {noise:6.0e} rad: all {share(held):.3f}; called well"
+        f" {share(held[well]):.3f} ({100 * well.mean():3.0f} % are), least of one parameter"
+        f" {least:.3f}, largest error {np.abs(z[well]).max(initial=0.0):.1f} std",
         flush=True,
     )
     for k, name in enumerate(outcomes[0].names):
@@ -122,7 +125,8 @@ def report(seconds: float, noise: float, outcomes: Sequence[Outcome]) -> None:
             mark = "too few" if chance < CHANCE else "within chance"
             mean, spread = z[well[:, k], k].mean(), z[well[:, k], k].std()
             print(
-                f"      {name}: {of_well[k]:.3f} of {count} ({mark}); mean {mean:+.2f}, spread {spread:.2f}",
+                f"      {name}: {of_well[k]:.3f} of {count} ({mark}); mean {mean:+.2f}, spread"
+                f" {spread:.2f}",
                 flush=True,
             )
 
@@ -140,7 +144,8 @@ def main() -> None:
     parser.add_argument("--save", help="npz file for errors and verdicts, to look into")
     arguments = parser.parse_args()
     print(
-        f"{arguments.recordings} recordings each; shares of 95 % intervals that hold the truth (wanted {WANTED})"
+        f"{arguments.recordings} recordings each; shares of 95 % intervals that hold the truth"
+        f" (wanted {WANTED})"
     )
     seeds = range(arguments.first_seed, arguments.first_seed + arguments.recordings)
     started, kept = time.perf_counter(), {}

@@ -1,9 +1,11 @@
-"""Seconds and memory over the length of a recording and its standstill. ``python -m benchmarks.bench_day``.
+"""Seconds and memory over the length of a recording and its standstill. ``python -m
+benchmarks.bench_day``.
 
-The arm of the package with dry friction on one joint. First one motion and then standstill, through ``identify`` and
-``diagnose``; then work: motions of half a minute with rests between them, ``--standing`` of the time. Each case runs in
-a process of its own; its columns are processor seconds, those over the first case's, and the most memory that it took.
-Work of more than ten minutes is ten minutes of it again and again.
+The arm of the package with dry friction on one joint. First one motion and then standstill, through
+``identify`` and ``diagnose``; then work: motions of half a minute with rests between them,
+``--standing`` of the time. Each case runs in a process of its own; its columns are processor
+seconds, those over the first case's, and the most memory that it took. Work of more than ten
+minutes is ten minutes of it again and again.
 """
 
 import argparse
@@ -69,7 +71,8 @@ class Work:
 
 
 def recorded(folder: Path, robot: Robot, work: Work, seconds: float) -> Path:
-    """Write the recording of some work, and of the first of it a second one: the earlier recording of a history."""
+    """Write the recording of some work, and of the first of it a second one: the earlier recording
+    of a history."""
     settings = SimulationSettings(
         effects=[parse(f"{LAW}:torque={TRUE}", robot)], sensors=Sensors.real()
     )
@@ -100,7 +103,8 @@ def moved(recording: Recording, by_ns: int) -> Recording:
 
 
 def measured(command: str, bag: Path, out: Path) -> tuple[float, float, str]:
-    """Run a command on a bag; return its processor seconds, its gigabytes, and the friction that it found."""
+    """Run a command on a bag; return its processor seconds, its gigabytes, and the friction that it
+    found."""
     results = ["--out", str(out), "--force"]
     options = {
         "bag check": [],
@@ -183,7 +187,8 @@ def main() -> None:
                 elapsed, memory, found = measured(command, bag, out)
                 ratio = elapsed / first.setdefault(command, elapsed)
                 print(
-                    f"{name:38} {command:9} {elapsed:7.1f} s {ratio:6.2f} {memory:6.2f} GB  {found}",
+                    f"{name:38} {command:9} {elapsed:7.1f} s {ratio:6.2f} {memory:6.2f} GB "
+                    f" {found}",
                     flush=True,
                 )
                 shutil.rmtree(out, ignore_errors=True)

@@ -1,11 +1,13 @@
-"""Time of a diagnosis as recordings and arms grow. ``python -m benchmarks.bench_diagnosis [--threads 2]``.
+"""Time of a diagnosis as recordings and arms grow. ``python -m benchmarks.bench_diagnosis
+[--threads 2]``.
 
-Arms with Coulomb friction on one joint and a joint torque offset on another, recorded by the project's own simulator
-with realistic noise, and judged on another motion, half as long. Processor seconds of the diagnosis alone on one core,
-on several of them elapsed ones, too; a second time, with the laws derived (`first`: the first time). Then a search that
-finds no explanation, as the friction is not in the catalogue. Last, a realistic arm: every number of its description a
-little wrong, and ten causes to find, with and without ``--refit --with coulomb_friction --with viscous_friction``; 20 s
-to fit and 20 s to judge.
+Arms with Coulomb friction on one joint and a joint torque offset on another, recorded by the
+project's own simulator with realistic noise, and judged on another motion, half as long. Processor
+seconds of the diagnosis alone on one core, on several of them elapsed ones, too; a second time,
+with the laws derived (`first`: the first time). Then a search that finds no explanation, as the
+friction is not in the catalogue. Last, a realistic arm: every number of its description a little
+wrong, and ten causes to find, with and without ``--refit --with coulomb_friction --with
+viscous_friction``; 20 s to fit and 20 s to judge.
 """
 
 import argparse
@@ -58,7 +60,8 @@ def arm_of(n: int) -> Robot:
 
 
 def recordings(robot: Robot, seconds: float) -> list[Recording]:
-    """Two recordings of the arm with two effects: one to fit, one of another motion, half as long, to judge."""
+    """Two recordings of the arm with two effects: one to fit, one of another motion, half as long,
+    to judge."""
     rng = np.random.default_rng(0)
     first, last = robot.joint_names[0], robot.joint_names[-1]
     effects: list[EffectInstance] = [
@@ -84,7 +87,8 @@ def recordings(robot: Robot, seconds: float) -> list[Recording]:
 
 
 def ten_causes(nominal: Robot) -> list[Recording]:
-    """Two recordings, 20 s each, of an arm that differs from its description everywhere and has ten effects."""
+    """Two recordings, 20 s each, of an arm that differs from its description everywhere and has ten
+    effects."""
     rng = np.random.default_rng(nominal.n)
     sides = ("link", "drive", "motor")
     numbers = numbers_of(nominal, (), 1000.0, Priors(), (), np.full(nominal.n, 100.0), None, sides)
@@ -123,7 +127,8 @@ class Times:
 
 
 def report_ten(n: int) -> None:
-    """Print two lines, of a realistic arm as it is described, and with the description counted as uncertain."""
+    """Print two lines, of a realistic arm as it is described, and with the description counted as
+    uncertain."""
     robot = arm_of(n)
     fitted, judged = ten_causes(robot)
     known = known_effects(("coulomb_friction", "viscous_friction"), robot)

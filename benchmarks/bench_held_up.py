@@ -1,7 +1,9 @@
-"""How long a reader that was held up waits for what it has missed. ``python -m benchmarks.bench_held_up``.
+"""How long a reader that was held up waits for what it has missed. ``python -m
+benchmarks.bench_held_up``.
 
-A subscriber is stopped (SIGSTOP) for longer than Fast DDS's shared memory lasts, and continued. Counted is the longest
-time without a message in the three seconds after: with the suite's profile, and with Fast DDS's own settings.
+A subscriber is stopped (SIGSTOP) for longer than Fast DDS's shared memory lasts, and continued.
+Counted is the longest time without a message in the three seconds after: with the suite's profile,
+and with Fast DDS's own settings.
 """
 
 import argparse
@@ -103,8 +105,9 @@ def main() -> None:
                 {**os.environ, "ROS_DOMAIN_ID": "77", **setting}, options.times, Path(name)
             )
             print(
-                f"{kind:20} longest pause after {len(found)} stops of {HELD} s: median {np.median(found):.2f}, 90 % "
-                f"{np.percentile(found, 90):.2f}, most {found.max():.2f} s",
+                f"{kind:20} longest pause after {len(found)} stops of {HELD} s: median"
+                f" {np.median(found):.2f}, 90 % {np.percentile(found, 90):.2f}, most"
+                f" {found.max():.2f} s",
                 flush=True,
             )
             (Path(name) / "arrivals").unlink()

@@ -1,7 +1,9 @@
-"""How often a history tells of a change, or of an event, that is none. ``python -m benchmarks.bench_history``.
+"""How often a history tells of a change, or of an event, that is none. ``python -m
+benchmarks.bench_history``.
 
-Each history is of another arm, up to 15 % from its description, with dry friction on every joint, and of recordings of
-8 s of a motion each. In every second one the friction of one joint differs from some recording on, by 10 to 60 %.
+Each history is of another arm, up to 15 % from its description, with dry friction on every joint,
+and of recordings of 8 s of a motion each. In every second one the friction of one joint differs
+from some recording on, by 10 to 60 %.
 """
 
 import argparse
@@ -78,9 +80,9 @@ def main() -> None:
         print(f"{seed}: {one}, {time.process_time() - began:.0f} s of processor", flush=True)
     changed = [one for one in all_of if one.there]
     print(
-        f"{len(all_of) * options.recordings} recordings: {sum(one.false for one in all_of)} false changes, "
-        f"{sum(one.events for one in all_of)} false events; {sum(one.right for one in changed)} of {len(changed)} "
-        "changes told"
+        f"{len(all_of) * options.recordings} recordings: {sum(one.false for one in all_of)} false"
+        f" changes, {sum(one.events for one in all_of)} false events;"
+        f" {sum(one.right for one in changed)} of {len(changed)} changes told"
     )
 
 

@@ -1,12 +1,14 @@
-"""Identification against its peers: ratios measured in one run. ``python -m benchmarks.bench_identification``.
+"""Identification against its peers: ratios measured in one run. ``python -m
+benchmarks.bench_identification``.
 
-Two jobs. *From arrays*: the Gram matrices of the equations and their solution, Phi never stored, against building Phi
-with the same compiled kernel and numpy's lstsq, errors of both against a known truth. Ours has one thread of BLAS, as
-commands have; the peer has as many as make it fastest in that round, one or all. *From a bag*: a recording
-on disk to parameters with standard deviations, against rosbags' reading and deserialising, a loop over Pinocchio's
-regressor, and numpy's lstsq. The peers' costs are linear: they are timed on fewer samples and scaled up. Wall times;
-in brackets processor time, which a busy machine disturbs less; ours and the peer take turns. Last, how the cost grows
-with N and n.
+Two jobs. *From arrays*: the Gram matrices of the equations and their solution, Phi never stored,
+against building Phi with the same compiled kernel and numpy's lstsq, errors of both against a known
+truth. Ours has one thread of BLAS, as commands have; the peer has as many as make it fastest in
+that round, one or all. *From a bag*: a recording on disk to parameters with standard deviations,
+against rosbags' reading and deserialising, a loop over Pinocchio's regressor, and numpy's lstsq.
+The peers' costs are linear: they are timed on fewer samples and scaled up. Wall times; in brackets
+processor time, which a busy machine disturbs less; ours and the peer take turns. Last, how the cost
+grows with N and n.
 """
 
 import argparse
@@ -42,7 +44,8 @@ LOOP_SAMPLES = 2_000
 
 
 def timed(work: Callable[[], object], repeats: int = REPEATS) -> tuple[float, float]:
-    """Median wall and processor seconds of calls after the first; of that one where there are no `repeats`."""
+    """Median wall and processor seconds of calls after the first; of that one where there are no
+    `repeats`."""
     times = [seconds_of(work)]
     times = [seconds_of(work) for _ in range(repeats)] or times
     wall, cpu = np.median(times, axis=0)
@@ -69,7 +72,8 @@ def set_blas_threads(count: int) -> bool:
 
 
 def best_of_blas(work: Callable[[], object]) -> tuple[float, float, int]:
-    """Wall and processor seconds of the call with one or all threads of BLAS that ends first, and their number."""
+    """Wall and processor seconds of the call with one or all threads of BLAS that ends first, and
+    their number."""
     found = []
     for count in sorted({1, threads()}):
         if set_blas_threads(count) or not found:
@@ -89,7 +93,8 @@ def random_motion(model: Model, count: int, rng: np.random.Generator) -> Motion:
 
 
 class FromArrays:
-    """Both ways from states and left sides to base parameters; every row of (1) has its own left side."""
+    """Both ways from states and left sides to base parameters; every row of (1) has its own left
+    side."""
 
     def __init__(self, model: Model, count: int) -> None:
         self.model = model
@@ -162,13 +167,16 @@ def report_arrays(model: Model, count: int) -> None:
     ratio = np.median([[peer[k] / own[k] for k in range(2)] for own, peer in rounds], axis=0)
     errors = job.error(job.fused()), job.error(job.stored())
     print(
-        f"from arrays, {count} samples, {len(job.columns)} base parameters, {model.dof} rows a sample"
+        f"from arrays, {count} samples, {len(job.columns)} base parameters, {model.dof} rows a"
+        " sample"
     )
     print(
-        f"  Phi not stored       {ours[0]:9.4f} s ({ours[1]:.4f})   largest relative error {errors[0]:.1e}"
+        f"  Phi not stored       {ours[0]:9.4f} s ({ours[1]:.4f})   largest relative error"
+        f" {errors[0]:.1e}"
     )
     print(
-        f"  build Phi and lstsq  {theirs[0]:9.4f} s ({theirs[1]:.4f})   largest relative error {errors[1]:.1e}"
+        f"  build Phi and lstsq  {theirs[0]:9.4f} s ({theirs[1]:.4f})   largest relative error"
+        f" {errors[1]:.1e}"
     )
     print(
         f"  threads of BLAS      ours 1, the peer's in each round {[peer[2] for _, peer in rounds]}"
@@ -200,7 +208,8 @@ def report_bag(model: Model, count: int, folder: Path) -> None:
     print(f"  ours, bag to parameters with standard deviations {ours[0]:8.2f} s ({ours[1]:.2f})")
     for name, (seconds, scale) in parts.items():
         print(
-            f"  {name:48s} {seconds[0] * scale:8.2f} s ({seconds[1] * scale:.2f}), scaled up by {scale:.0f}"
+            f"  {name:48s} {seconds[0] * scale:8.2f} s ({seconds[1] * scale:.2f}), scaled up by"
+            f" {scale:.0f}"
         )
         total += np.array(seconds) * scale
     print(f"  ratio {total[0] / ours[0]:.0f} ({total[1] / ours[1]:.0f})")
@@ -211,13 +220,15 @@ def report_growth(model: Model) -> None:
     print("growth: microseconds a sample of the sums and the solution, from arrays")
     for count in (10_000, 100_000, 1_000_000):
         print(
-            f"  n = 3, N = {count:8d}: {1e6 * timed(FromArrays(model, count).fused, 3)[0] / count:8.3f}"
+            f"  n = 3, N = {count:8d}:"
+            f" {1e6 * timed(FromArrays(model, count).fused, 3)[0] / count:8.3f}"
         )
     for n in (3, 6, 7, 12):
         arm = build_model(random_arm(n, np.random.default_rng(n)))
         job = FromArrays(arm, 50_000)
         print(
-            f"  n = {n}, {len(job.columns):3d} parameters: {1e6 * timed(job.fused, 3)[0] / 50_000:8.3f}"
+            f"  n = {n}, {len(job.columns):3d} parameters:"
+            f" {1e6 * timed(job.fused, 3)[0] / 50_000:8.3f}"
         )
 
 
@@ -248,7 +259,8 @@ double memory(long count, const double *from) {
 
 
 def report_limits(model: Model) -> None:
-    """Print what the machine's multiplications and its memory allow at best, one thread, beside the sums."""
+    """Print what the machine's multiplications and its memory allow at best, one thread, beside the
+    sums."""
     count = 1_000_000
     job = FromArrays(model, count)
     total = model.accumulator(job.columns, rounded=True)
@@ -270,10 +282,12 @@ def report_limits(model: Model) -> None:
         1
     ]
     print(
-        f"limits, processor ns a sample: sums {1e9 * sums / count:.1f}, of that {2 * entries} multiplications alone"
+        f"limits, processor ns a sample: sums {1e9 * sums / count:.1f}, of that {2 * entries}"
+        " multiplications alone"
     )
     print(
-        f"  {1e9 * products / count:.1f}; reading its {read.nbytes // count} bytes alone {1e9 * memory / count:.1f}"
+        f"  {1e9 * products / count:.1f}; reading its {read.nbytes // count} bytes alone"
+        f" {1e9 * memory / count:.1f}"
     )
 
 

@@ -2,10 +2,11 @@
 
     python benchmarks/bench_live.py [--seconds 60]
 
-First a bare publisher and a bare EventsExecutor subscriber, alone; then simulator, trajectory generator, identifier and
-recorder, all at once, with two probes beside them: one of the bare publisher's messages as bytes, which shows what the
-load of the graph does to a message's way, and one of the arm's own samples, whose delay counts from the instant that
-the stamp names (so it holds the simulator's step as well).
+First a bare publisher and a bare EventsExecutor subscriber, alone; then simulator, trajectory
+generator, identifier and recorder, all at once, with two probes beside them: one of the bare
+publisher's messages as bytes, which shows what the load of the graph does to a message's way, and
+one of the arm's own samples, whose delay counts from the instant that the stamp names (so it holds
+the simulator's step as well).
 """
 
 import argparse
@@ -185,7 +186,8 @@ def main() -> None:
     print(f"{'delay':44} p50 µs  p99 µs")
     print(f"{'bare EventsExecutor subscriber, alone':44}{alone['p50']:7.0f} {alone['p99']:7.0f}")
     print(
-        f"{'the same messages as bytes, beside the graph':44}{beside['p50']:7.0f} {beside['p99']:7.0f}"
+        f"{'the same messages as bytes, beside the graph':44}{beside['p50']:7.0f}"
+        f" {beside['p99']:7.0f}"
     )
     print(f"{'ratio of the medians':44}{beside['p50'] / alone['p50']:7.2f}")
     print(f"{'samples of the arm, from their stamp':44}{arm['p50']:7.0f} {arm['p99']:7.0f}")

@@ -1,12 +1,13 @@
 """Bags against their peers: reading to arrays and writing of arrays, as ratios measured in one run.
 
-    python benchmarks/bench_mcap.py [--messages 1000000] [--peer-messages 50000] [--repeats 5] [--json]
+    python benchmarks/bench_mcap.py [--messages 1000000] [--peer-messages 50000] [--repeats 5]
+    [--json]
 
-The peers are rosbags' AnyReader with deserialisation and rosbags' Writer with serialisation (timed on fewer messages:
-their cost is linear), the plain reading and unpacking of the file's bytes, and the least that a reader does: unpack,
-take checksums, fill new memory with as many numbers. All are timed in turn, so that whatever else the machine does
-falls on all alike; figures are medians of wall time, and in brackets of processor time (threads add up), which a busy
-machine disturbs less.
+The peers are rosbags' AnyReader with deserialisation and rosbags' Writer with serialisation (timed
+on fewer messages: their cost is linear), the plain reading and unpacking of the file's bytes, and
+the least that a reader does: unpack, take checksums, fill new memory with as many numbers. All are
+timed in turn, so that whatever else the machine does falls on all alike; figures are medians of
+wall time, and in brackets of processor time (threads add up), which a busy machine disturbs less.
 """
 
 import argparse
@@ -94,7 +95,8 @@ def unpack(folder: Path) -> None:
 
 
 def least(folder: Path, numbers: int) -> None:
-    """Unpack all chunks, take their checksums, and fill new memory with as many numbers as the messages hold."""
+    """Unpack all chunks, take their checksums, and fill new memory with as many numbers as the
+    messages hold."""
     file = open_mcap(next(folder.glob("*.mcap")))
     for chunk in file.chunks:
         zlib.crc32(

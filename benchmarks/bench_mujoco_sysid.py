@@ -1,13 +1,15 @@
-"""Identification beside `mujoco.sysid` (MuJoCo's own, extra `sysid`): the same recording, model and parameters.
+"""Identification beside `mujoco.sysid` (MuJoCo's own, extra `sysid`): the same recording, model and
+parameters.
 
     python benchmarks/bench_mujoco_sysid.py --joints 3
 
-A MuJoCo arm whose mass, centre of mass, inertia, armature, damping and friction loss differ from its file is recorded
-with noise. `identify` and `mujoco.sysid` start from the file; each result is judged by the torque error and by the
-open-loop prediction of a motion that neither has seen, replayed in MuJoCo, by the armatures and frictions found, and by
-the base parameters that the recording determines well (their errors over what is natural for them, rms and largest).
-Times are of processor, all threads and compilers included. The first call of `identify` loads libraries and compiles
-kernels, which later processes find on disk.
+A MuJoCo arm whose mass, centre of mass, inertia, armature, damping and friction loss differ from
+its file is recorded with noise. `identify` and `mujoco.sysid` start from the file; each result is
+judged by the torque error and by the open-loop prediction of a motion that neither has seen,
+replayed in MuJoCo, by the armatures and frictions found, and by the base parameters that the
+recording determines well (their errors over what is natural for them, rms and largest). Times are
+of processor, all threads and compilers included. The first call of `identify` loads libraries and
+compiles kernels, which later processes find on disk.
 """
 
 import argparse
@@ -46,12 +48,16 @@ def model_text(n: int, rng: np.random.Generator | None = None) -> str:
         mass = off(4.0 * size)
         inertia = [off(k * mass * 0.01, 0.1) for k in (1.0, 0.9, 0.6)]
         axis = ("0 0 1", "0 1 0", "0 1 0", "1 0 0", "0 1 0", "0 0 1", "1 0 0")[i]
-        numbers = f'armature="{off(0.2 * size)}" damping="{off(0.8 * size)}" frictionloss="{off(1.5 * size)}"'
+        numbers = (
+            f'armature="{off(0.2 * size)}" damping="{off(0.8 * size)}"'
+            f' frictionloss="{off(1.5 * size)}"'
+        )
         com = f"{off(0.03)} {off(0.02)} {off(0.12)}"
         bodies.append(
-            f'<body name="link{i + 1}" pos="0 0 {0.3 if i else 0.1}"><inertial pos="{com}" mass="{mass}" '
-            f'diaginertia="{" ".join(map(str, inertia))}"/><joint name="joint{i + 1}" axis="{axis}" range="-2.5 2.5" '
-            f'{numbers} solreffriction="0.002 1"/>'
+            f'<body name="link{i + 1}" pos="0 0 {0.3 if i else 0.1}"><inertial pos="{com}"'
+            f' mass="{mass}" diaginertia="{" ".join(map(str, inertia))}"/><joint'
+            f' name="joint{i + 1}" axis="{axis}" range="-2.5 2.5" {numbers} solreffriction="0.002'
+            ' 1"/>'
         )
         ends.append("</body>")
     motors = "".join(
@@ -60,7 +66,8 @@ def model_text(n: int, rng: np.random.Generator | None = None) -> str:
     sensors = "".join(f'<jointpos name="p{i + 1}" joint="joint{i + 1}"/>' for i in range(n))
     sensors += "".join(f'<jointvel name="v{i + 1}" joint="joint{i + 1}"/>' for i in range(n))
     return (
-        '<mujoco model="bench"><compiler angle="radian"/><option timestep="0.001" integrator="implicitfast"/>'
+        '<mujoco model="bench"><compiler angle="radian"/><option timestep="0.001"'
+        ' integrator="implicitfast"/>'
         "<worldbody>"
         f"{''.join(bodies)}{''.join(ends)}</worldbody><actuator>{motors}</actuator><sensor>{sensors}</sensor></mujoco>"
     )
@@ -162,7 +169,8 @@ def _sequences(
 
 
 def figures(arm: MjcfArm, held_out: Recording, true: Robot) -> list[float]:
-    """Return torque rms (Nm), open-loop position rms (mrad), and rms relative errors of armatures and frictions."""
+    """Return torque rms (Nm), open-loop position rms (mrad), and rms relative errors of armatures
+    and frictions."""
     errors = replay(held_out, arm, window=0.1).open_loop
     found = []
     for kind in ("armature", "viscous_friction", "coulomb_friction"):
@@ -178,7 +186,8 @@ def figures(arm: MjcfArm, held_out: Recording, true: Robot) -> list[float]:
 
 
 def base_errors(result: Identification, found: Robot, true: Robot) -> list[float]:
-    """Return the rms and the largest error, %, of the base parameters that the recording determines well."""
+    """Return the rms and the largest error, %, of the base parameters that the recording determines
+    well."""
     well = [e.verdict == "well" for e in result.estimates]
     scale = np.array([e.std / e.relative_std for e in result.estimates])
     apart = result.T @ (
@@ -232,7 +241,8 @@ def main() -> None:
         fit = replace(fit.between(0.0, options.seconds), source="fit")
         print(f"{options.joints} joints, {options.seconds:g} s of {RATE:g} Hz")
         print(
-            f"{'':14s} time s  torque Nm  motion mrad  armature %  damping %  friction loss %  base %  worst %"
+            f"{'':14s} time s  torque Nm  motion mrad  armature %  damping %  friction loss %  base"
+            " %  worst %"
         )
         result, arm, first = ours(fit, folder / "plain.xml", folder / "ours.xml")
         rows = {
@@ -258,7 +268,8 @@ def main() -> None:
             print(f"{label:14s} {seconds:6.2f}  {torque:9.4f}  {position:11.4f}{words}")
         well = sum(e.verdict == "well" for e in result.estimates)
         print(
-            f"{well} of {len(result.estimates)} base parameters are determined well; first call {first:.2f} s"
+            f"{well} of {len(result.estimates)} base parameters are determined well; first call"
+            f" {first:.2f} s"
         )
 
 

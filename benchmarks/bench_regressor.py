@@ -1,9 +1,10 @@
-"""Regressor over arrays of samples: ratios against peers, in one run. ``python -m benchmarks.bench_regressor``.
+"""Regressor over arrays of samples: ratios against peers, in one run. ``python -m
+benchmarks.bench_regressor``.
 
-Peers: Pinocchio's ``computeJointTorqueRegressor`` on the full tree, projected by G onto the same base columns, in a
-Python loop; filling the same bytes, in memory fresh from the system and in memory used before; the numpy fallback.
-Results go to fresh memory, or to an array given (`out`). Then first and later use of a cache. It grows with N from line
-to line, with n from table to table.
+Peers: Pinocchio's ``computeJointTorqueRegressor`` on the full tree, projected by G onto the same
+base columns, in a Python loop; filling the same bytes, in memory fresh from the system and in
+memory used before; the numpy fallback. Results go to fresh memory, or to an array given (`out`).
+Then first and later use of a cache. It grows with N from line to line, with n from table to table.
 """
 
 import subprocess
@@ -25,7 +26,8 @@ LOOP_SAMPLES = 1000
 
 
 def interleaved(works: dict[str, Callable[[], object]]) -> dict[str, np.ndarray]:
-    """Times of each work in every round, s; all take turns, so that whatever else the machine does meets all alike."""
+    """Times of each work in every round, s; all take turns, so that whatever else the machine does
+    meets all alike."""
     for work in works.values():
         work()
     times: dict[str, list[float]] = {name: [] for name in works}
@@ -95,7 +97,8 @@ def compare(
     kernel = compiled.kernel("regressor", columns)
     nonzero, operations = len(kernel.program.outputs[0].values), len(kernel.program)
     print(
-        f"\n{title}: dof {compiled.dof}, base columns {len(columns)}, not null {nonzero}, operations {operations}"
+        f"\n{title}: dof {compiled.dof}, base columns {len(columns)}, not null {nonzero},"
+        f" operations {operations}"
     )
     print(f"{'':20} times the Pinocchio loop's rate {'':17} times the time to fill")
     heads = ("fresh", "reused", "numpy", "reused", "fused", "fresh", "reused")
@@ -144,14 +147,15 @@ def measure(
 def first_and_later_use() -> None:
     """Print the time to the first regressor in a new cache, and in new processes after it."""
     code = (
-        "import time, numpy as np; from elastic_arm.dynamics import build_model;"
-        "from elastic_arm.robot import load_robot;"
-        "from tests.helpers.random_arms import random_arm; arm = {arm}; start = time.perf_counter();"
-        "m = build_model(arm, 'mod3', bearings={bearings}); m.regressor(*np.zeros((3, 8, m.dof)));"
-        "m.inverse_dynamics(*np.zeros((3, 8, m.dof))); print(time.perf_counter() - start)"
+        "import time, numpy as np; from elastic_arm.dynamics import build_model;from"
+        " elastic_arm.robot import load_robot;from tests.helpers.random_arms import random_arm; arm"
+        " = {arm}; start = time.perf_counter();m = build_model(arm, 'mod3', bearings={bearings});"
+        " m.regressor(*np.zeros((3, 8, m.dof)));m.inverse_dynamics(*np.zeros((3, 8, m.dof)));"
+        " print(time.perf_counter() - start)"
     )
     print(
-        "\nfirst use (derived and compiled) and later use (new process) of Phi and inverse dynamics, s"
+        "\nfirst use (derived and compiled) and later use (new process) of Phi and inverse"
+        " dynamics, s"
     )
     arms = {
         "nominal, 6 dof": ("load_robot()", False),

@@ -1,11 +1,13 @@
-"""Diagnosis of servo arms in MuJoCo beside a fit by CMA-ES as PACE has it: armature, damping, friction, bias, a delay.
+"""Diagnosis of servo arms in MuJoCo beside a fit by CMA-ES as PACE has it: armature, damping,
+friction, bias, a delay.
 
     python -m benchmarks.bench_servo_fit --evaluations 600     # with `pip install cma`; else differential evolution
 
-Each arm is built ordinarily off its description and has one thing more: friction, late commands, an elastic drive, or
-play. Both start from the same recording of commands and positions. What is printed: the closed-loop error of positions
-under the commands of another recording (mrad, rms over joints), of the description, of both results and of the true
-arm, the processor's time, and what is said. Elasticity and play lie behind the encoder, as in a servo's gears.
+Each arm is built ordinarily off its description and has one thing more: friction, late commands, an
+elastic drive, or play. Both start from the same recording of commands and positions. What is
+printed: the closed-loop error of positions under the commands of another recording (mrad, rms over
+joints), of the description, of both results and of the true arm, the processor's time, and what is
+said. Elasticity and play lie behind the encoder, as in a servo's gears.
 """
 
 import argparse
@@ -64,7 +66,8 @@ class Told:
 
 
 def moved(model: mujoco.MjModel, r: Array, delay: float = 0.0) -> Array:
-    """Return the angles (N, n) of the servos' joints under commands (N, n), from rest at the first."""
+    """Return the angles (N, n) of the servos' joints under commands (N, n), from rest at the
+    first."""
     every, n = round(1.0 / (RATE * STEP)), model.nu
     places = model.jnt_qposadr[model.actuator_trnid[:n, 0]]
     data = mujoco.MjData(model)
@@ -96,7 +99,8 @@ def true_arm(text: str, kind: str, joint: int) -> str:
 
 
 def fitted(text: str, told: Told, evaluations: int, seed: int) -> tuple[Array, float]:
-    """Return the numbers found by CMA-ES, or by differential evolution where there is no `cma`, and s of processor."""
+    """Return the numbers found by CMA-ES, or by differential evolution where there is no `cma`, and
+    s of processor."""
     begin, model = time.process_time(), mujoco.MjModel.from_xml_string(text)
     n, count = model.nu, round(FITTED * RATE)
     part = Told(told.r[:count], told.q[:count])
@@ -198,7 +202,8 @@ def main() -> None:
     parser.add_argument("--only", choices=KINDS, help="one thing that is withheld")
     asked = parser.parse_args()
     print(
-        "withheld | described mrad | diagnosis mrad | CMA-ES mrad | diagnosis s | CMA-ES s | the diagnosis says"
+        "withheld | described mrad | diagnosis mrad | CMA-ES mrad | diagnosis s | CMA-ES s | the"
+        " diagnosis says"
     )
     for kind in [asked.only] if asked.only else KINDS:
         print(" | ".join(compared(kind, asked.seed, asked.evaluations)), flush=True)

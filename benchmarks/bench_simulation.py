@@ -1,9 +1,10 @@
 """Forward simulation against MuJoCo, in one run. ``python -m benchmarks.bench_simulation``.
 
-The peer: the same arm in MuJoCo, every component a body, couplers as joint-equality constraints, RK4 (and the two
-implicit Euler schemes) at 1e-4 s, all steps in one call. The error is that after half a second of free fall against
-RK4 in steps of 1e-5 s of the engine itself; MuJoCo's
-Euler schemes need smaller steps for splines this light. Then the engine that needs no compiler, and growth with n.
+The peer: the same arm in MuJoCo, every component a body, couplers as joint-equality constraints,
+RK4 (and the two implicit Euler schemes) at 1e-4 s, all steps in one call. The error is that after
+half a second of free fall against RK4 in steps of 1e-5 s of the engine itself; MuJoCo's Euler
+schemes need smaller steps for splines this light. Then the engine that needs no compiler, and
+growth with n.
 """
 
 import subprocess
@@ -69,7 +70,8 @@ def ours(
 
 
 class MujocoArm:
-    """The arm in MuJoCo, as performance peers build it: gear ratios are constraints between joints."""
+    """The arm in MuJoCo, as performance peers build it: gear ratios are constraints between
+    joints."""
 
     def __init__(
         self, robot: Robot, integrator: int, *, bearings: bool = False, step: float = STEP
@@ -185,7 +187,8 @@ def main() -> None:
         + ", ".join(f"{rate:.3g} ({count} steps)" for count, rate in by_length(arm))
     )
     print(
-        f"\n{'n':>3} {'steps/s':>10} {'first use, s':>13} {'new process, s':>15} {'same process, s':>16}"
+        f"\n{'n':>3} {'steps/s':>10} {'first use, s':>13} {'new process, s':>15}"
+        f" {'same process, s':>16}"
     )
     for n in (3, 6, 7, 12):
         (rate,) = rates(ours(random_arm(n, np.random.default_rng(n)), samples=500))
@@ -200,12 +203,13 @@ def by_length(robot: Robot) -> list[tuple[int, float]]:
 
 
 def uses(n: int) -> tuple[float, float, float]:
-    """Times to make a simulator: with an empty cache, in a new process after it, and again there."""
+    """Times to make a simulator: with an empty cache, in a new process after it, and again
+    there."""
     code = (
-        "import time, numpy as np; from tests.helpers.random_arms import random_arm;"
-        f"from elastic_arm.simulation import Simulator; arm = random_arm({n}, np.random.default_rng({n}));"
-        "start = time.perf_counter(); Simulator(arm); middle = time.perf_counter(); Simulator(arm);"
-        "print(middle - start, time.perf_counter() - middle)"
+        "import time, numpy as np; from tests.helpers.random_arms import random_arm;from"
+        f" elastic_arm.simulation import Simulator; arm = random_arm({n},"
+        f" np.random.default_rng({n}));start = time.perf_counter(); Simulator(arm); middle ="
+        " time.perf_counter(); Simulator(arm);print(middle - start, time.perf_counter() - middle)"
     )
     with tempfile.TemporaryDirectory() as cache:
         lines = [

@@ -1,12 +1,14 @@
-"""Whether probabilities and sizes hold where the model does: simulation-based calibration (Talts et al. 2018).
+"""Whether probabilities and sizes hold where the model does: simulation-based calibration (Talts et
+al. 2018).
 
     python -m benchmarks.calibration [--draws 300] [--seed 1] [--out FILE.csv]
 
-Draws of y = N nu + sum of X beta + e from the priors, at the linearisation of a recorded motion, are searched by
-`evidence.search` as a diagnosis does. None, one or two terms act, as likely each; laws that bend in their sizes are not
-drawn. By the prior these have weights of 1, 1/100 and 1/20000. The rank of a true size in its posterior, Phi((beta -
-mean) / deviation), is uniform where deviations hold (Kolmogorov and Smirnov). What the model lacks, as effects of no
-catalogue, shows in the challenge alone.
+Draws of y = N nu + sum of X beta + e from the priors, at the linearisation of a recorded motion,
+are searched by `evidence.search` as a diagnosis does. None, one or two terms act, as likely each;
+laws that bend in their sizes are not drawn. By the prior these have weights of 1, 1/100 and
+1/20000. The rank of a true size in its posterior, Phi((beta - mean) / deviation), is uniform where
+deviations hold (Kolmogorov and Smirnov). What the model lacks, as effects of no catalogue, shows in
+the challenge alone.
 """
 
 from __future__ import annotations
@@ -57,7 +59,8 @@ def motion_of(seconds: float = 20.0) -> Linearisation:
 def drawn(
     linear: Linearisation, pool: Sequence[Term], rng: np.random.Generator
 ) -> tuple[Term, np.ndarray]:
-    """Return a term of the pool, as likely as its prior has it, and its coefficients, from their priors."""
+    """Return a term of the pool, as likely as its prior has it, and its coefficients, from their
+    priors."""
     can = [
         t
         for t in pool
@@ -85,7 +88,8 @@ def uniform(number: Parameter, rng: np.random.Generator) -> float:
 def searched(
     model: LinearModel, linear: Linearisation, pool: Sequence[Term], rng: np.random.Generator
 ) -> tuple[int, list[tuple[float, bool, float]]]:
-    """Return how many terms acted in one draw, and (confidence, whether it acts, rank of its size) of each effect."""
+    """Return how many terms acted in one draw, and (confidence, whether it acts, rank of its size)
+    of each effect."""
     count = int(rng.integers(MOST + 1))
     acting = [drawn(linear, pool, rng) for _ in range(count)]
     y = model.N @ rng.standard_normal(model.N.shape[1]) + rng.standard_normal(len(model.y))

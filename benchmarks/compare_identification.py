@@ -1,12 +1,16 @@
-"""`identify` beside a plain base-parameter least squares, on recordings of real arms: held-out rms of every joint.
+"""`identify` beside a plain base-parameter least squares, on recordings of real arms: held-out rms
+of every joint.
 
-The plain fit is what an engineer writes in an hour, with another engine: zero-phase Butterworth filter at 8 Hz,
-accelerations by differences, Pinocchio's regressor of the rigid arm, Coulomb and viscous friction, motor inertia and an
-offset for every joint, minimum-norm least squares. Both are judged on the same samples of the recording, below 8 Hz.
+The plain fit is what an engineer writes in an hour, with another engine: zero-phase Butterworth
+filter at 8 Hz, accelerations by differences, Pinocchio's regressor of the rigid arm, Coulomb and
+viscous friction, motor inertia and an offset for every joint, minimum-norm least squares. Both are
+judged on the same samples of the recording, below 8 Hz.
 
-    python benchmarks/compare_identification.py ROBOT FIT [FIT ...] --validate BAG [--side link] [--cutoff 8]
+    python benchmarks/compare_identification.py ROBOT FIT [FIT ...] --validate BAG [--side link]
+    [--cutoff 8]
 
-ROBOT is an arm file or a URDF, FIT and BAG are recordings (`elastic-arm bag import` makes them of arrays).
+ROBOT is an arm file or a URDF, FIT and BAG are recordings (`elastic-arm bag import` makes them of
+arrays).
 """
 
 import argparse
@@ -115,7 +119,8 @@ def rows(
 
 
 def _bounded(urdf: str) -> str:
-    """Return the URDF with joints that Pinocchio gives one coordinate each: continuous ones would have two."""
+    """Return the URDF with joints that Pinocchio gives one coordinate each: continuous ones would
+    have two."""
     tree = ElementTree.fromstring(urdf)
     for joint in tree.iter("joint"):
         if joint.get("type") == "continuous":
@@ -160,7 +165,8 @@ def plain(robot: Robot, fits: list[Recording], held_out: Recording, cutoff: floa
 def ours(
     robot: Robot, fits: list[Recording], held_out: Recording, side: str, cutoff: float
 ) -> tuple[dict[str, Errors], list[tuple[float, float]]]:
-    """Return what description, `identify` and consistent arm miss of the held-out recording, and the spans judged.
+    """Return what description, `identify` and consistent arm miss of the held-out recording, and
+    the spans judged.
 
     Parameters
     ----------

@@ -1,8 +1,10 @@
-"""How many recordings that nothing is wrong with get a warning. ``python -m benchmarks.false_alarms [BAG…]``.
+"""How many recordings that nothing is wrong with get a warning. ``python -m benchmarks.false_alarms
+[BAG…]``.
 
-Drawn ones (`tests/helpers/clean_recordings.py`): rigid arms with dry friction at 100 to 500 Hz in sines, from point to
-point, creeping and joint by joint, and servo arms that stand between steps. Bags that are named, or lie in folders that
-are, are checked as `bag check` does. A line for each alarm, then the shares.
+Drawn ones (`tests/helpers/clean_recordings.py`): rigid arms with dry friction at 100 to 500 Hz in
+sines, from point to point, creeping and joint by joint, and servo arms that stand between steps.
+Bags that are named, or lie in folders that are, are checked as `bag check` does. A line for each
+alarm, then the shares.
 """
 
 import argparse
@@ -60,7 +62,8 @@ def main() -> None:
     whole = given.count + len(bags)
     lasting = time.perf_counter() - begin
     print(
-        f"{wrong} of {whole} clean recordings ({wrong / max(whole, 1):.1%}) get a warning; {lasting:.0f} s"
+        f"{wrong} of {whole} clean recordings ({wrong / max(whole, 1):.1%}) get a warning;"
+        f" {lasting:.0f} s"
     )
     print(", ".join(f"{code} {count}" for code, count in codes.most_common()))
     raise SystemExit(wrong > ALLOWED * whole)

@@ -1,18 +1,20 @@
 """The judge: 180 fixed arms, answered by the code as it is, one row of a CSV an arm, and a summary.
 
-    python -m benchmarks.judge --out FILE.csv [--only REGEX] [--jobs 2] [--arms runs/judge_arms] [--data ../shared/data]
+    python -m benchmarks.judge --out FILE.csv [--only REGEX] [--jobs 2] [--arms runs/judge_arms]
+    [--data ../shared/data]
 
-Sixty arms of the challenge's laboratory, fifty of its workshop and twenty-five of its field, servo arms in MuJoCo that
-give commands and positions alone, recordings of real robots and public reports. What is not in the folder of arms is
-drawn and recorded there first; the same bytes are then answered by every state of the code, which needs nothing but
-`diagnose`, `Question` and the command `bag import` for it.
-Every arm is answered by a process of its own with one numeric thread: one that fails is a row with its error. Whole
-answers are kept in FILE.answers; arms that are there are not answered again, and scored again where the CSV is deleted.
+Sixty arms of the challenge's laboratory, fifty of its workshop and twenty-five of its field, servo
+arms in MuJoCo that give commands and positions alone, recordings of real robots and public reports.
+What is not in the folder of arms is drawn and recorded there first; the same bytes are then
+answered by every state of the code, which needs nothing but `diagnose`, `Question` and the command
+`bag import` for it. Every arm is answered by a process of its own with one numeric thread: one that
+fails is a row with its error. Whole answers are kept in FILE.answers; arms that are there are not
+answered again, and scored again where the CSV is deleted.
 
-A cause is right where the arm has it, at its joint; a truth is found where a cause or an alternative of 5 % or more
-names it. Brier and log score are means over all causes that were said, and over truths that were not, whose confidence
-is 0; the log score takes 0.001 for less. A size is one value of a cause that the arm has, and z its distance from the
-true one in standard deviations.
+A cause is right where the arm has it, at its joint; a truth is found where a cause or an
+alternative of 5 % or more names it. Brier and log score are means over all causes that were said,
+and over truths that were not, whose confidence is 0; the log score takes 0.001 for less. A size is
+one value of a cause that the arm has, and z its distance from the true one in standard deviations.
 """
 
 import argparse
@@ -46,10 +48,12 @@ COLUMNS = (
 
 @dataclass(frozen=True)
 class Arm:
-    """One arm and what is asked of it: paths are relative to the folder of arms, or to that of the data.
+    """One arm and what is asked of it: paths are relative to the folder of arms, or to that of the
+    data.
 
-    `truth` holds what the arm has beyond its description, `allowed` what else may be said of it, `verdicts` what is
-    right where no truth is to be found. What is said beside an incomplete truth is not judged.
+    `truth` holds what the arm has beyond its description, `allowed` what else may be said of it,
+    `verdicts` what is right where no truth is to be found. What is said beside an incomplete truth
+    is not judged.
     """
 
     name: str
@@ -71,7 +75,8 @@ class Arm:
     without: str | None = None
 
 
-# --- What is drawn -------------------------------------------------------------------------------------------------
+# --- What is drawn
+# -------------------------------------------------------------------------------------------------
 
 SEEDS = {"laboratory": 720101, "workshop": 720102, "field": 720103}
 CLEAN = {"laboratory": 8, "workshop": 4, "field": 3}
@@ -81,7 +86,8 @@ SETS = {
     "field": (2, 3),
 }  # arms of several effects
 FOREIGN = {"field": ("cogging_cable", "worn_zone")}  # all that the level has where none are named
-# Effects whose arms are asked once more without them: no other law of the catalogue does what they do.
+# Effects whose arms are asked once more without them: no other law of the catalogue does what they
+# do.
 WITHHELD = {
     "laboratory": (
         "backlash", "base_tilt", "coulomb_friction", "encoder_eccentricity", "hysteresis", "joint_torque_gain",
@@ -183,7 +189,8 @@ def _is(effect: str, joint: str | None, **parameters: Any) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class RealRobot:
-    """Recordings of a real robot: the folder of the data and its files, of which the first are fitted, and the arm."""
+    """Recordings of a real robot: the folder of the data and its files, of which the first are
+    fitted, and the arm."""
 
     folder: str
     mapping: str  # of `examples`, where the folder has none of its own
@@ -192,7 +199,8 @@ class RealRobot:
     robot: str
 
     def bags(self, arms: Path, data: Path) -> list[str]:
-        """Import the recordings where they are not there yet; return the bags below the folder of arms."""
+        """Import the recordings where they are not there yet; return the bags below the folder of
+        arms."""
         mapping, found = ROOT / "examples" / self.folder / self.mapping, []
         for file in self.files:
             bag = f"bags/{self.folder}_{Path(self.mapping).stem}_{Path(file).stem}"
@@ -225,7 +233,8 @@ ROBOTS = {
 
 
 def real_arms(arms: Path, data: Path) -> list[Arm]:
-    """Import the recordings of real robots, and return what is asked of them and what is known to be true of each."""
+    """Import the recordings of real robots, and return what is asked of them and what is known to
+    be true of each."""
     axes = [_is("time_delay", ANY), _is("encoder_offset", "a3"), _is("joint_spring", "a2")]
     dry, viscous = (9.0, 11.0, 6.0, 1.6, 1.5, 1.2), (10.0, 12.0, 7.0, 1.8, 1.6, 1.3)
     names = [
@@ -282,7 +291,8 @@ def real_arms(arms: Path, data: Path) -> list[Arm]:
 
 
 def reports(data: Path) -> list[Arm]:
-    """Return what is asked of the small inputs after public reports; they are imported when they are asked."""
+    """Return what is asked of the small inputs after public reports; they are imported when they
+    are asked."""
     folder = (data / "public_reports").resolve()
     if not folder.is_dir():
         print(f"public reports: left out, as {folder} is no folder", flush=True)
@@ -395,7 +405,8 @@ def _own_process(arguments: list[str], seconds: float | None = None) -> None:
         raise RuntimeError(said[-1])
 
 
-# --- How it is answered --------------------------------------------------------------------------------------------
+# --- How it is answered
+# --------------------------------------------------------------------------------------------
 
 
 def answer(arm: Arm, arms: Path) -> dict[str, Any]:
@@ -437,7 +448,8 @@ def answer(arm: Arm, arms: Path) -> dict[str, Any]:
     return found | {"cpu_seconds": time.process_time() - began}
 
 
-# --- What an answer is worth ---------------------------------------------------------------------------------------
+# --- What an answer is worth
+# ---------------------------------------------------------------------------------------
 
 
 def _meets(truth: Mapping[str, Any], effect: str, joint: str | None) -> bool:
@@ -445,7 +457,8 @@ def _meets(truth: Mapping[str, Any], effect: str, joint: str | None) -> bool:
 
 
 def distances(truth: Mapping[str, Any], cause: Mapping[str, Any]) -> list[tuple[float, float]]:
-    """Return by how many standard deviations the sizes of a cause are off, and by which share of the true ones.
+    """Return by how many standard deviations the sizes of a cause are off, and by which share of
+    the true ones.
 
     Where the arm had the effect before a `change` of it, that is the share.
     """
@@ -534,7 +547,8 @@ def _text(one: Mapping[str, Any]) -> str:
     return f"{one['effect']}:{one['joint']}" if one["joint"] else one["effect"]
 
 
-# --- The summary ---------------------------------------------------------------------------------------------------
+# --- The summary
+# ---------------------------------------------------------------------------------------------------
 
 HEADINGS = (
     "level", "kind", "right", "false cause at 0.9", "sizes cover", "within 10 % or 2 deviations", "Brier", "log score",
@@ -611,7 +625,8 @@ def share(outcomes: Iterable[bool]) -> str:
     return f"{sum(held)}/{len(held)} ({100 * interval.low:.0f} to {100 * interval.high:.0f} %)"
 
 
-# --- The command ---------------------------------------------------------------------------------------------------
+# --- The command
+# ---------------------------------------------------------------------------------------------------
 
 
 def judge(arms: Sequence[Arm], folder: Path, out: Path, jobs: int) -> list[dict[str, str]]:

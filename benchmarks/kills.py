@@ -1,4 +1,5 @@
-"""Kill the recorder at random instants, and see what the bag has lost: at most the chunk that was being gathered.
+"""Kill the recorder at random instants, and see what the bag has lost: at most the chunk that was
+being gathered.
 
 python -m benchmarks.kills --kills 100 --seed 1
 """
@@ -33,10 +34,11 @@ def stamp_of(message: JointState) -> int:
 def lost_by_a_kill(
     graph: Graph, published: list[int], bag: Path, seconds: float
 ) -> tuple[float, float]:
-    """Record, kill, read; return how far the last sample in the bag is behind the kill and behind the arm's last, s.
+    """Record, kill, read; return how far the last sample in the bag is behind the kill and behind
+    the arm's last, s.
 
-    The arm itself is behind the kill where the machine is busy, and leaves samples out where it is very busy: missing
-    is what it has published and the bag does not hold.
+    The arm itself is behind the kill where the machine is busy, and leaves samples out where it is
+    very busy: missing is what it has published and the bag does not hold.
     """
     recorder = graph.start("recorder", bag=bag)
     graph.until(lambda: holds_samples(bag), "samples of both sides are in the bag")

@@ -1,8 +1,10 @@
-"""Verdicts on arms whose sensors are noisy in other ways than white. ``python -m benchmarks.noise_kinds``.
+"""Verdicts on arms whose sensors are noisy in other ways than white. ``python -m
+benchmarks.noise_kinds``.
 
-Arms of the challenge's engine, apart from the diagnosis: one with nothing more than its description, and others with
-one effect each. The same true motion gets each kind of noise (`tests/helpers/noise_kinds.py`). A line states verdict
-and causes; a clean arm must come out `none`, an effect by its name, and no other cause at a confidence of 0.9.
+Arms of the challenge's engine, apart from the diagnosis: one with nothing more than its
+description, and others with one effect each. The same true motion gets each kind of noise
+(`tests/helpers/noise_kinds.py`). A line states verdict and causes; a clean arm must come out
+`none`, an effect by its name, and no other cause at a confidence of 0.9.
 """
 
 import argparse
@@ -75,7 +77,8 @@ def judged(kind: str, fault: str, seed: int, *, refit: bool) -> Diagnosis:
 
 
 def right(fault: str, found: Diagnosis) -> str:
-    """Return "right", "missed" or "false": the effect named or not, another one at a confidence of 0.9."""
+    """Return "right", "missed" or "false": the effect named or not, another one at a confidence of
+    0.9."""
     given = FAULTS[fault]
     named = [given is not None and c.effect == given.effect for c in found.causes]
     if any(c.confidence >= 0.9 and not good for c, good in zip(found.causes, named, strict=True)):

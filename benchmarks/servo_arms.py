@@ -1,6 +1,8 @@
-"""Servo arms in MuJoCo for the judge: commands and positions alone, one thing withheld, all else ordinarily off.
+"""Servo arms in MuJoCo for the judge: commands and positions alone, one thing withheld, all else
+ordinarily off.
 
-They are those of the challenge's levels `servo` (30 to 100 Hz and 12 bits) and `position` (250 to 500 Hz and 17 bits).
+They are those of the challenge's levels `servo` (30 to 100 Hz and 12 bits) and `position` (250 to
+500 Hz and 17 bits).
 
     python -m benchmarks.servo_arms FOLDER [SEED]
 """

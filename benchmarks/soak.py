@@ -3,10 +3,10 @@
     python -m benchmarks.soak --minutes 60 --rate 1000 --out runs/soak
     python -m benchmarks.soak --minutes 10 --rate 50 --factor 20    # 3.3 h of the arm
 
-Simulator, trajectory generator, identifier, gap monitor and recorder run at once. Each interval gives a row of
-`soak.csv`: memory of each node with its child processes, samples that a subscriber received, those missing between
-them, and their delay from the instant that the stamp names, where the arm runs in real time. `soak.png` shows the
-course, the table ten parts of it.
+Simulator, trajectory generator, identifier, gap monitor and recorder run at once. Each interval
+gives a row of `soak.csv`: memory of each node with its child processes, samples that a subscriber
+received, those missing between them, and their delay from the instant that the stamp names, where
+the arm runs in real time. `soak.png` shows the course, the table ten parts of it.
 """
 
 import argparse
@@ -96,7 +96,8 @@ def memory(pid: int) -> float:
 def soak(
     folder: Path, minutes: float, rate: float, factor: float = 1.0
 ) -> tuple[list[dict[str, float]], dict[str, dict[str, str]]]:
-    """Run the graph; return a row an interval and the nodes' last figures on `/diagnostics`. Ctrl-C ends it early.
+    """Run the graph; return a row an interval and the nodes' last figures on `/diagnostics`. Ctrl-C
+    ends it early.
 
     Parameters
     ----------
@@ -230,7 +231,8 @@ def main() -> int:
     assert recorded.motor is not None
     missing = int(np.sum(np.diff(recorded.motor.stamp_ns) // round(NANOSECONDS / options.rate) - 1))
     print(
-        f"load before {before:.1f} on {os.cpu_count()} cores; {len(recorded.motor)} recorded, {missing} missing"
+        f"load before {before:.1f} on {os.cpu_count()} cores; {len(recorded.motor)} recorded,"
+        f" {missing} missing"
     )
     for name in sorted(status):
         shown = {

@@ -1,4 +1,5 @@
-"""Robot arms with elastic joints: emulate, record, identify, and find where and why a model and an arm differ.
+"""Robot arms with elastic joints: emulate, record, identify, and find where and why a model and an
+arm differ.
 
     import elastic_arm as ea
 

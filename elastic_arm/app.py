@@ -1,7 +1,8 @@
 """The `elastic-arm` command.
 
-A module without imports of weight: libraries take a second to load, and a Ctrl-C in that time should end the process as
-quietly as one later on. SIGTERM is taken as Ctrl-C is: what a command has started or laid aside would outlive it.
+A module without imports of weight: libraries take a second to load, and a Ctrl-C in that time
+should end the process as quietly as one later on. SIGTERM is taken as Ctrl-C is: what a command has
+started or laid aside would outlive it.
 """
 
 import atexit
@@ -22,7 +23,8 @@ __all__ = ["SUBCOMMANDS", "app", "load", "main"]
 __getattr__, __dir__ = lazily(
     __name__, dict.fromkeys(("SUBCOMMANDS", "app", "load"), "elastic_arm.cli.application")
 )
-# Libraries swallow what is raised while they call Python, as CasADi does: interrupts are raised again after so long, s.
+# Libraries swallow what is raised while they call Python, as CasADi does: interrupts are raised
+# again after so long, s.
 AGAIN = 3.0
 LIBRARIES = 4e8  # bytes of addresses, measured; some of them wait for ever where there are none
 
@@ -43,8 +45,8 @@ def main() -> None:
 
     if (there := available_memory()) < LIBRARIES:
         sys.stderr.write(
-            f"error: {there / 1e6:.0f} MB of memory are free, and the libraries alone take {LIBRARIES / 1e6:.0f} MB. "
-            "Raise its limit (ulimit -v), or end what takes it.\n"
+            f"error: {there / 1e6:.0f} MB of memory are free, and the libraries alone take"
+            f" {LIBRARIES / 1e6:.0f} MB. Raise its limit (ulimit -v), or end what takes it.\n"
         )
         raise SystemExit(2)
     one_blas_thread(os.environ)
@@ -62,8 +64,9 @@ def main() -> None:
         for number in heeded:
             signal.signal(number, signal.SIG_DFL)
         if interrupts.came is not None:
-            # Whatever a library made of it: one that is being imported may turn it into an ImportError. Taking all
-            # libraries down, and waiting for threads, would take ten times as long as all else.
+            # Whatever a library made of it: one that is being imported may turn it into an
+            # ImportError. Taking all libraries down, and waiting for threads, would take ten times
+            # as long as all else.
             atexit._run_exitfuncs()
             for stream in (sys.stdout, sys.stderr):
                 with suppress(OSError, ElasticArmError):

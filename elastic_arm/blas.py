@@ -8,9 +8,10 @@ _VARIABLES = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 def one_blas_thread(environment: MutableMapping[str, str]) -> None:
     """Have BLAS take one thread, unless the user has chosen: before NumPy is imported.
 
-    Its threads wait for each other by spinning, thousands of times in a diagnosis. Beside other work, two on two cores
-    take three times as long as one; on a quiet machine they gain nothing. The project's own kernels share samples out
-    among the cores as before (:mod:`elastic_arm.codegen.parallel`).
+    Its threads wait for each other by spinning, thousands of times in a diagnosis. Beside other
+    work, two on two cores take three times as long as one; on a quiet machine they gain nothing.
+    The project's own kernels share samples out among the cores as before
+    (:mod:`elastic_arm.codegen.parallel`).
     """
     if (
         "OMP_NUM_THREADS" in environment

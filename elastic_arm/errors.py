@@ -1,7 +1,8 @@
 """Every error a user can meet.
 
-One base class, so that an entry point (command line, node) catches exactly these and nothing else. Each error states
-what is wrong and what to do about it, and carries the values that were wrong as attributes.
+One base class, so that an entry point (command line, node) catches exactly these and nothing else.
+Each error states what is wrong and what to do about it, and carries the values that were wrong as
+attributes.
 """
 
 from importlib.util import find_spec
@@ -35,7 +36,8 @@ class ElasticArmError(Exception):
 def one_line(text: str) -> str:
     """Return `text` as one line of bounded length.
 
-    It may hold names out of files and messages: what would break the line or control a terminal is written as its code.
+    It may hold names out of files and messages: what would break the line or control a terminal is
+    written as its code.
     """
     if len(text) > _LONGEST:
         text = f"{text[: _LONGEST // 2]} … {text[-_LONGEST // 2 :]}"
@@ -110,9 +112,11 @@ class MissingExtraError(ElasticArmError, ImportError):
 
 
 def require_libraries(what: str, *names: str, remedy: str = "") -> None:
-    """Refuse where libraries are missing, and name all of them at once; `what` is subject and verb of the error.
+    """Refuse where libraries are missing, and name all of them at once; `what` is subject and verb
+    of the error.
 
-    Names are those of imports, or of the distribution and its import where these differ: ``"pin:pinocchio"``.
+    Names are those of imports, or of the distribution and its import where these differ:
+    ``"pin:pinocchio"``.
     """
     missing = [name.split(":")[0] for name in names if find_spec(name.split(":")[-1]) is None]
     if missing:

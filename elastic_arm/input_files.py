@@ -15,11 +15,13 @@ from pydantic_core import ErrorDetails
 from elastic_arm.errors import ElasticArmError
 
 SHOWN_FAULTS = 5
-# Limits of what a user's file may ask for; the largest arm files and URDFs have some hundred kilobytes.
+# Limits of what a user's file may ask for; the largest arm files and URDFs have some hundred
+# kilobytes.
 LARGEST = 50_000_000  # bytes
 DEEPEST = 50  # collections in each other
 MOST_NODES = 500_000  # entries of a YAML file, aliases written out
-# First and last line of a YAML file that the suite wrote: one that is cut off may be YAML all the same.
+# First and last line of a YAML file that the suite wrote: one that is cut off may be YAML all the
+# same.
 WHOLE_FROM, WHOLE_TO = (
     "# Written by elastic_arm, whole up to the last line, which has three dots.",
     "...",
@@ -27,7 +29,8 @@ WHOLE_FROM, WHOLE_TO = (
 LONGEST_NUMBER = (
     1000  # characters; the largest number has 309 digits, and Python writes out no more than 4300
 )
-# Written in C where the library has it: in Python, metadata.yaml takes as long as a hundred thousand messages.
+# Written in C where the library has it: in Python, metadata.yaml takes as long as a hundred
+# thousand messages.
 _SAFE_LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 # YAML's kinds of scalars that not every text can be, and what the library raises where one is not.
 _SCALARS = {
@@ -98,7 +101,8 @@ def read_bytes(
 
 
 def _at_once(path: str, flags: int) -> int:
-    """Open a file without waiting: some of /proc call themselves regular files and wait, as /proc/kmsg does."""
+    """Open a file without waiting: some of /proc call themselves regular files and wait, as
+    /proc/kmsg does."""
     return os.open(path, flags | os.O_NONBLOCK)
 
 
@@ -115,7 +119,8 @@ def read_text(
 def read_fields(
     path: str | Path, kind: type[ElasticArmError], remedy: str, most: int = LARGEST
 ) -> dict[str, Any]:
-    """Read a YAML file that holds fields; an error of `kind` names file, line and reason where it does not."""
+    """Read a YAML file that holds fields; an error of `kind` names file, line and reason where it
+    does not."""
     text = read_text(path, kind, remedy, most)
     if text.startswith(WHOLE_FROM) and text.rstrip().rpartition("\n")[2] != WHOLE_TO:
         raise kind(
@@ -147,10 +152,12 @@ _MERGE = "tag:yaml.org,2002:merge"  # "<<", which may come several times
 
 
 class _Loader(_SAFE_LOADER):
-    """The safe loader, which refuses scalars that are not of their kind, and fields that are given twice."""
+    """The safe loader, which refuses scalars that are not of their kind, and fields that are given
+    twice."""
 
     def construct_mapping(self, node: Any, deep: bool = False) -> Any:
-        """Return a mapping; a key that comes again with another value would take the first one's place in silence."""
+        """Return a mapping; a key that comes again with another value would take the first one's
+        place in silence."""
         given: dict[tuple[str, str], yaml.Node] = {}
         for key, value in node.value if isinstance(node, yaml.MappingNode) else ():
             if not isinstance(key, yaml.ScalarNode) or key.tag == _MERGE:
@@ -163,7 +170,8 @@ class _Loader(_SAFE_LOADER):
 
 
 def _scalar(kind: str) -> Callable[[Any, yaml.ScalarNode], Any]:
-    """Return what reads scalars of a kind, and refuses what is none, such as 2001-99-99 or !!bool x."""
+    """Return what reads scalars of a kind, and refuses what is none, such as 2001-99-99 or !!bool
+    x."""
     construct = getattr(yaml.constructor.SafeConstructor, f"construct_yaml_{kind}")
 
     def constructed(loader: Any, node: yaml.ScalarNode) -> Any:
@@ -183,7 +191,8 @@ for _kind in _SCALARS:
 
 
 def _check_yaml(text: str) -> None:
-    """Raise a YAMLError if a document is nested too deeply, or too large with its aliases written out."""
+    """Raise a YAMLError if a document is nested too deeply, or too large with its aliases written
+    out."""
     depth = nodes = 0
     begun: list[
         tuple[str | None, int]
@@ -259,9 +268,15 @@ def _reason(fault: ErrorDetails) -> str:
         case "finite_number":
             return f"{value} is not a finite number"
         case "too_short":
-            return f"has {fault['ctx']['actual_length']} entries, needs {fault['ctx']['min_length']} or more"
+            return (
+                f"has {fault['ctx']['actual_length']} entries, needs {fault['ctx']['min_length']}"
+                " or more"
+            )
         case "too_long":
-            return f"has {fault['ctx']['actual_length']} entries, takes {fault['ctx']['max_length']} at most"
+            return (
+                f"has {fault['ctx']['actual_length']} entries, takes {fault['ctx']['max_length']}"
+                " at most"
+            )
         case "string_too_short":
             return "is empty"
         case "literal_error":

@@ -1,4 +1,5 @@
-"""Ctrl-C, which reaches all processes of a terminal: those that are just starting, too, and libraries that take it.
+"""Ctrl-C, which reaches all processes of a terminal: those that are just starting, too, and
+libraries that take it.
 
 A Python that is interrupted while it loads prints a traceback. Processes that are spawned within
 :func:`interrupts_held` begin with SIGINT held back, and take it from :func:`take_interrupts` on.
@@ -15,7 +16,8 @@ from typing import Any
 @contextmanager
 def interrupts_held() -> Iterator[None]:
     """Hold SIGINT back in this thread and in the processes that it spawns meanwhile."""
-    # It starts with the first process that is spawned, and takes SIGINT again for the thread that starts it.
+    # It starts with the first process that is spawned, and takes SIGINT again for the thread that
+    # starts it.
     resource_tracker.ensure_running()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
@@ -32,10 +34,12 @@ def take_interrupts(handler: Callable[..., Any] | signal.Handlers) -> None:
 
 @contextmanager
 def interrupts_kept() -> Iterator[None]:
-    """Keep SIGINT from a library that takes it for itself and for good, as NOMAD does at every step.
+    """Keep SIGINT from a library that takes it for itself and for good, as NOMAD does at every
+    step.
 
-    It is held back in this thread and does behind it what it did before. A library that calls Python swallows what is
-    raised there; it has to end by itself where :func:`interrupt_waits`. Whatever other threads take, it gets.
+    It is held back in this thread and does behind it what it did before. A library that calls
+    Python swallows what is raised there; it has to end by itself where :func:`interrupt_waits`.
+    Whatever other threads take, it gets.
     """
     before = signal.getsignal(signal.SIGINT)
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})

@@ -12,11 +12,12 @@ _AHEAD = 1 << 26  # bytes that the heap grows by at once
 
 
 def keep_memory() -> bool:
-    """Have the C library keep what it was given back, instead of returning it to the system; whether it does.
+    """Have the C library keep what it was given back, instead of returning it to the system;
+    whether it does.
 
-    A diagnosis makes and drops arrays of tens of megabytes, thousands of times, and the system clears each page of new
-    ones: a tenth of the processor's time. Threads have no heaps of their own, in which as much would be kept again. For
-    commands that end; glibc alone has such settings.
+    A diagnosis makes and drops arrays of tens of megabytes, thousands of times, and the system
+    clears each page of new ones: a tenth of the processor's time. Threads have no heaps of their
+    own, in which as much would be kept again. For commands that end; glibc alone has such settings.
     """
     if not sys.platform.startswith("linux"):
         return False
@@ -30,7 +31,8 @@ def keep_memory() -> bool:
 
 
 def available_memory() -> float:
-    """Return how many bytes may still be taken, by the system and this process's limit; infinite where not known.
+    """Return how many bytes may still be taken, by the system and this process's limit; infinite
+    where not known.
 
     What the C library keeps for this process (:func:`keep_memory`) is there, too.
     """

@@ -1,4 +1,5 @@
-"""Files of results: written aside and renamed, so that a full disk or an interrupt leaves what was there before."""
+"""Files of results: written aside and renamed, so that a full disk or an interrupt leaves what was
+there before."""
 
 import csv
 import io
@@ -24,7 +25,8 @@ def write_result(
     kind: type[ElasticArmError] = OutputError,
     remedy: str = "Name another place with --out.",
 ) -> Path:
-    """Write a file, and its folder where there is none, wholly or not at all; an error of `kind` where it cannot be."""
+    """Write a file, and its folder where there is none, wholly or not at all; an error of `kind`
+    where it cannot be."""
     path = Path(path)
     # Of names of files that are no text the bytes are written out.
     data = content.encode("utf-8", "backslashreplace") if isinstance(content, str) else content
@@ -58,7 +60,8 @@ def _replace(path: Path, data: bytes) -> None:
 
 
 def plain(value: Any) -> Any:
-    """Return records, arrays, tuples and numbers as JSON has them; what is not finite becomes None."""
+    """Return records, arrays, tuples and numbers as JSON has them; what is not finite becomes
+    None."""
     if is_dataclass(value):
         return {f.name: plain(getattr(value, f.name)) for f in fields(value)}
     if isinstance(value, dict):

@@ -22,7 +22,8 @@ Results = Callable[[], list[Result]]
 
 
 class ProcessPool:
-    """Processes that run tasks, those of a Dask cluster where its scheduler's address is given; a context."""
+    """Processes that run tasks, those of a Dask cluster where its scheduler's address is given; a
+    context."""
 
     def __init__(self, workers: int, scheduler: str | None = None) -> None:
         self._pool: Executor | None = None
@@ -51,10 +52,11 @@ class ProcessPool:
             self._end()
 
     def start(self, tasks: Sequence[Task], advance: Advance) -> Results[Any]:
-        """Begin tasks (functions of a module, bound to their arguments); what is begun first is done first.
+        """Begin tasks (functions of a module, bound to their arguments); what is begun first is
+        done first.
 
-        Returns a function that waits for the tasks and returns their results in order. A task's error
-        is raised there, or here where there is one process.
+        Returns a function that waits for the tasks and returns their results in order. A task's
+        error is raised there, or here where there is one process.
         """
         if self._pool is None:
             results = []
@@ -71,12 +73,14 @@ class ProcessPool:
         return lambda: [future.result() for future in futures]
 
     def run(self, tasks: Sequence[Task], advance: Advance) -> list[Any]:
-        """Run tasks and return their results in order: :meth:`start` and the wait for all of them."""
+        """Run tasks and return their results in order: :meth:`start` and the wait for all of
+        them."""
         return self.start(tasks, advance)()
 
 
 def _cluster(scheduler: str) -> tuple[Executor, Callable[[], Any]]:
-    """Return what hands tasks to a Dask cluster, and what leaves it, with the tasks that nobody waits for."""
+    """Return what hands tasks to a Dask cluster, and what leaves it, with the tasks that nobody
+    waits for."""
     require_libraries("a cluster needs", "distributed")
     from distributed import Client
 
@@ -91,14 +95,16 @@ def _cluster(scheduler: str) -> tuple[Executor, Callable[[], Any]]:
 
 
 def _begin() -> None:
-    """Take one thread, and end quietly on a Ctrl-C, which reaches all processes of a terminal, and with the parent."""
+    """Take one thread, and end quietly on a Ctrl-C, which reaches all processes of a terminal, and
+    with the parent."""
     take_interrupts(signal.SIG_DFL)
     threading.Thread(target=_end_with_parent, daemon=True).start()
     os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 
 def _end_with_parent() -> None:
-    """End this process once its parent has gone, be it killed: nobody would hand it another task."""
+    """End this process once its parent has gone, be it killed: nobody would hand it another
+    task."""
     if (parent := multiprocessing.parent_process()) is not None:
         parent.join()
         os._exit(1)

@@ -1,4 +1,5 @@
-"""What results share: their tables as rows, CSV files and data frames, and how a notebook shows them."""
+"""What results share: their tables as rows, CSV files and data frames, and how a notebook shows
+them."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,12 +15,14 @@ Row = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class ClosedLoopError:
-    """By how much a commanded joint errs in MuJoCo under the recorded commands, root mean squares."""
+    """By how much a commanded joint errs in MuJoCo under the recorded commands, root mean
+    squares."""
 
     described: float  # by the description, in `unit`
     corrected: float  # by what was written
     unit: str  # "rad", or "m" of a joint that slides
-    # with all that was found, where not all was written: this joint then moved worse than described; None elsewhere
+    # with all that was found, where not all was written: this joint then moved worse than
+    # described; None elsewhere
     refused: float | None = None
 
     def to_dict(self) -> dict[str, Any]:
@@ -63,7 +66,8 @@ class Result:
         return "\n".join(self.summary())
 
     def to_dataframe(self, table: str = "", library: Literal["pandas", "polars"] = "pandas") -> Any:
-        """Return a table, the first one by default, as a data frame; an OutputError where it is not there."""
+        """Return a table, the first one by default, as a data frame; an OutputError where it is not
+        there."""
         require_libraries("a data frame needs", library)
         tables = self.tables()
         if table and table not in tables:
@@ -76,7 +80,8 @@ class Result:
         return import_module(library).DataFrame(columns, **mixed)
 
     def to_csv(self, folder: str | Path) -> list[Path]:
-        """Write every table that has rows as a CSV file into a folder; an OutputError where that cannot be."""
+        """Write every table that has rows as a CSV file into a folder; an OutputError where that
+        cannot be."""
         written = []
         for name, rows in self.tables().items():
             if rows:

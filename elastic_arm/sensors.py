@@ -1,7 +1,8 @@
-"""What the sensors of an arm make of the truth: noise, resolution, gain, offset, eccentricity, delay, jitter.
+"""What the sensors of an arm make of the truth: noise, resolution, gain, offset, eccentricity,
+delay, jitter.
 
-A layer of its own on arrays of samples: it knows no dynamics. A :class:`SensorBank` carries what the sensors remember,
-so that samples fed one at a time and samples fed at once give the same bits.
+A layer of its own on arrays of samples: it knows no dynamics. A :class:`SensorBank` carries what
+the sensors remember, so that samples fed one at a time and samples fed at once give the same bits.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -17,10 +18,12 @@ from elastic_arm.errors import SensorError
 
 PerJoint = float | tuple[float, ...]
 
-# Interpolation at a fraction of a sample is exact to about 3e-4 up to this share of the sample rate.
+# Interpolation at a fraction of a sample is exact to about 3e-4 up to this share of the sample
+# rate.
 PASSBAND = 0.2
 TAPS = 24
-# Keeps the filter from amplifying what lies above the passband (to a few times, at most, for delays below a sample).
+# Keeps the filter from amplifying what lies above the passband (to a few times, at most, for delays
+# below a sample).
 RIDGE = 1e-8
 # Jitter beyond this share of the sample interval would put samples out of order.
 LARGEST_JITTER = 0.45
@@ -77,7 +80,8 @@ def _row(settings: _Settings, name: str, n: int) -> Array:
 
 @dataclass(frozen=True)
 class TorqueSensor(_Settings):
-    """A torque channel: recorded = gain * true(t - delay) + offset + drift * t + noise, rounded to the resolution."""
+    """A torque channel: recorded = gain * true(t - delay) + offset + drift * t + noise, rounded to
+    the resolution."""
 
     noise: PerJoint = 0.26  # standard deviation, Nm. The default is the paper's (section VII)
     resolution: PerJoint = 0.0  # step of the quantisation, Nm; zero for none
@@ -93,9 +97,11 @@ class TorqueSensor(_Settings):
 
 @dataclass(frozen=True)
 class Encoder(_Settings):
-    """An encoder: recorded = true(t - delay) + offset + eccentricity sin(true + phase) + noise, rounded."""
+    """An encoder: recorded = true(t - delay) + offset + eccentricity sin(true + phase) + noise,
+    rounded."""
 
-    # noise, velocity_noise: standard deviations, rad and rad/s. The velocity channel has noise of its own
+    # noise, velocity_noise: standard deviations, rad and rad/s. The velocity channel has noise of
+    # its own
     noise: PerJoint = 0.0
     velocity_noise: PerJoint = 0.0
     resolution: PerJoint = 0.0  # step of the quantised angle, rad; zero for none
@@ -113,8 +119,8 @@ class Sensors:
     # link_encoder, motor_encoder: the two encoders of a joint
     link_encoder: Encoder = field(default_factory=Encoder)
     motor_encoder: Encoder = field(default_factory=Encoder)
-    # joint_torque, motor_torque: the torque sensor at the harmonic-drive output, and the motor's torque as its drive
-    # reports it
+    # joint_torque, motor_torque: the torque sensor at the harmonic-drive output, and the motor's
+    # torque as its drive reports it
     joint_torque: TorqueSensor = field(default_factory=TorqueSensor)
     motor_torque: TorqueSensor = field(default_factory=TorqueSensor)
     stamp_jitter: float = 0.0  # standard deviation of the stamps against the true sampling times, s
@@ -133,12 +139,14 @@ class Sensors:
 
     @classmethod
     def real(cls) -> Self:
-        """Return sensors as on a real arm: 23-bit encoders with noise of a microradian, jittered stamps."""
+        """Return sensors as on a real arm: 23-bit encoders with noise of a microradian, jittered
+        stamps."""
         encoder = Encoder(noise=1e-6, velocity_noise=1e-4, resolution=2 * np.pi / 2**23)
         return cls(link_encoder=encoder, motor_encoder=encoder, stamp_jitter=2e-5)
 
     def changed(self, channel: str, joint: int, n: int, **settings: float) -> Self:
-        """Return these sensors with settings of one channel (`joint_torque`, …) and joint (index) of `n` changed."""
+        """Return these sensors with settings of one channel (`joint_torque`, …) and joint (index)
+        of `n` changed."""
         return replace(self, **{channel: getattr(self, channel).changed(joint, n, **settings)})
 
 
@@ -168,7 +176,8 @@ class SensorBank:
         )
 
 
-# What a channel passes through: only stages that change something, as a live arm reads its sensors sample by sample.
+# What a channel passes through: only stages that change something, as a live arm reads its sensors
+# sample by sample.
 Plant = Callable[[Array], Array]
 
 
@@ -248,7 +257,8 @@ class Drift:
 
 
 class FirstOrderFilter:
-    """A first-order low pass for each joint's channel by the bilinear rule, at rest before the first sample."""
+    """A first-order low pass for each joint's channel by the bilinear rule, at rest before the
+    first sample."""
 
     def __init__(self, cutoff: Array, rate: float) -> None:
         self._on = cutoff > 0
@@ -270,7 +280,8 @@ class FirstOrderFilter:
 
 
 class DelayLine:
-    """Delays each joint's channel by its own time; the arm is taken to have been at rest before the first sample."""
+    """Delays each joint's channel by its own time; the arm is taken to have been at rest before the
+    first sample."""
 
     def __init__(self, delay: Array, rate: float) -> None:
         weights = [delay_filter(d * rate) for d in delay]
@@ -296,8 +307,9 @@ class DelayLine:
 def delay_filter(samples: float) -> Array:
     """Return the causal FIR filter that delays by `samples`, exact for a whole number.
 
-    In between, the weights are those that come closest, in least squares over the passband, to exp(-i w samples): a
-    band-limited interpolation that needs no sample of the future. They sum to one.
+    In between, the weights are those that come closest, in least squares over the passband, to
+    exp(-i w samples): a band-limited interpolation that needs no sample of the future. They sum to
+    one.
     """
     whole = round(samples)
     if abs(samples - whole) < 1e-9:

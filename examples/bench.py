@@ -2,10 +2,11 @@
 
     python -m examples.bench DATA --out bench.csv [--only REGEX] [--jobs 2] [--arms runs/bench_arms]
 
-DATA has a folder for each robot. Each change is added numerically to the torques of all its recordings, at 3, 1 and 0.3
-times what a workshop would notice (`NOTICED`), and the altered recordings are asked as `benchmarks.judge` does. Every
-answer is judged against that to the recordings as they are: what they have already is allowed, and the size that is to
-be found is theirs and the change together, of which an effect that was named before has to show half or more.
+DATA has a folder for each robot. Each change is added numerically to the torques of all its
+recordings, at 3, 1 and 0.3 times what a workshop would notice (`NOTICED`), and the altered
+recordings are asked as `benchmarks.judge` does. Every answer is judged against that to the
+recordings as they are: what they have already is allowed, and the size that is to be found is
+theirs and the change together, of which an effect that was named before has to show half or more.
 """
 
 import argparse
@@ -24,7 +25,8 @@ from elastic_arm.dynamics import build_model
 from elastic_arm.recording import Recording, Side, read_recording, write_recording
 from elastic_arm.robot import Inertia, Robot, load_robot
 
-# What a workshop would notice. T is the largest torque of the joint in the recordings, m the mass of the arm's links.
+# What a workshop would notice. T is the largest torque of the joint in the recordings, m the mass
+# of the arm's links.
 NOTICED = {
     "coulomb_friction": (0.05, "T"),
     "viscous_friction": (0.05, "T at the joint's largest speed"),
@@ -118,7 +120,8 @@ class Bench:
         self.channel = "joint_torque" if self.motions[0].name == "link" else "motor_torque"
 
     def changed(self, effect: str, times: float, j: int) -> tuple[list[Recording], dict[str, Any]]:
-        """Return the recordings with an effect of so many times what is noticed, and the effect as the truth has it."""
+        """Return the recordings with an effect of so many times what is noticed, and the effect as
+        the truth has it."""
         size, T = NOTICED[effect][0] * times, float(self.peak[j])
         joint: str | None = self.robot.joint_names[j]
         if effect == "coulomb_friction":
@@ -223,7 +226,8 @@ def place(effect: str, bench: Bench, rng: np.random.Generator) -> int:
 
 
 def prepared(data: Path, arms: Path, only: str) -> dict[str, tuple[Arm, list[Arm]]]:
-    """Make the altered recordings that are not there yet; return each robot's own question and those of its changes."""
+    """Make the altered recordings that are not there yet; return each robot's own question and
+    those of its changes."""
     (arms / "arms").mkdir(parents=True, exist_ok=True)
     found = {}
     for key in ASKED:

@@ -1,7 +1,8 @@
-"""The whole suite at work in a live ROS 2 graph, from excitation to estimate and diagnosis: `make demo`.
+"""The whole suite at work in a live ROS 2 graph, from excitation to estimate and diagnosis: `make
+demo`.
 
-The simulated arm differs from its description by up to 15 % in every inertial and elastic number, so that there is
-something to find. Its true numbers are read only by the comparison at the end.
+The simulated arm differs from its description by up to 15 % in every inertial and elastic number,
+so that there is something to find. Its true numbers are read only by the comparison at the end.
 """
 
 import argparse
@@ -145,14 +146,15 @@ def _excite(nominal: Robot, seed: int) -> ExcitationResult:
             progress=lambda k, best: status.update(f"pattern search, {k}/{EVALUATIONS}: condition number {best:.2f}"),
         )  # fmt: skip
     out.print(
-        f"condition number of the base regressor: {found.condition_after:.2f}; random motions within the same limits: "
-        f"{np.median(found.random):.2f} (median)"
+        f"condition number of the base regressor: {found.condition_after:.2f}; random motions"
+        f" within the same limits: {np.median(found.random):.2f} (median)"
     )
     return found
 
 
 def _live(folder: Path, motion: FourierTrajectory, seed: int, speed: float) -> dict[str, Any]:
-    """Run the graph until the trajectory has been streamed; return the last estimate of the identifier."""
+    """Run the graph until the trajectory has been streamed; return the last estimate of the
+    identifier."""
     domain = int(os.environ.get("ROS_DOMAIN_ID", 1 + os.getpid() % 100))
     last: dict[str, Any] = {}
     with started(Nodes(folder / "nodes", domain)) as nodes:
@@ -197,7 +199,8 @@ def _show(line: dict[str, Any]) -> None:
 
 
 class Nodes:
-    """Nodes of the suite as child processes, with parameter files and logs in a folder, on a domain of their own."""
+    """Nodes of the suite as child processes, with parameter files and logs in a folder, on a domain
+    of their own."""
 
     def __init__(self, folder: Path, domain: int) -> None:
         self.folder = folder
@@ -275,7 +278,8 @@ class Nodes:
 
 @contextmanager
 def started(nodes: Nodes) -> Iterator[Nodes]:
-    """Yield nodes, and end all that run at the end; not much is waited for after an error or an interrupt."""
+    """Yield nodes, and end all that run at the end; not much is waited for after an error or an
+    interrupt."""
     patience = ABANDONED
     try:
         yield nodes
@@ -305,7 +309,8 @@ def _compare(offline: Identification, live: dict[str, Any], truth: np.ndarray) -
     on, off = (values - truth) / stds, (offline.Psi_base - truth) / offline.std
     out.print("errors in standard deviations")
     out.print(
-        f"{'nominal':>10}{'true':>11}{'online':>11}{'error':>7}{'offline':>11}{'error':>7}  base parameter"
+        f"{'nominal':>10}{'true':>11}{'online':>11}{'error':>7}{'offline':>11}{'error':>7}  base"
+        " parameter"
     )
     for k, e in enumerate(offline.estimates):
         numbers = f"{e.nominal:10.4g}{truth[k]:11.4g}{values[k]:11.4g}{on[k]:+7.1f}{e.value:11.4g}{off[k]:+7.1f}"
@@ -315,8 +320,9 @@ def _compare(offline: Identification, live: dict[str, Any], truth: np.ndarray) -
         f"offline {int((np.abs(off) < 2).sum())} of {len(truth)} base parameters"
     )
     out.print(
-        f"one torque scale is common to all, so that their errors go together: chi² with correlations "
-        f"{chi_square(offline, truth):.0f}, 95 % of fits stay below {chi2.ppf(0.95, len(truth)):.0f}"
+        "one torque scale is common to all, so that their errors go together: chi² with"
+        f" correlations {chi_square(offline, truth):.0f}, 95 % of fits stay below"
+        f" {chi2.ppf(0.95, len(truth)):.0f}"
     )
     apart = np.abs(values - offline.Psi_base) / np.hypot(stds, offline.std)
     out.print(f"online and offline apart: at most {apart.max():.2f} standard deviations")
@@ -336,7 +342,8 @@ def _report(path: Path, offline: Identification) -> Path:
 def _diagnose_withheld(
     folder: Path, nominal: Robot, motion: FourierTrajectory, rng: np.random.Generator
 ) -> None:
-    """Record an arm with a drawn effect on two motions, diagnose the bags, and print what was drawn afterwards."""
+    """Record an arm with a drawn effect on two motions, diagnose the bags, and print what was drawn
+    afterwards."""
     drawn = parse(str(rng.choice(EFFECTS)).format(rng.choice(nominal.joint_names)), nominal)
     other = random_trajectories(build_model(nominal), MotionLimits.of(nominal), 1, rng=rng)[0]
     with err.status("recording the arm on two motions"):

@@ -2,11 +2,13 @@
 
     python examples/gallery.py DATA --out gallery [--only kuka_kr300 …] [--tables docs/results]
 
-DATA has a folder for each robot, named as in `examples/`. Every example's `run.sh` is run in a folder of its own below
-`--out`, or taken as it is there if it ran to its end; the tables are made of the `identification.json` and
-`diagnosis.json` that are there afterwards, and of the processor time of each command in `times.tsv`. With `--tables`,
-they replace those of that folder, and a picture of each robot's residuals goes to `docs/pictures/real_ROBOT.png`. Rows
-and pictures of robots that have no results below `--out` stay as they are, so that robots can be run one after another.
+DATA has a folder for each robot, named as in `examples/`. Every example's `run.sh` is run in a
+folder of its own below `--out`, or taken as it is there if it ran to its end; the tables are made
+of the `identification.json` and `diagnosis.json` that are there afterwards, and of the processor
+time of each command in `times.tsv`. With `--tables`, they replace those of that folder, and a
+picture of each robot's residuals goes to `docs/pictures/real_ROBOT.png`. Rows and pictures of
+robots that have no results below `--out` stay as they are, so that robots can be run one after
+another.
 """
 
 import argparse
@@ -69,7 +71,8 @@ def run(example: Path, data: Path, folder: Path) -> None:
         )
     (folder / ENDED).write_text(f"{code}\n")
     print(
-        f"{example.name}: exit status {code}, {time.monotonic() - began:.0f} s, {folder / 'run.log'}",
+        f"{example.name}: exit status {code}, {time.monotonic() - began:.0f} s,"
+        f" {folder / 'run.log'}",
         flush=True,
     )
 
@@ -116,7 +119,8 @@ def _command(file: Path) -> str:
 
 
 def residuals(found: dict[str, Any]) -> Iterator[tuple[str, str, list[float | None]]]:
-    """Yield model, side and held-out rms of every joint, Nm, of a result of `identify` or `diagnose`."""
+    """Yield model, side and held-out rms of every joint, Nm, of a result of `identify` or
+    `diagnose`."""
     for arms in (found.get("validation") or {}).values():
         for arm in ("nominal", "identified", "consistent"):
             for side, values in arms.get(arm, {}).items():
@@ -129,7 +133,8 @@ def residuals(found: dict[str, Any]) -> Iterator[tuple[str, str, list[float | No
 
 
 def picture(folder: Path, path: Path) -> None:
-    """Draw what each model of an example misses of the held-out torques, joint by joint, where it has any.
+    """Draw what each model of an example misses of the held-out torques, joint by joint, where it
+    has any.
 
     Parameters
     ----------
@@ -196,7 +201,8 @@ def _cause(cause: dict[str, Any]) -> str:
 
 
 def agreement(folder: Path) -> Iterator[list[str]]:
-    """Yield the rows of the comparison of `identify` and `diagnose --refit` on the same recordings of one example."""
+    """Yield the rows of the comparison of `identify` and `diagnose --refit` on the same recordings
+    of one example."""
     for file in sorted(folder.rglob("diagnosis_refit/diagnosis.json")):
         other = file.parent.parent / "identified" / "identification.json"
         if not other.exists():
@@ -219,7 +225,8 @@ def agreement(folder: Path) -> Iterator[list[str]]:
 def _identified(
     estimates: dict[str, Any], effect: str, joint: str, parameter: str
 ) -> dict[str, float] | None:
-    """Return what `identify` has for a parameter of an effect at a joint; None where it has none."""
+    """Return what `identify` has for a parameter of an effect at a joint; None where it has
+    none."""
     if effect not in ENCODER:
         return estimates.get(f"{effect}:{joint}.{parameter}")
     torque, stiffness = (
@@ -240,7 +247,8 @@ def _numbers(values: Any) -> str:
 
 
 def _prediction(found: dict[str, Any], when: str) -> str:
-    """Return the largest prediction error over the joints at every horizon, or the reason why there is none."""
+    """Return the largest prediction error over the joints at every horizon, or the reason why there
+    is none."""
     prediction = found.get("prediction") or {}
     errors = prediction.get(when)
     if not errors:

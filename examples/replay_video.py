@@ -1,9 +1,11 @@
-"""A replay as a moving picture: the recorded arm as a ghost, and each model's arm on it, rendered by MuJoCo.
+"""A replay as a moving picture: the recorded arm as a ghost, and each model's arm on it, rendered
+by MuJoCo.
 
     python examples/replay_video.py BAG MODEL.xml [MODEL.xml …]
 
-It writes replay.webp, which browsers show: the first 10 s. MuJoCo renders through EGL, which needs no display
-($MUJOCO_GL chooses otherwise); links without a shape are drawn as capsules between the joints. Needs Pillow.
+It writes replay.webp, which browsers show: the first 10 s. MuJoCo renders through EGL, which needs
+no display ($MUJOCO_GL chooses otherwise); links without a shape are drawn as capsules between the
+joints. Needs Pillow.
 """
 
 import io
@@ -31,7 +33,8 @@ LONGEST = 10.0  # s of the recording
 GHOST = (0.25, 0.45, 0.95, 0.35)  # the recorded arm
 SIMULATED = (0.95, 0.55, 0.15, 1.0)
 MOST_GEOMS = 2000
-# Links without a shape of their own are drawn as capsules between joints, this thick for the size of the model.
+# Links without a shape of their own are drawn as capsules between joints, this thick for the size
+# of the model.
 STICK = 0.02
 GLOW = 0.4  # of moving shapes: a model need not have lights
 AZIMUTH, ELEVATION = 130.0, -20.0  # of the camera, degrees
@@ -161,7 +164,8 @@ class _Stage:
         self._mj.mj_comPos(self._arm.model, self._data)
 
     def _coloured(self, first: int, color: tuple[float, ...]) -> int:
-        """Colour the moving shapes of the scene from `first` on, links without any added; return how many there are."""
+        """Colour the moving shapes of the scene from `first` on, links without any added; return
+        how many there are."""
         self._add_sticks()
         scene = self._scene
         for k in range(first, scene.ngeom):
@@ -181,7 +185,8 @@ class _Stage:
 
 
 def _opengl(model: Any) -> tuple[Any, Any]:
-    """Return OpenGL for a model: by the user's choice ($MUJOCO_GL, a display), or EGL, which needs neither."""
+    """Return OpenGL for a model: by the user's choice ($MUJOCO_GL, a display), or EGL, which needs
+    neither."""
     mj = engine()
     try:
         if os.environ.get("MUJOCO_GL") or os.environ.get("DISPLAY"):

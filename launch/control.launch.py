@@ -1,4 +1,5 @@
-"""Controllers drive a simulated arm; needs ros-jazzy-ros2-control, -ros2-controllers, -topic-based-ros2-control."""
+"""Controllers drive a simulated arm; needs ros-jazzy-ros2-control, -ros2-controllers,
+-topic-based-ros2-control."""
 
 import tempfile
 from pathlib import Path

@@ -1,4 +1,5 @@
-"""A simulated arm follows an excitation and is shown in RViz; needs robot_state_publisher and rviz2."""
+"""A simulated arm follows an excitation and is shown in RViz; needs robot_state_publisher and
+rviz2."""
 
 from launch import LaunchContext, LaunchDescription
 from launch.actions import OpaqueFunction
@@ -13,7 +14,8 @@ from elastic_arm.robot import load_robot
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Simulator, trajectory generator, robot_state_publisher and RViz; all stop with the first that does."""
+    """Simulator, trajectory generator, robot_state_publisher and RViz; all stop with the first that
+    does."""
     arguments = {
         "trajectory": TRAJECTORY,
         "repeat": ("0", "how often the trajectory is run; 0: until stopped"),
@@ -41,7 +43,8 @@ def generate_launch_description() -> LaunchDescription:
 
 
 def _state_publisher(context: LaunchContext) -> list[Node]:
-    """Return what makes transforms of joint states; the simulator publishes the description itself."""
+    """Return what makes transforms of joint states; the simulator publishes the description
+    itself."""
     robot, namespace = (
         LaunchConfiguration(name).perform(context) for name in ("robot", "namespace")
     )

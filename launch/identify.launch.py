@@ -15,7 +15,8 @@ from elastic_arm.nodes.launching import (
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Simulator, trajectory generator, identifier; they stop after the trajectory; the result is printed and saved."""
+    """Simulator, trajectory generator, identifier; they stop after the trajectory; the result is
+    printed and saved."""
     return scenario(
         {"trajectory": TRAJECTORY, "robot": ROBOT, "model": MODEL, "seed": SEED, **SAVED, **ARM},
         {

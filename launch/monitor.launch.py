@@ -1,4 +1,5 @@
-"""A simulated arm that differs from its model moves, and the gap between the two is diagnosed meanwhile."""
+"""A simulated arm that differs from its model moves, and the gap between the two is diagnosed
+meanwhile."""
 
 from launch import LaunchDescription
 

@@ -1,4 +1,5 @@
-"""Two simulated arms in the namespaces of their names follow an excitation, each recorded into a bag."""
+"""Two simulated arms in the namespaces of their names follow an excitation, each recorded into a
+bag."""
 
 from launch import LaunchDescription
 
@@ -8,7 +9,8 @@ ARMS = ("left", "right")
 
 
 def generate_launch_description() -> LaunchDescription:
-    """For each arm simulator, trajectory generator and recorder; all stop when both have run the trajectory."""
+    """For each arm simulator, trajectory generator and recorder; all stop when both have run the
+    trajectory."""
     arguments = {"trajectory": TRAJECTORY, "robot": ROBOT}
     nodes = []
     ended = last_of(len(ARMS))

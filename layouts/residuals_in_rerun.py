@@ -1,4 +1,5 @@
-"""Show a bag of `elastic-arm diagnose --mcap BAG` in rerun (pip install rerun-sdk): the arm beside its residuals.
+"""Show a bag of `elastic-arm diagnose --mcap BAG` in rerun (pip install rerun-sdk): the arm beside
+its residuals.
 
 python layouts/residuals_in_rerun.py BAG [FILE.rrd]     with a file: for `rerun FILE.rrd`, later or elsewhere
 """

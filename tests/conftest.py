@@ -1,11 +1,13 @@
-"""What all tests share: which of them stay together when they are distributed over processes, and in which order."""
+"""What all tests share: which of them stay together when they are distributed over processes, and
+in which order."""
 
 from typing import Any
 
 import pytest
 from xdist.scheduler import LoadScopeScheduling
 
-# Nodes keep real time: two graphs at once would starve, so all tests of the nodes run one after another.
+# Nodes keep real time: two graphs at once would starve, so all tests of the nodes run one after
+# another.
 GRAPH = "tests/nodes/"
 # Seconds of a test that is marked slow without a number.
 SLOW = 3.0
@@ -42,6 +44,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def _seconds(item: pytest.Item) -> float:
-    """Processor time as the marker `slow(seconds)` states it, of the test or of its module as a whole."""
+    """Processor time as the marker `slow(seconds)` states it, of the test or of its module as a
+    whole."""
     marker = item.get_closest_marker("slow")
     return float(marker.args[0] if marker.args else SLOW) if marker else 0.0

@@ -26,7 +26,8 @@ def test_every_name_of_the_package_is_there_and_shown() -> None:
 
 
 def test_effects_are_taken_as_text_everywhere() -> None:
-    """One text stands for the effect on its joint, or on all of them; what is no effect is refused at once."""
+    """One text stands for the effect on its joint, or on all of them; what is no effect is refused
+    at once."""
     laws = ea.IdentificationSettings(effects="coulomb_friction").laws(ROBOT)
     assert laws == tuple(parse_laws(["coulomb_friction"], ROBOT)) and len(laws) == ROBOT.n
     question = ea.Question(ROBOT, given=["viscous_friction:joint_2"], effects=["coulomb_friction"])
@@ -39,7 +40,8 @@ def test_effects_are_taken_as_text_everywhere() -> None:
 
 
 def test_stamps_in_seconds_are_refused() -> None:
-    """Times in seconds are no nanoseconds: they are refused with what to do, and whole floats are taken."""
+    """Times in seconds are no nanoseconds: they are refused with what to do, and whole floats are
+    taken."""
     t = np.arange(0.0, 1.0, 0.001)
     with pytest.raises(RecordingError, match=r"as times in seconds do.*1e9"):
         ea.Side(t, position=np.zeros((len(t), 1)))
@@ -50,7 +52,8 @@ def test_stamps_in_seconds_are_refused() -> None:
 def test_the_notebook_runs_and_finds_the_friction(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """All cells run one after the other; the friction that the arm was given is found, and nothing is left then."""
+    """All cells run one after the other; the friction that the arm was given is found, and nothing
+    is left then."""
     monkeypatch.chdir(tmp_path)
     cells = json.loads(NOTEBOOK.read_text())["cells"]
     names: dict[str, object] = {}
@@ -65,7 +68,8 @@ def test_the_notebook_runs_and_finds_the_friction(
 
 
 def test_an_arm_and_a_recording_are_shown_in_a_line() -> None:
-    """What Python shows of an arm is its name and joints, of a recording its channels, and not their numbers."""
+    """What Python shows of an arm is its name and joints, of a recording its channels, and not
+    their numbers."""
     assert repr(ROBOT) == "<Robot elastic_arm_3: joint_1, joint_2, joint_3>"
     side = ea.Side(np.arange(5) * 10**6, position=np.zeros((5, 3)))
     shown = repr(ea.Recording(ROBOT.joint_names, motor=side, source="run_1"))

@@ -87,7 +87,8 @@ KNOWN = {module_name(path) for path in PACKAGE.rglob("*.py")}
 
 
 def test_a_module_imports_only_from_packages_above_its_own() -> None:
-    """Imports follow the flow of the data: only from the module's own package and those listed before it."""
+    """Imports follow the flow of the data: only from the module's own package and those listed
+    before it."""
     order = packages_in_order()
     for path in MODULES:
         own = package_of(path)
@@ -103,7 +104,8 @@ def test_a_module_imports_only_from_packages_above_its_own() -> None:
 
 
 def test_outside_libraries_stay_in_their_package() -> None:
-    """Only the nodes know ROS, only the storage of recordings knows its formats, only reports draw."""
+    """Only the nodes know ROS, only the storage of recordings knows its formats, only reports
+    draw."""
     for path in MODULES:
         place = path.relative_to(PACKAGE).as_posix()
         for line, name in imports_of(path):
@@ -114,7 +116,8 @@ def test_outside_libraries_stay_in_their_package() -> None:
 
 
 def test_imports_form_no_circle() -> None:
-    """Every module can be imported before those that import it, imports inside functions and for types included."""
+    """Every module can be imported before those that import it, imports inside functions and for
+    types included."""
     graph = {module_name(path): imported_modules(path) for path in PACKAGE.rglob("*.py")}
     with_packages = {name: found - {name} for name, found in graph.items()}
     try:

@@ -20,7 +20,8 @@ def test_it_can_be_imported_and_has_a_main(name: str) -> None:
 
 
 def test_the_plain_fit_is_of_the_arm_under_its_gravity() -> None:
-    """Whatever the direction that the arm file has: torques at rest are those of the description."""
+    """Whatever the direction that the arm file has: torques at rest are those of the
+    description."""
     pinocchio = pytest.importorskip("pinocchio")
     model = importlib.import_module("benchmarks.compare_identification").rigid_model
     robot = random_arm(3, np.random.default_rng(0), elastic=False).with_(

@@ -27,14 +27,18 @@ def test_what_the_user_has_chosen_stays():
     ],
 )
 def test_the_variable_is_set_before_numpy_reads_it(code):
-    """Command line and nodes set the number of threads, and importing them imports no NumPy before that."""
+    """Command line and nodes set the number of threads, and importing them imports no NumPy before
+    that."""
     left_out = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS")
     environment = {name: value for name, value in os.environ.items() if name not in left_out}
     package = code.split(";")[0]
     assert "True" not in _output(
         f"import sys; {package}; print('numpy' in sys.modules)", environment
     )
-    asked = "import atexit, os, sys; atexit.register(lambda: print('set', os.environ.get('OPENBLAS_NUM_THREADS')))"
+    asked = (
+        "import atexit, os, sys; atexit.register(lambda: print('set',"
+        " os.environ.get('OPENBLAS_NUM_THREADS')))"
+    )
     checked = f"{asked}; {code}"
     assert "set 1" in _output(checked, environment)
 

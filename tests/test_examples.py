@@ -1,4 +1,5 @@
-"""The examples: the table over all of them, run in folders of its own, and the nodes of the demo, which end with it."""
+"""The examples: the table over all of them, run in folders of its own, and the nodes of the demo,
+which end with it."""
 
 import runpy
 import subprocess
@@ -15,7 +16,8 @@ GALLERY = Path(__file__).resolve().parents[1] / "examples" / "gallery.py"
 def test_relative_folders_are_those_of_the_caller(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """An example finds its data, and notes the time of its commands, where data and results have relative paths."""
+    """An example finds its data, and notes the time of its commands, where data and results have
+    relative paths."""
     examples = tmp_path / "examples"
     (examples / "one").mkdir(parents=True)
     (examples / "gallery.py").write_text(GALLERY.read_text())
@@ -34,7 +36,10 @@ def test_nodes_that_do_not_end_are_not_waited_for_by_an_interrupt(
 ) -> None:
     """Of a demo that is stopped nothing is left behind, and nobody waits for half a minute."""
     monkeypatch.setattr(demo, "ABANDONED", 0.3)
-    deaf = "import signal, time; signal.signal(signal.SIGINT, signal.SIG_IGN); print(flush=True); time.sleep(60)"
+    deaf = (
+        "import signal, time; signal.signal(signal.SIGINT, signal.SIG_IGN); print(flush=True);"
+        " time.sleep(60)"
+    )
     started = [
         subprocess.Popen([sys.executable, "-c", deaf], stdout=subprocess.PIPE, text=True)
         for _ in range(3)

@@ -45,7 +45,8 @@ def table(seed: int) -> np.ndarray:
 
 
 def test_the_commands_of_the_page_lead_to_the_friction(tmp_path: Path) -> None:
-    """Every command ends without an error; the friction that the URDF lacks is found, and then nothing is left."""
+    """Every command ends without an error; the friction that the URDF lacks is found, and then
+    nothing is left."""
     page = (ROOT / "docs" / "first_arm.md").read_text()
     header = re.search(r"```\n(time.*)\n", page)
     (tmp_path / "arm.urdf").write_text(URDF)

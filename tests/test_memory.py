@@ -13,7 +13,8 @@ from tests.helpers.gap_recordings import ROBOT, motions, record
 
 
 def test_large_arrays_are_made_as_before_where_memory_is_kept():
-    """glibc takes the settings, any other library is left alone, and arrays hold what they are given."""
+    """glibc takes the settings, any other library is left alone, and arrays hold what they are
+    given."""
     assert isinstance(keep_memory(), bool)
     made = [np.full(1 << 22, float(k)) for k in range(3)]
     del made[1]

@@ -1,4 +1,5 @@
-"""Results are written wholly or not at all, and a YAML file of the suite that is cut off is no result."""
+"""Results are written wholly or not at all, and a YAML file of the suite that is cut off is no
+result."""
 
 import json
 import os
@@ -18,7 +19,8 @@ ROOT = Path(__file__).parents[1]
 def test_a_write_that_fails_leaves_what_was_there(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A full disk and an interrupt keep the earlier result, its rights, and leave nothing beside it."""
+    """A full disk and an interrupt keep the earlier result, its rights, and leave nothing beside
+    it."""
     file = tmp_path / "result.json"
     write_result(file, "earlier")
     file.chmod(0o640)
@@ -57,7 +59,8 @@ def test_a_name_that_is_no_text_goes_into_a_result(tmp_path: Path) -> None:
 
 
 def test_a_description_that_is_cut_off_anywhere_is_refused(tmp_path: Path) -> None:
-    """Of every cut of a robot.yaml none is read as a whole one; the whole one is, and says the same."""
+    """Of every cut of a robot.yaml none is read as a whole one; the whole one is, and says the
+    same."""
     robot = load_robot()
     save_robot(robot, tmp_path / "robot.yaml")
     text = (tmp_path / "robot.yaml").read_text()
@@ -80,9 +83,15 @@ def test_other_descriptions_name_what_makes_one(tmp_path: Path, name: str) -> No
 @pytest.mark.parametrize("written", ["-inf", "inf", "-Infinity"])
 def test_a_limit_without_end_is_none(tmp_path: Path, written: str) -> None:
     """In a URDF and in an overlay."""
-    body = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+    body = (
+        '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0"'
+        ' iyz="0"/></inertial>'
+    )
     limit = f'<limit lower="{written}" upper="3.0" velocity="{written}" effort="5"/>'
-    joint = f'<joint name="j" type="revolute"><parent link="b"/><child link="l"/><axis xyz="0 1 0"/>{limit}</joint>'
+    joint = (
+        '<joint name="j" type="revolute"><parent link="b"/><child link="l"/><axis xyz="0 1'
+        f' 0"/>{limit}</joint>'
+    )
     (tmp_path / "a.urdf").write_text(
         f'<robot name="x"><link name="b"/><link name="l">{body}</link>{joint}</robot>'
     )

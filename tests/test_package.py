@@ -1,4 +1,5 @@
-"""The project as a package: what is installed, what it asks for, and that its declarations agree."""
+"""The project as a package: what is installed, what it asks for, and that its declarations
+agree."""
 
 import importlib
 import re
@@ -22,7 +23,8 @@ PACKAGE_FOLDERS = ("elastic_arm", "resource", "launch", "config", "layouts", "te
 
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> zipfile.ZipFile:
-    """The installable form of the package, built from its source distribution, that from a copy of the tree."""
+    """The installable form of the package, built from its source distribution, that from a copy of
+    the tree."""
     folder = tmp_path_factory.mktemp("package")
     source = folder / "source"
     for name in PACKAGE_FOLDERS:
@@ -62,7 +64,8 @@ def test_only_the_package_itself_is_installed(wheel: zipfile.ZipFile) -> None:
 
 
 def test_all_that_the_code_reads_is_installed(wheel: zipfile.ZipFile) -> None:
-    """The arm, message texts, templates and C sources travel with the code: all of the package that is no Python."""
+    """The arm, message texts, templates and C sources travel with the code: all of the package that
+    is no Python."""
     package = ROOT / "elastic_arm"
     folders = [package, package / "recording" / "msg"]  # a link, which rglob does not follow
     files = {path for folder in folders for path in folder.rglob("*") if path.is_file()}
@@ -135,7 +138,8 @@ PINNED = ("requirements.txt", "requirements-ros.txt", "requirements-dev.txt", "c
 
 
 def test_requirements_are_pinned_as_the_constraints_say() -> None:
-    """Every line is `name==version`: nothing floats, nothing points to a server, nothing contradicts another."""
+    """Every line is `name==version`: nothing floats, nothing points to a server, nothing
+    contradicts another."""
     pins = dict(line.lower().split("==") for line in requirements("constraints.txt"))
     for line in (line for name in PINNED for line in requirements(name)):
         assert re.fullmatch(r"[A-Za-z0-9._-]+==[A-Za-z0-9.]+", line), line
@@ -144,7 +148,8 @@ def test_requirements_are_pinned_as_the_constraints_say() -> None:
 
 
 def test_what_the_package_asks_for_is_what_the_environment_pins(wheel: zipfile.ZipFile) -> None:
-    """setup.py and requirements.txt list the same run-time libraries, and the names of all extras stay."""
+    """setup.py and requirements.txt list the same run-time libraries, and the names of all extras
+    stay."""
     metadata = metadata_of(wheel)
     assert {"all", "challenge", "learning", "mujoco", "paper"} <= set(
         re.findall(r"^Provides-Extra: (\w+)", metadata, re.M)
@@ -156,7 +161,8 @@ def test_what_the_package_asks_for_is_what_the_environment_pins(wheel: zipfile.Z
 
 
 def test_the_ranges_for_ubuntu_are_those_of_the_package(wheel: zipfile.ZipFile) -> None:
-    """requirements-jazzy.txt allows what setup.py allows, NumPy below 2 alone, and what `make oldest` installs.
+    """requirements-jazzy.txt allows what setup.py allows, NumPy below 2 alone, and what `make
+    oldest` installs.
 
     What ROS has itself is in package.xml instead.
     """
@@ -183,7 +189,8 @@ def test_the_ranges_for_ubuntu_are_those_of_the_package(wheel: zipfile.ZipFile) 
 
 
 def test_the_parameter_file_names_parameters_that_exist() -> None:
-    """Every parameter in config/elastic_arm.yaml is declared by its node, and every one declared is in the file."""
+    """Every parameter in config/elastic_arm.yaml is declared by its node, and every one declared is
+    in the file."""
     text = (ROOT / "config" / "elastic_arm.yaml").read_text()
     sections = re.split(r"^/\*\*/(\w+):$", text, flags=re.MULTILINE)[1:]
     assert len(sections) == 12
@@ -194,7 +201,8 @@ def test_the_parameter_file_names_parameters_that_exist() -> None:
 
 
 def test_environments_name_what_the_package_asks_for() -> None:
-    """pixi.toml has every library of setup.py, and the ROS packages of package.xml, and no file names a server."""
+    """pixi.toml has every library of setup.py, and the ROS packages of package.xml, and no file
+    names a server."""
     pixi = tomllib.loads((ROOT / "pixi.toml").read_text())
     has = {name.lower() for table in ("dependencies", "pypi-dependencies") for name in pixi[table]}
     called = {
@@ -232,7 +240,8 @@ WITHOUT = {
 
 @pytest.mark.parametrize("missing", WITHOUT)
 def test_a_node_without_ros_is_one_line(missing: str) -> None:
-    """`simulator` where ROS 2, or packages of it, are not installed names all that is missing, and what to do."""
+    """`simulator` where ROS 2, or packages of it, are not installed names all that is missing, and
+    what to do."""
     pytest.importorskip("rclpy")
     script = (
         "import sys",

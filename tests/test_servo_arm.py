@@ -20,12 +20,17 @@ EXAMPLE = ROOT / "examples" / "servo_arm"
 
 
 @pytest.mark.xfail(
-    reason="the frontier stops at a gain and degressive friction of the elbow, where it has dry friction"
+    reason=(
+        "the frontier stops at a gain and degressive friction of the elbow, where it has dry"
+        " friction"
+    )
 )
 def test_the_commands_of_the_page_lead_to_the_corrected_arm(tmp_path: Path) -> None:
-    """Late commands and the elbow's friction are found and no more; with them MuJoCo's servos err as encoders do.
+    """Late commands and the elbow's friction are found and no more; with them MuJoCo's servos err
+    as encoders do.
 
-    Runge-Kutta reads delays half a time step ahead: the file states 20.5 ms for commands that are 20 ms late.
+    Runge-Kutta reads delays half a time step ahead: the file states 20.5 ms for commands that are
+    20 ms late.
     """
     page = (ROOT / "docs" / "servo_arm.md").read_text()
     shutil.copytree(EXAMPLE / "dataset", tmp_path / "dataset")

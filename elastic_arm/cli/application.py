@@ -54,7 +54,8 @@ def spelled_out(args: Sequence[str], params: Sequence[object]) -> list[str]:
 class Subcommand(NamedTuple):
     """Where a subcommand is defined, and its line in the help of the application.
 
-    `attribute` is a function or a `typer.Typer`; `summary` its first sentence, known before its module is imported.
+    `attribute` is a function or a `typer.Typer`; `summary` its first sentence, known before its
+    module is imported.
     """
 
     module: str
@@ -67,12 +68,14 @@ SUBCOMMANDS = {
     "describe": Subcommand(
         "cli.describe",
         "describe",
-        "Show an arm: joints, limits, masses, transmissions, and what a model of it has to identify.",
+        "Show an arm: joints, limits, masses, transmissions, and what a model of it has to"
+        " identify.",
     ),
     "excite": Subcommand(
         "cli.excite",
         "excite",
-        "Find a Fourier trajectory whose motion separates the arm's parameters best, within all limits.",
+        "Find a Fourier trajectory whose motion separates the arm's parameters best, within all"
+        " limits.",
     ),
     "simulate": Subcommand(
         "cli.simulate",
@@ -86,18 +89,21 @@ SUBCOMMANDS = {
     "diagnose": Subcommand(
         "cli.diagnose",
         "diagnose_command",
-        "Find where a recording and a model differ, which effect the model lacks, and how far the gap shrinks with it.",
+        "Find where a recording and a model differ, which effect the model lacks, and how far the"
+        " gap shrinks with it.",
         SeveralValues,
     ),
     "history": Subcommand(
         "cli.history",
         "history_command",
-        "Follow the numbers of one arm over recordings: what changed, when, by how much, how certain.",
+        "Follow the numbers of one arm over recordings: what changed, when, by how much, how"
+        " certain.",
     ),
     "export": Subcommand(
         "cli.mujoco.export",
         "export",
-        "Write an arm, such as a diagnosis' robot.yaml, as MJCF, URDF or USD, and list what changes and what is left.",
+        "Write an arm, such as a diagnosis' robot.yaml, as MJCF, URDF or USD, and list what changes"
+        " and what is left.",
     ),
     "replay": Subcommand(
         "cli.mujoco.replay",
@@ -112,7 +118,8 @@ SUBCOMMANDS = {
     "paper": Subcommand(
         "studies.paper.command",
         "paper",
-        "Reproduce the paper: mod1, mod2, mod3 against a virtual prototype, over the ratios, down to the parameters.",
+        "Reproduce the paper: mod1, mod2, mod3 against a virtual prototype, over the ratios, down"
+        " to the parameters.",
     ),
 }
 
@@ -151,15 +158,18 @@ def load(name: str) -> Any:
 
 
 class Application(TyperGroup):
-    """The application, which knows of its subcommands no more than name and summary until one is called."""
+    """The application, which knows of its subcommands no more than name and summary until one is
+    called."""
 
     def main(self, args: Sequence[str] | None = None, *rest: Any, **extra: Any) -> Any:
-        """Run a command and end with its exit status; errors of the command's own are worded by the command."""
+        """Run a command and end with its exit status; errors of the command's own are worded by the
+        command."""
         try:
             status = super().main(args, *rest, **{**extra, "standalone_mode": False})
             sys.stdout.flush()
         except BrokenPipeError:
-            # Whoever reads has gone, as `head` does; what Python writes at its end must not fail for that again.
+            # Whoever reads has gone, as `head` does; what Python writes at its end must not fail
+            # for that again.
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             raise SystemExit(128 + signal.SIGPIPE) from None
         except OutputError as error:
@@ -199,7 +209,10 @@ class Application(TyperGroup):
 app = typer.Typer(
     name="elastic-arm",
     cls=Application,
-    help="Emulate an elastic-joint arm, identify it, and find where and why a model and a real arm differ.",
+    help=(
+        "Emulate an elastic-joint arm, identify it, and find where and why a model and a real arm"
+        " differ."
+    ),
     invoke_without_command=True,
     rich_markup_mode="rich",
     pretty_exceptions_enable=False,

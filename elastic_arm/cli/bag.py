@@ -89,7 +89,8 @@ def check(
 ) -> None:
     """List what is wrong with bags; with --repair, save what can be saved.
 
-    Exit status: 0 nothing wrong (with --repair: the copy can be used), 1 something is, 2 not readable at all.
+    Exit status: 0 nothing wrong (with --repair: the copy can be used), 1 something is, 2 not
+    readable at all.
 
     Example: elastic-arm bag check --repair runs/killed
     """
@@ -221,7 +222,8 @@ def export(
     namespace: options.Namespace = None,
     force: Force = False,
 ) -> None:
-    """Write a bag as arrays, each side with its own stamps, and the mapping that imports them again.
+    """Write a bag as arrays, each side with its own stamps, and the mapping that imports them
+    again.
 
     Example: elastic-arm bag export bags/excitation --out excitation.parquet
     """
@@ -295,7 +297,8 @@ def _print_info(summary: BagInfo) -> None:
     size = sum(summary.files.values())
     files = f"{len(summary.files)} file{'s' if len(summary.files) != 1 else ''}"
     out.print(
-        f"[bold]{escape(summary.path)}[/]  {files}, {_size(size)}, {', '.join(summary.compression) or 'no messages'}"
+        f"[bold]{escape(summary.path)}[/]  {files}, {_size(size)},"
+        f" {', '.join(summary.compression) or 'no messages'}"
     )
     out.print(f"{summary.messages} messages in {summary.duration:.6g} s")
     table = new_table("topic", "type", "messages", "rate, Hz", right=("messages", "rate, Hz"))

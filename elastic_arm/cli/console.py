@@ -1,6 +1,7 @@
 """What all subcommands share: the console, JSON output, and errors turned into exit codes.
 
-Exit codes: 0 done; 1 the work was done and its answer is "no" (a bag that fails its check); 2 unusable input.
+Exit codes: 0 done; 1 the work was done and its answer is "no" (a bag that fails its check); 2
+unusable input.
 """
 
 import contextlib
@@ -32,7 +33,8 @@ _CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f]")
 
 
 class SafeConsole(Console):
-    """A console that prints text which looks like markup and is none, as a file name can, as it stands."""
+    """A console that prints text which looks like markup and is none, as a file name can, as it
+    stands."""
 
     def render_str(self, text: str, **options: Any) -> Text:
         """Return text with its markup rendered, or as it stands where the markup does not close.
@@ -81,8 +83,8 @@ class _GuardedOutput(io.TextIOWrapper):
     def flush(self) -> None:
         """Hand on what was written.
 
-        Raises an OutputError if whatever stdout leads to does not take it. A pipe that is closed at its other
-        end is no error of ours.
+        Raises an OutputError if whatever stdout leads to does not take it. A pipe that is closed at
+        its other end is no error of ours.
         """
         with _worded():
             super().flush()
@@ -104,7 +106,8 @@ def _worded() -> Iterator[None]:
 
 
 def guard_output() -> None:
-    """Have the process write on what there is: closed outputs go nowhere, and letters of no encoding as their codes."""
+    """Have the process write on what there is: closed outputs go nowhere, and letters of no
+    encoding as their codes."""
     for name, number in (("stdout", 1), ("stderr", 2)):
         if getattr(sys, name) is None:
             nowhere = os.open(os.devnull, os.O_WRONLY)
@@ -135,7 +138,8 @@ err = _console(stderr=True)
 def new_table(
     *headings: str, right: Collection[str] = (), whole: Collection[str] = (), **options: Any
 ) -> Table:
-    """Return a table without lines; columns under the headings `right` hold numbers, those of `whole` never wrap."""
+    """Return a table without lines; columns under the headings `right` hold numbers, those of
+    `whole` never wrap."""
     table = Table(box=None, header_style="bold", pad_edge=False, **options)
     for heading in headings:
         justify: JustifyMethod = "right" if heading in right else "left"
@@ -149,7 +153,8 @@ def print_error(error: ElasticArmError) -> None:
 
 
 def progress_bar(*columns: ProgressColumn, transient: bool = True) -> Progress:
-    """Return a progress display for a terminal; a pipe is spared it, and the empty line that it would leave."""
+    """Return a progress display for a terminal; a pipe is spared it, and the empty line that it
+    would leave."""
     return Progress(*columns, console=err, transient=transient, disable=not err.is_terminal)
 
 
@@ -159,7 +164,8 @@ def shares_of(status: Status) -> Callable[[str, float], None]:
 
 
 def reports_errors(command: Callable[P, R]) -> Callable[P, R]:
-    """Turn an :class:`ElasticArmError`, and memory that is used up, into one clear line on stderr and exit code 2."""
+    """Turn an :class:`ElasticArmError`, and memory that is used up, into one clear line on stderr
+    and exit code 2."""
 
     @functools.wraps(command)
     def wrapper(*args: P.args, **kwargs: P.kwargs) -> R:
@@ -178,7 +184,8 @@ def reports_errors(command: Callable[P, R]) -> Callable[P, R]:
 def print_json(data: dict[str, Any]) -> None:
     """Write `data` as JSON to stdout, for scripts.
 
-    JSON has no numbers that are not finite: they become null, and `not_finite` lists where they were.
+    JSON has no numbers that are not finite: they become null, and `not_finite` lists where they
+    were.
     """
     found: list[str] = []
     plain = finite(data, found)

@@ -41,14 +41,16 @@ def describe(
 
         elastic-arm describe --robot my_arm.urdf --json
 
-        elastic-arm describe --robot arm_with_gripper.urdf --chain base_link:tool_link --urdf arm_alone.urdf
+        elastic-arm describe --robot arm_with_gripper.urdf --chain base_link:tool_link --urdf
+        arm_alone.urdf
     """
     if urdf is not None:
         claim_file(urdf, force=force, option="--urdf")
     robot = options.load_arm(robot_file, chain, at)
     if robot.n > _QUICK:
         err.print(
-            f"compiling the equations of {robot.n} joints and looking for their base parameters: a minute or so"
+            f"compiling the equations of {robot.n} joints and looking for their base parameters: a"
+            " minute or so"
         )
     told = build_model(robot, model)
     parameters = base_of(told)
@@ -58,7 +60,10 @@ def describe(
         print_json(_content(robot, model, len(told.parameters), parameters))
         return
     _print_robot(robot)
-    known = f"of the {len(told.parameters)} parameters of {model}, motion determines {len(parameters)} combinations"
+    known = (
+        f"of the {len(told.parameters)} parameters of {model}, motion determines {len(parameters)}"
+        " combinations"
+    )
     out.print(f"\n{known}, the base parameters{':' if base else ' (--base lists them)'}")
     if base:
         for name, unit in zip(parameters.names, parameters.units, strict=True):
@@ -78,7 +83,8 @@ def _print_robot(robot: Robot) -> None:
     gravity = " ".join(f"{g:g}" for g in robot.gravity)
     joints = "1 joint" if robot.n == 1 else f"{robot.n} joints"
     out.print(
-        f"[bold]{escape(robot.name)}[/]: {joints}, {kind}, {robot.mass:.4g} kg, gravity {gravity} m/s²"
+        f"[bold]{escape(robot.name)}[/]: {joints}, {kind}, {robot.mass:.4g} kg, gravity {gravity}"
+        " m/s²"
     )
     slide = bool(robot.units.prismatic)
     mixed = slide and len(robot.units.prismatic) < robot.n
@@ -150,7 +156,8 @@ def _controllers(robot: Robot) -> list[str]:
             late = [f"{1e3 * drive.delay:.4g} ms late"] if drive.delay else []
             fed = [] if drive.feedforward == "none" else [f"{drive.feedforward} fed forward"]
             found.append(
-                f"controller of {joint.name}: {drive.mode}, {', '.join([*gains, *limit, *late, *fed])}"
+                f"controller of {joint.name}: {drive.mode},"
+                f" {', '.join([*gains, *limit, *late, *fed])}"
             )
     return found
 

@@ -1,4 +1,5 @@
-"""`elastic-arm diagnose`: where model and recording part, which effect causes it, how far the gap shrinks."""
+"""`elastic-arm diagnose`: where model and recording part, which effect causes it, how far the gap
+shrinks."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -117,7 +118,8 @@ def diagnose_command(
     ] = None,
     fail_on: FailOn = None,
 ) -> None:
-    """Find where a recording and a model differ, which effect the model lacks, and how far the gap shrinks with it.
+    """Find where a recording and a model differ, which effect the model lacks, and how far the gap
+    shrinks with it.
 
     Writes diagnosis.json and report.html. Where causes were found, robot.yaml:
     the arm with them, for `simulate --robot`, and its MJCF or URDF with the
@@ -168,7 +170,8 @@ def diagnose_command(
             differences(recordings[0].select(robot.joint_names), simulated) if simulated else None
         )
     given = known_effects(with_ or (), robot, catalogue)
-    # Channels that are not what they are taken for have no causes: what any law makes of them is by chance.
+    # Channels that are not what they are taken for have no causes: what any law makes of them is by
+    # chance.
     wrong = misread(recordings, robot, explained=True)
     sought = None if wrong is None else ()
     question = Question(
@@ -231,8 +234,9 @@ def correct(
 ) -> Written:
     """Write the file that the arm came from with what was found.
 
-    Of an arm with recorded torques, where there are causes; of a commanded one, refined on what was fitted, what of it
-    does not move the arm worse in `judges`, and without causes only if it moves nearer.
+    Of an arm with recorded torques, where there are causes; of a commanded one, refined on what was
+    fitted, what of it does not move the arm worse in `judges`, and without causes only if it moves
+    nearer.
     """
     if found.context is not None and not robot.elastic:
         correction.motion = found.context.moved(SAMPLES)
@@ -277,9 +281,11 @@ def write_diagnosis(
     replays: Sequence[Replay] = (),
     comparison: SimulationComparison | None = None,
 ) -> None:
-    """Write diagnosis.json, report.html and, where there are any, the corrected arm and the motion proposed.
+    """Write diagnosis.json, report.html and, where there are any, the corrected arm and the motion
+    proposed.
 
-    robot: the corrected arm; None where none is written. What an earlier diagnosis left in the folder is replaced.
+    robot: the corrected arm; None where none is written. What an earlier diagnosis left in the
+    folder is replaced.
     """
     # Matplotlib is slow to import, and only reports need it.
     from elastic_arm.report.diagnosis import write_gap_report
@@ -308,7 +314,8 @@ def print_diagnosis(found: Diagnosis, folder: Path) -> None:
         out.print(f"[yellow]scale:[/] {escape(scale_sentence(found))}")
     first, *more = summary(found)
     out.print(
-        f"[bold {COLOURS[found.verdict]}]{found.verdict}[/]{escape(first.removeprefix(found.verdict))}"
+        "[bold"
+        f" {COLOURS[found.verdict]}]{found.verdict}[/]{escape(first.removeprefix(found.verdict))}"
     )
     for sentence in more:
         out.print(escape(sentence))
@@ -388,13 +395,15 @@ def _print_places(found: Diagnosis) -> None:
         table = new_table("joint", *shown, right=shown, whole=("joint", *shown))
         for joint in apart:
             cells = [gap_at(found, joint, side) for side in sides]
-            # On a screen the share stands below the sizes: three sides and a long name would not fit otherwise.
+            # On a screen the share stands below the sizes: three sides and a long name would not
+            # fit otherwise.
             table.add_row(
                 escape(joint),
                 *(cell.replace(" (", "\n(") if out.is_terminal else cell for cell in cells),
             )
         out.print(
-            f"residuals in {found.units.over('Nm')} below {found.band:.3g} Hz, {sizes} (share of its own gap):"
+            f"residuals in {found.units.over('Nm')} below {found.band:.3g} Hz, {sizes} (share of"
+            " its own gap):"
         )
         out.print(table)
     if agreeing := [joint for joint in found.joints if joint not in apart]:

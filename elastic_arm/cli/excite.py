@@ -83,7 +83,8 @@ def excite(
     rate: Annotated[float, typer.Option(help="Set-points a second of these files.")] = 20.0,
     force: Force = False,
 ) -> None:
-    """Find a Fourier trajectory whose motion separates the arm's parameters best, within all limits.
+    """Find a Fourier trajectory whose motion separates the arm's parameters best, within all
+    limits.
 
     Examples:
 
@@ -131,10 +132,12 @@ def _print_judgement(judgement: Excitation, periods: int) -> None:
         out.print(f"`identify` will find this motion [green]good[/] ({times})")
         return
     out.print(
-        f"`identify` will find this motion [yellow]poor[/] ({times}): {escape('; '.join(judgement.reasons))}"
+        f"`identify` will find this motion [yellow]poor[/] ({times}):"
+        f" {escape('; '.join(judgement.reasons))}"
     )
     out.print(
-        "  give it faster motion (--period 5, higher limits of the arm), or another --criterion (a_optimal)"
+        "  give it faster motion (--period 5, higher limits of the arm), or another --criterion"
+        " (a_optimal)"
     )
 
 
@@ -179,25 +182,30 @@ def _print_result(
     )
     out.print(f"condition number of the base regressor ({len(result.columns)} columns)")
     out.print(
-        f"  {len(result.random)} random motions  {low:.4g} … [bold]{median:.4g}[/] (median) … {high:.4g}"
+        f"  {len(result.random)} random motions  {low:.4g} … [bold]{median:.4g}[/] (median) …"
+        f" {high:.4g}"
     )
     out.print(f"  start, the best of them  {result.condition_before:.4g}")
     out.print(
-        f"  optimised          [bold green]{result.condition_after:.4g}[/]  after {result.evaluations} evaluations"
+        f"  optimised          [bold green]{result.condition_after:.4g}[/]  after"
+        f" {result.evaluations} evaluations"
     )
     if result.criterion != "condition":
         out.print(
-            f"{result.criterion}: {result.value_before:.4g} before, [bold]{result.value_after:.4g}[/] after"
+            f"{result.criterion}: {result.value_before:.4g} before,"
+            f" [bold]{result.value_after:.4g}[/] after"
         )
     for sentence in indistinct_words(result, base, model):
         out.print(
-            f"[yellow]left out of the search, as only nearly exact encoders determine it:[/] {escape(sentence)}",
+            "[yellow]left out of the search, as only nearly exact encoders determine it:[/]"
+            f" {escape(sentence)}",
             soft_wrap=True,
         )
     out.print(_limit_table(result, model.robot.units))
     for name, gap in result.use.gaps():
         out.print(
-            f"smallest gap to {escape(name)}: {1e3 * gap:.0f} mm (margin {1e3 * limits.margin:g} mm)"
+            f"smallest gap to {escape(name)}: {1e3 * gap:.0f} mm (margin"
+            f" {1e3 * limits.margin:g} mm)"
         )
     for sentence in limits.assumed:
         out.print(f"[cyan]note:[/] {escape(sentence)}", soft_wrap=True)

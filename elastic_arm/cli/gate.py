@@ -19,8 +19,10 @@ FailOn = Annotated[
     typer.Option(
         "--fail-on",
         metavar="unknown|explained|change:P%",
-        help="Exit status 1 with this verdict, or with a size that differs by more than P %: between recordings, or "
-        "from what is stated. May be repeated.",
+        help=(
+            "Exit status 1 with this verdict, or with a size that differs by more than P %: between"
+            " recordings, or from what is stated. May be repeated."
+        ),
     ),
 ]
 
@@ -52,11 +54,15 @@ def _failures(found: Diagnosis, gate: str) -> Iterator[str]:
         for one in sizes:
             size = _relative(one)
             if size > float(limit[1]) / 100.0:
-                yield f"{one.effect} of {one.joint or 'the whole arm'} changed by {100.0 * size:.3g} %"
+                yield (
+                    f"{one.effect} of {one.joint or 'the whole arm'} changed by"
+                    f" {100.0 * size:.3g} %"
+                )
 
 
 def _relative(one: Change | Cause) -> float:
-    """Return by how much a size differs: of the first recording's, or of what is stated; none where nothing is."""
+    """Return by how much a size differs: of the first recording's, or of what is stated; none where
+    nothing is."""
     if isinstance(one, Change):
         values = [value for _, value, _ in one.values]
         return max(abs(value - values[0]) for value in values) / max(abs(values[0]), 1e-300)

@@ -183,7 +183,8 @@ def _of_each(
 
 
 def _alone(path: Path, read: Read, ask: Ask) -> tuple[int, dict[str, Any]] | str:
-    """Return when a recording begins and its `diagnosis.json`, as laws do not pass between processes; or why not."""
+    """Return when a recording begins and its `diagnosis.json`, as laws do not pass between
+    processes; or why not."""
     try:
         recording = read(path, report=lambda what, share: None, usual=DIAGNOSED)
         return recording.start_ns, replace(ask([recording]), identify=(recording.source,)).to_dict()

@@ -78,16 +78,19 @@ def identify(
 ) -> None:
     """Identify an arm's parameters from recordings.
 
-    Writes identification.json, report.html and, with physical consistency, robot.yaml, an arm file that
-    `elastic-arm simulate --robot` takes, with the MJCF or URDF that the arm came from, its numbers changed.
+    Writes identification.json, report.html and, with physical consistency, robot.yaml, an arm file
+    that `elastic-arm simulate --robot` takes, with the MJCF or URDF that the arm came from, its
+    numbers changed.
 
     Examples:
 
         elastic-arm identify bag
 
-        elastic-arm identify slow fast --validate other --with coulomb_friction --with viscous_friction
+        elastic-arm identify slow fast --validate other --with coulomb_friction --with
+        viscous_friction
 
-        elastic-arm identify lwr_1 lwr_3 --robot lwr.urdf --with coulomb_friction:side=link --validate lwr_2
+        elastic-arm identify lwr_1 lwr_3 --robot lwr.urdf --with coulomb_friction:side=link
+        --validate lwr_2
     """
     options.require_bags([*bags, *(validate or [])])
     claim_folder(out_dir, [*RESULTS, *(TABLES if csv else ())], force=force)
@@ -139,7 +142,8 @@ def _corrected(
     judges: Sequence[Recording],
     folder: Path,
 ) -> Written:
-    """Write the file that the arm came from; of a commanded one, what of it does not move the arm worse."""
+    """Write the file that the arm came from; of a commanded one, what of it does not move the arm
+    worse."""
     identified = result.identified
     selected = [one.select(robot.joint_names) for one in judges]
     if identified is None or not all(is_commanded(one) for one in selected):
@@ -165,8 +169,8 @@ def _judged(result: Identification, written: Written) -> Identification:
         return result
     what = "the corrected file" if written.robot is not None else "no file"
     words = (
-        f"With all that was identified {listed(choice.worse)} moves worse under the recorded commands: "
-        f"{listed(choice.taken_back)} stays as described, and {what} is written."
+        f"With all that was identified {listed(choice.worse)} moves worse under the recorded"
+        f" commands: {listed(choice.taken_back)} stays as described, and {what} is written."
     )
     return result.with_(notes=(words, *result.notes))
 
@@ -195,7 +199,8 @@ def _print(result: Identification, out_dir: Path, corrected: Exported | str | No
         reasons = "; ".join(result.excitation["reasons"])
         remedy = "`elastic-arm excite` finds a better motion"
         out.print(
-            f"[bold yellow]the excitation is poor[/], by the motion alone: {escape(reasons)}; {remedy}"
+            f"[bold yellow]the excitation is poor[/], by the motion alone: {escape(reasons)};"
+            f" {remedy}"
         )
     for sentence in result.summary():
         out.print(escape(sentence))
@@ -220,7 +225,8 @@ def _print(result: Identification, out_dir: Path, corrected: Exported | str | No
         *(["robot.yaml"] if result.identified is not None else []),
     ]
     out.print(
-        f"results in {escape(str(out_dir))}: {', '.join(written)}; combinations of parameters in full there"
+        f"results in {escape(str(out_dir))}: {', '.join(written)}; combinations of parameters in"
+        " full there"
     )
     print_correction(corrected)
 

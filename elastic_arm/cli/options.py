@@ -48,7 +48,10 @@ Clock = Annotated[
     ClockChoice,
     typer.Option(
         "--clock",
-        help="When samples were taken: at their stamps, regularly, when messages arrived; by the evidence otherwise.",
+        help=(
+            "When samples were taken: at their stamps, regularly, when messages arrived; by the"
+            " evidence otherwise."
+        ),
     ),
 ]
 Namespace = Annotated[
@@ -85,7 +88,8 @@ At = Annotated[
 
 
 def completions(ctx: typer.Context, incomplete: str) -> list[str]:
-    """Return what a shell offers for an effect: its id; behind a colon joints of --robot; then its parameters."""
+    """Return what a shell offers for an effect: its id; behind a colon joints of --robot; then its
+    parameters."""
     from elastic_arm.effects import EFFECTS
 
     *given, last = incomplete.split(":")
@@ -117,7 +121,10 @@ KnownEffects = Annotated[
         "--with",
         metavar="EFFECT[:JOINT][:NAME=VALUE]",
         autocompletion=completions,
-        help="Effects that are known: fitted first, part of the model. NAME=VALUE says where the fit starts.",
+        help=(
+            "Effects that are known: fitted first, part of the model. NAME=VALUE says where the fit"
+            " starts."
+        ),
     ),
 ]
 EffectsFiles = Annotated[
@@ -134,7 +141,8 @@ def load_arm(
     at: str | None = None,
     catalogue: Catalogue | None = None,
 ) -> Robot:
-    """Read a robot description, of a URDF or MJCF the part that `chain` names, and check that its effects exist.
+    """Read a robot description, of a URDF or MJCF the part that `chain` names, and check that its
+    effects exist.
 
     Raises a RobotError or an EffectError that names the file.
     """
@@ -172,7 +180,8 @@ def channel_map(path: Path | None) -> ChannelMap | None:
 
 
 def bags_in(paths: Sequence[Path], *, bare: bool = False) -> list[Path]:
-    """Return bags, for a folder those in it; `bare` files in a folder are bags of their own, else it is one bag."""
+    """Return bags, for a folder those in it; `bare` files in a folder are bags of their own, else
+    it is one bag."""
     from elastic_arm.recording.storage.bag import METADATA
 
     found: list[Path] = []
@@ -187,7 +196,8 @@ def bags_in(paths: Sequence[Path], *, bare: bool = False) -> list[Path]:
 
 
 def require_bags(bags: Sequence[Path]) -> None:
-    """Raise if a recording is not there, or given twice: it would count double, or judge a fit that has seen it.
+    """Raise if a recording is not there, or given twice: it would count double, or judge a fit that
+    has seen it.
 
     Raises a RecordingError naming the recording.
     """
@@ -215,10 +225,11 @@ def read_motion(
     usual: float,
     most: float | None = None,
 ) -> Recording:
-    """Read a recording as :func:`read_by_clock` does, but of a long one the motion alone that determines most.
+    """Read a recording as :func:`read_by_clock` does, but of a long one the motion alone that
+    determines most.
 
-    report: called with what is being read, and the share of it that is; usual: s of motion for three joints, and fewer
-    for more; most: s of motion that are asked for instead.
+    report: called with what is being read, and the share of it that is; usual: s of motion for
+    three joints, and fewer for more; most: s of motion that are asked for instead.
     """
     from elastic_arm.estimation.segments import MostTelling
     from elastic_arm.recording.reading import read_parts
@@ -240,7 +251,8 @@ def read_by_clock(
     clock: ClockChoice,
     namespace: str | None = None,
 ) -> Recording:
-    """Read a recording whose stamps mean what the user demands, with notes on what cannot be right of it.
+    """Read a recording whose stamps mean what the user demands, with notes on what cannot be right
+    of it.
 
     Raises a RecordingError naming what is missing or wrong.
     """

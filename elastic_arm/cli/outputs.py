@@ -1,4 +1,5 @@
-"""Where results go: looked at before the work, so that no minutes are lost and no earlier result is.
+"""Where results go: looked at before the work, so that no minutes are lost and no earlier result
+is.
 
 Results are overwritten with --force alone, recordings never: they cannot be made again.
 """
@@ -23,7 +24,8 @@ Csv = Annotated[bool, typer.Option("--csv", help="Also write tables of the resul
 def claim_folder(folder: Path, names: Sequence[str], *, force: bool, option: str = "--out") -> None:
     """Check that the files `names` may be written into `folder`, which need not exist.
 
-    Raises an OutputError if one of them exists and `force` is not given, or the folder cannot be written.
+    Raises an OutputError if one of them exists and `force` is not given, or the folder cannot be
+    written.
     """
     _check_name(folder, option)
     left = [name for name in names if (folder / name).exists()]

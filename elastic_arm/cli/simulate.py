@@ -119,11 +119,13 @@ def simulate(
 
         elastic-arm simulate --out clean
 
-        elastic-arm simulate --trajectory traj.yaml --effect coulomb_friction:joint_2:torque=13.9 --seed 1 --out bag
+        elastic-arm simulate --trajectory traj.yaml --effect coulomb_friction:joint_2:torque=13.9
+        --seed 1 --out bag
 
         elastic-arm simulate --effect payload:mass=5,position=0/0/0.1 --sensors real --out loaded
 
-        elastic-arm simulate --effects buffer.py --effect rubber_buffer:joint_2:stiffness=40,contact=0.4 --out own
+        elastic-arm simulate --effects buffer.py --effect
+        rubber_buffer:joint_2:stiffness=40,contact=0.4 --out own
 
         elastic-arm simulate --list-effects
     """
@@ -241,12 +243,14 @@ def _print_summary(
     effects: list[EffectInstance], summary: dict[str, Any], bag: Path, units: JointUnits
 ) -> None:
     out.print(
-        f"{summary['duration_s']:g} s of motion, {summary['samples']} samples, simulated in {summary['wall_s']:.2f} s"
+        f"{summary['duration_s']:g} s of motion, {summary['samples']} samples, simulated in"
+        f" {summary['wall_s']:.2f} s"
     )
     for instance in effects:
         place, words = instance.joint or "the whole arm", instance_text(instance, units)
         out.print(
-            f"  [bold]{instance.effect.id}[/] on {escape(place)}: {escape(words) or 'no parameters'}"
+            f"  [bold]{instance.effect.id}[/] on {escape(place)}:"
+            f" {escape(words) or 'no parameters'}"
         )
     numbers = (f"peak tau_m, {units.over('Nm')}", f"off the reference, {units.over('mrad')}")
     table = new_table("joint", *numbers, right=numbers)

@@ -13,7 +13,8 @@ from elastic_arm.codegen.program import Program
 
 # Outputs larger than the caches are written past them.
 _PAST_CACHES_BYTES = 1 << 21
-# The C library takes memory this large from the system, which clears it: of zeros, only the others need writing.
+# The C library takes memory this large from the system, which clears it: of zeros, only the others
+# need writing.
 _CLEARED_BYTES = 1 << 25
 _LINE_BYTES = 64
 # What is written past them in one go at least.
@@ -45,10 +46,11 @@ class CEngine:
     def run(
         self, arrays: Sequence[np.ndarray], outputs: Sequence[np.ndarray], *, fresh: bool
     ) -> None:
-        """Fill `outputs` (N, size) from `arrays`: (N, k), or (k,) where shared; `fresh` ones are just allocated.
+        """Fill `outputs` (N, size) from `arrays`: (N, k), or (k,) where shared; `fresh` ones are
+        just allocated.
 
-        arrays: (N, k) values of each argument; (k,) where it is shared by all samples; outputs: (N, size) each,
-        to be filled.
+        arrays: (N, k) values of each argument; (k,) where it is shared by all samples; outputs: (N,
+        size) each, to be filled.
         """
         prepared = self.prepare(arrays)
         way = _way(outputs, fresh)
@@ -65,14 +67,15 @@ class CEngine:
     def row_products(
         self, arrays: Sequence[np.ndarray], y: np.ndarray, entries: int, *, rounded: bool
     ) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Return hi, lo (entries, lanes) of each part of the samples, in their order; see :meth:`Kernel.row_products`.
+        """Return hi, lo (entries, lanes) of each part of the samples, in their order; see
+        :meth:`Kernel.row_products`.
 
         The order, and so every bit of the sum, does not depend on which thread ends first.
 
-        arrays: (N, k) values of each argument; (k,) where it is shared by all samples; y: (N, rows) a further
-        entry of each row, the last; entries: products in all: the lower triangle of each row's matrix, row
-        after row; rounded: whether values may be rounded to 51 bits below the largest of their column, which is
-        faster.
+        arrays: (N, k) values of each argument; (k,) where it is shared by all samples; y: (N, rows)
+        a further entry of each row, the last; entries: products in all: the lower triangle of each
+        row's matrix, row after row; rounded: whether values may be rounded to 51 bits below the
+        largest of their column, which is faster.
         """
         prepared = self.prepare(arrays)
         accumulate = _accumulator(rounded=rounded)
@@ -94,7 +97,8 @@ class CEngine:
 
     @staticmethod
     def allocate(samples: int, size: int) -> np.ndarray:
-        """Memory (samples, size) from a cache line on: zeros where it is cleared anyhow, or else uninitialised."""
+        """Memory (samples, size) from a cache line on: zeros where it is cleared anyhow, or else
+        uninitialised."""
         make = np.zeros if samples * size * 8 >= _CLEARED_BYTES else np.empty
         memory = make(samples * size + 8)
         skip = (-memory.ctypes.data % _LINE_BYTES) // 8

@@ -1,4 +1,5 @@
-"""The cache on disk: what was derived or compiled once is found again by any process of this machine."""
+"""The cache on disk: what was derived or compiled once is found again by any process of this
+machine."""
 
 import atexit
 import contextlib
@@ -25,8 +26,8 @@ _LOG = logging.getLogger(__name__)
 def cache_folder() -> Path:
     """Folder of compiled kernels and saved derivations: $ELASTIC_ARM_CACHE, or the user's cache.
 
-    What lies there is loaded and run. A folder that is not the user's alone, or that cannot be used, gives way to a
-    private one for the life of this process, with a warning.
+    What lies there is loaded and run. A folder that is not the user's alone, or that cannot be
+    used, gives way to a private one for the life of this process, with a warning.
 
     Raises an OSError if no temporary folder can be made either.
     """
@@ -56,7 +57,8 @@ def replace_folder(folder: Path, problem: str) -> Path:
     atexit.register(made.cleanup)
     _REPLACED[folder] = Path(made.name)
     _LOG.warning(
-        "%s %s: kernels are compiled anew in %s. Remove it, or set %s to a folder that you alone may write to.",
+        "%s %s: kernels are compiled anew in %s. Remove it, or set %s to a folder that you alone"
+        " may write to.",
         folder,
         problem,
         made.name,
@@ -66,7 +68,8 @@ def replace_folder(folder: Path, problem: str) -> Path:
 
 
 def is_own_file(path: Path) -> bool:
-    """Whether a file of this user's, which nobody else may write to, is there to be read: no pipe, link or device.
+    """Whether a file of this user's, which nobody else may write to, is there to be read: no pipe,
+    link or device.
 
     What others have put into a folder stays theirs when the folder is closed to them.
     """
@@ -82,7 +85,8 @@ def is_own_file(path: Path) -> bool:
 
 
 def _problem(folder: Path) -> str:
-    """Return why a folder is not this user's alone, in words that follow its name; empty where it is.
+    """Return why a folder is not this user's alone, in words that follow its name; empty where it
+    is.
 
     Raises an OSError if it cannot be looked at.
     """
@@ -116,7 +120,8 @@ def _way(path: Path) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def whole(path: Path) -> Iterator[Path]:
-    """Give a passing file to write, which then becomes `path`: another process must never read half a file.
+    """Give a passing file to write, which then becomes `path`: another process must never read half
+    a file.
 
     Raises an OSError if the folder cannot be made or written.
     """
@@ -133,7 +138,8 @@ def whole(path: Path) -> Iterator[Path]:
 
 @functools.cache
 def source_digest(*sources: Path) -> str:
-    """Digest of Python files, and of all those below folders: what was derived by other source is derived again."""
+    """Digest of Python files, and of all those below folders: what was derived by other source is
+    derived again."""
     files = [
         path
         for source in sources

@@ -1,4 +1,5 @@
-"""The system's C compiler behind a cache: every source is compiled once per machine and found again by its content."""
+"""The system's C compiler behind a cache: every source is compiled once per machine and found again
+by its content."""
 
 import ctypes
 import functools
@@ -23,14 +24,16 @@ from elastic_arm.errors import KernelError
 
 _TIMEOUT_S = 300.0
 _FLAGS = ("-std=gnu11", "-shared", "-fPIC", "-w", "-O2", "-fno-math-errno", "-fno-trapping-math")
-# Tried in turn: with the vector mathematics of the GNU C library, for this processor only, and plain.
+# Tried in turn: with the vector mathematics of the GNU C library, for this processor only, and
+# plain.
 _VARIANTS = (("-march=native", "-DVECTOR_MATH"), ("-march=native",), ())
 _DIGEST_BYTES = hashlib.sha256().digest_size
 _LIBRARIES = {"-DVECTOR_MATH": ("-lmvec",)}
 
 
 def find_compiler() -> tuple[str, ...] | None:
-    """Command of $CC, cc, gcc or clang, the first that is there; None without one. An empty $CC means none.
+    """Command of $CC, cc, gcc or clang, the first that is there; None without one. An empty $CC
+    means none.
 
     Raises a KernelError if $CC cannot be split into words, as a shell would.
     """
@@ -51,12 +54,13 @@ def find_compiler() -> tuple[str, ...] | None:
 def build(source: str, *, flags: tuple[str, ...] = ("-ffp-contract=fast",)) -> ctypes.CDLL:
     """Compile C `source` to a shared library, or find it in the cache, and load it.
 
-    Safe among processes that build the same source at once: a library appears under its name only when complete.
+    Safe among processes that build the same source at once: a library appears under its name only
+    when complete.
 
     flags: added to the usual ones (``-O2``, for this machine's processor).
 
-    Raises a KernelError if there is no compiler, $CC is no command, it refuses the source, or there is no folder at
-    all to write to.
+    Raises a KernelError if there is no compiler, $CC is no command, it refuses the source, or there
+    is no folder at all to write to.
     """
     return build_once(source, lambda: source, flags=flags)
 
@@ -64,7 +68,8 @@ def build(source: str, *, flags: tuple[str, ...] = ("-ffp-contract=fast",)) -> c
 def build_once(
     identity: str, source: Callable[[], str], *, flags: tuple[str, ...] = ("-ffp-contract=fast",)
 ) -> ctypes.CDLL:
-    """As :func:`build`, but print the source only when no library of this `identity` is in the cache.
+    """As :func:`build`, but print the source only when no library of this `identity` is in the
+    cache.
 
     identity: what the source depends on; part of the library's name in the cache.
 
@@ -103,7 +108,8 @@ def _found_or_made(
 
 
 def _is_whole(library: Path) -> bool:
-    """Whether a library of the user's is there, with its digest: loading half of one kills the process."""
+    """Whether a library of the user's is there, with its digest: loading half of one kills the
+    process."""
     if not is_own_file(library):
         return False
     try:
@@ -135,7 +141,8 @@ def _compiler_stamp(compiler: str) -> tuple[str, str]:
 
 @functools.cache
 def processor() -> str:
-    """Return what ``-march=native`` depends on: the machine, and on Linux the abilities of its processor."""
+    """Return what ``-march=native`` depends on: the machine, and on Linux the abilities of its
+    processor."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:
@@ -147,7 +154,8 @@ def processor() -> str:
 def _compiled(source: str, compiler: tuple[str, ...], flags: tuple[str, ...]) -> bytes:
     """Return the library that the compiler makes of a source.
 
-    Raises a KernelError if it refuses the source, or does not end; an OSError if there is no room for it.
+    Raises a KernelError if it refuses the source, or does not end; an OSError if there is no room
+    for it.
     """
     messages = []
     with tempfile.TemporaryDirectory(prefix="elastic_arm_") as folder:

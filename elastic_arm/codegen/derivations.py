@@ -1,4 +1,5 @@
-"""What CasADi derived, on disk: a model that was derived once is never derived again, and CasADi stays unloaded."""
+"""What CasADi derived, on disk: a model that was derived once is never derived again, and CasADi
+stays unloaded."""
 
 from __future__ import annotations
 
@@ -18,14 +19,16 @@ if TYPE_CHECKING:
 _T = TypeVar("_T")
 # What reads a function shapes the program too.
 _READER = Path(__file__).with_name("program.py")
-# Of a file that is none of ours, or of another version; CasADi's word for one that it cannot read is a RuntimeError.
+# Of a file that is none of ours, or of another version; CasADi's word for one that it cannot read
+# is a RuntimeError.
 _UNREADABLE = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, RuntimeError)
 
 
 def cached_program(
     key: str, derive: Callable[[], casadi.Function], sources: Sequence[Path]
 ) -> Program:
-    """Return the program of `derive()`, from the cache where it is there; arguments as of `_cached`."""
+    """Return the program of `derive()`, from the cache where it is there; arguments as of
+    `_cached`."""
     return _cached(
         key, ".npz", [*sources, _READER], lambda: from_casadi(derive()), Program.load, Program.save
     )
@@ -34,7 +37,8 @@ def cached_program(
 def cached_functions(
     key: str, derive: Callable[[], list[casadi.Function]], sources: Sequence[Path]
 ) -> list[casadi.Function]:
-    """Return the functions of `derive()`, from the cache where they are there; arguments as of `_cached`."""
+    """Return the functions of `derive()`, from the cache where they are there; arguments as of
+    `_cached`."""
     import casadi
 
     def read(path: Path) -> list[casadi.Function]:
@@ -55,10 +59,11 @@ def _cached(
     read: Callable[[Path], _T],
     write: Callable[[_T, Path], None],
 ) -> _T:
-    """Return what `derive` gives; a cache that cannot be read or written costs time, never a result.
+    """Return what `derive` gives; a cache that cannot be read or written costs time, never a
+    result.
 
-    key: everything that `derive` depends on besides source; sources: Python files, or folders of them, that shape the
-    result: a changed law must not find what the old one gave.
+    key: everything that `derive` depends on besides source; sources: Python files, or folders of
+    them, that shape the result: a changed law must not find what the old one gave.
     """
     digest = hashlib.sha256(f"{key}:{source_digest(*sources)}".encode()).hexdigest()[:32]
     try:

@@ -16,7 +16,8 @@ _PART = 1500
 
 
 def emit_block(program: Program, shared: Sequence[str]) -> str:
-    """C source of a library that runs `program` over arrays of samples; see ``c/block.c`` for its functions.
+    """C source of a library that runs `program` over arrays of samples; see ``c/block.c`` for its
+    functions.
 
     Values that no sample changes are computed once a call, by ``prepare``.
     """
@@ -33,14 +34,16 @@ def emit_block(program: Program, shared: Sequence[str]) -> str:
 
 
 def block_identity(program: Program, shared: Sequence[str]) -> str:
-    """Return in a few letters what :func:`emit_block` would print: the program, and the printer's own source."""
+    """Return in a few letters what :func:`emit_block` would print: the program, and the printer's
+    own source."""
     return f"{program.digest()}:{','.join(sorted(shared))}:{_printer_digest()}"
 
 
 def gram_source(*, rounded: bool) -> str:
     """C source of the accumulation of information matrices in more than the working precision.
 
-    Where values may be `rounded` to fixed point, and the processor multiplies integers of 52 bits, that is faster.
+    Where values may be `rounded` to fixed point, and the processor multiplies integers of 52 bits,
+    that is faster.
     """
     exact = _source("gram")
     wanted = [
@@ -104,10 +107,11 @@ def _handed_over(program: Program, uniform: np.ndarray) -> list[int]:
 
 
 def _compute(program: Program, uniform: np.ndarray) -> list[str]:
-    """The operations on eight samples, as ``compute``; value k of the outputs goes to ``out[k * step]``.
+    """The operations on eight samples, as ``compute``; value k of the outputs goes to ``out[k *
+    step]``.
 
-    Cut into parts, because a compiler's time grows faster than a function's length; what a later part needs passes
-    through ``work``.
+    Cut into parts, because a compiler's time grows faster than a function's length; what a later
+    part needs passes through ``work``.
     """
     shared = {k: f"shared[{slot}]" for slot, k in enumerate(_handed_over(program, uniform))}
     shared |= {
@@ -156,13 +160,15 @@ def _operands(program: Program, k: int) -> list[int]:
 
 
 def _named(program: Program, k: int, names: dict[int, str], passed: dict[int, int]) -> list[str]:
-    """Declare what operation k needs and this part has not seen: inputs, and values that earlier parts passed on."""
+    """Declare what operation k needs and this part has not seen: inputs, and values that earlier
+    parts passed on."""
     lines = []
     for v in _operands(program, k):
         if v not in names:
             names[v] = f"t{v}"
             lines.append(
-                f"  const v8 t{v} = {_load(program, v) if v not in passed else f'work[{passed[v]}]'};"
+                f"  const v8 t{v} ="
+                f" {_load(program, v) if v not in passed else f'work[{passed[v]}]'};"
             )
     return lines
 
@@ -208,7 +214,8 @@ def _tables(program: Program, shared: Sequence[str]) -> list[str]:
 
 
 def _spread(program: Program) -> list[str]:
-    """Functions that put each output's values, eight lanes each, to their places in eight dense samples."""
+    """Functions that put each output's values, eight lanes each, to their places in eight dense
+    samples."""
     lines, offset = [], 0
     for number, out in enumerate(program.outputs):
         lines.append(f"static void spread_{number}(const double *v, double *to) {{")
@@ -233,7 +240,8 @@ def _spread(program: Program) -> list[str]:
 def _runs(
     out: Output, offset: int
 ) -> tuple[list[tuple[int, list[int | None]]], list[tuple[int, int]]]:
-    """Cover an output's places by runs of four, None where null, and by single ones where a run would not pay."""
+    """Cover an output's places by runs of four, None where null, and by single ones where a run
+    would not pay."""
     value_at = {place: offset + k for k, place in enumerate(out.places.tolist())}
     fours: list[tuple[int, list[int | None]]] = []
     singles: list[tuple[int, int]] = []

@@ -1,7 +1,7 @@
 """Compiled functions over whole arrays of samples.
 
-A CasADi function becomes a straight-line :class:`~elastic_arm.codegen.program.Program`, and that a kernel: in C where
-a compiler is found, in numpy otherwise.
+A CasADi function becomes a straight-line :class:`~elastic_arm.codegen.program.Program`, and that a
+kernel: in C where a compiler is found, in numpy otherwise.
 """
 
 from __future__ import annotations
@@ -40,18 +40,21 @@ class Engine(Protocol):
     def run(
         self, arrays: Sequence[np.ndarray], outputs: Sequence[np.ndarray], *, fresh: bool
     ) -> None:
-        """Fill `outputs` from `arrays`; `fresh` ones come from :meth:`allocate`, others hold anything.
+        """Fill `outputs` from `arrays`; `fresh` ones come from :meth:`allocate`, others hold
+        anything.
 
-        arrays: (N, k) values of each argument; (k,) where it is shared by all samples; outputs: (N, size) each,
-        to be filled; fresh: whether the outputs come from :meth:`allocate`; others hold anything.
+        arrays: (N, k) values of each argument; (k,) where it is shared by all samples; outputs: (N,
+        size) each, to be filled; fresh: whether the outputs come from :meth:`allocate`; others hold
+        anything.
         """
 
 
 class Kernel:
     """A function of samples.
 
-    Call it with one array an input: (N, k), or (k,) for an input that all samples share. It returns one array an
-    output: (N, m) of a vector, (N, r, c) of a matrix; a single array where there is one output.
+    Call it with one array an input: (N, k), or (k,) for an input that all samples share. It returns
+    one array an output: (N, m) of a vector, (N, r, c) of a matrix; a single array where there is
+    one output.
     """
 
     def __init__(self, program: Program, engine: Engine, shared: Sequence[str]) -> None:
@@ -64,11 +67,11 @@ class Kernel:
     ) -> np.ndarray | tuple[np.ndarray, ...]:
         """Evaluate at all samples.
 
-        out: arrays to write to, one an output, of the shapes returned: spares the system's clearing of new
-        memory, which for large arrays costs more than the evaluation.
+        out: arrays to write to, one an output, of the shapes returned: spares the system's clearing
+        of new memory, which for large arrays costs more than the evaluation.
 
-        Raises a ValueError if an array's shape is not the input's, or the numbers of samples differ, or `out`
-        does not fit.
+        Raises a ValueError if an array's shape is not the input's, or the numbers of samples
+        differ, or `out` does not fit.
         """
         ready, samples = self.check(arrays)
         if out is None:
@@ -83,13 +86,15 @@ class Kernel:
     def row_products(
         self, arrays: Sequence[np.ndarray], y: np.ndarray, entries: int, *, rounded: bool = False
     ) -> list[tuple[np.ndarray, np.ndarray]] | None:
-        """Sum the products of each row's structurally non-zero entries, and y, beyond the working precision.
+        """Sum the products of each row's structurally non-zero entries, and y, beyond the working
+        precision.
 
         The matrix itself, the first output, is never stored.
 
-        entries: products in all: those of the lower triangle of each row's matrix, row after row; rounded:
-        whether values may be rounded to 51 bits below the largest of their column, which is nearly twice as
-        fast where the processor multiplies integers. The products of what is rounded are exact.
+        entries: products in all: those of the lower triangle of each row's matrix, row after row;
+        rounded: whether values may be rounded to 51 bits below the largest of their column, which
+        is nearly twice as fast where the processor multiplies integers. The products of what is
+        rounded are exact.
 
         Returns hi and lo, (entries, lanes) each, of parts of the samples; the sum over parts and
         lanes is hi + lo. None where the engine has no such sum.
@@ -117,7 +122,8 @@ class Kernel:
     def check(self, arrays: Sequence[np.ndarray]) -> tuple[list[np.ndarray], int]:
         """Return contiguous arrays of the inputs' shapes, and the number of samples.
 
-        Raises a ValueError if an array's shape is not the input's, or the numbers of samples differ.
+        Raises a ValueError if an array's shape is not the input's, or the numbers of samples
+        differ.
         """
         if len(arrays) != len(self.program.inputs):
             names = ", ".join(name for name, _ in self.program.inputs)
@@ -145,8 +151,8 @@ def compile(
 ) -> Kernel:
     """Make a kernel of a CasADi SX function.
 
-    engine: ``"c"``, ``"numpy"``, or None for the fastest that this machine has; shared: names of inputs that are
-    the same for all samples.
+    engine: ``"c"``, ``"numpy"``, or None for the fastest that this machine has; shared: names of
+    inputs that are the same for all samples.
 
     Raises a KernelError if there is no engine of that name, or "c" is asked for and cannot be had.
     """
@@ -156,8 +162,8 @@ def compile(
 def make(program: Program, engine: str | None = None, shared: Sequence[str] = ()) -> Kernel:
     """Make a kernel of a program; see :func:`compile`.
 
-    engine: "c", "numpy", or None for the faster one that this machine has; shared: arguments that have one value
-    for all samples.
+    engine: "c", "numpy", or None for the faster one that this machine has; shared: arguments that
+    have one value for all samples.
     """
     return Kernel(program, _choose(program, engine, shared), shared)
 
@@ -184,9 +190,10 @@ def _say_once(reason: str) -> None:
 
 
 def emit_c(function: casadi.Function | Program, name: str) -> str:
-    """Return C source of ``static inline void name(const double* in, double* out)``, one sample a call.
+    """Return C source of ``static inline void name(const double* in, double* out)``, one sample a
+    call.
 
-    `in` holds all inputs of `function` one after another; `out` its outputs, dense, matrices row by row. Put a loop
-    around it in C and give both to :func:`build`.
+    `in` holds all inputs of `function` one after another; `out` its outputs, dense, matrices row by
+    row. Put a loop around it in C and give both to :func:`build`.
     """
     return emit_scalar(function if isinstance(function, Program) else from_casadi(function), name)

@@ -1,4 +1,5 @@
-"""A loop written in C around a step that is printed: recursions over samples and integrators are compiled this way."""
+"""A loop written in C around a step that is printed: recursions over samples and integrators are
+compiled this way."""
 
 from __future__ import annotations
 
@@ -19,10 +20,10 @@ def build_loop(
 ) -> ctypes.CDLL:
     """Compile a loop and its step to one library, in which the compiler inlines the step.
 
-    step: what is evaluated once a pass, for one sample; name: under which `loop` calls it: ``name(const double* in,
-    double* out)``, all inputs of `step` one after another, and all outputs, dense, matrices row by row; loop: C
-    source, with functions that are not static for the caller; sizes: integer constants of `loop`, defined before
-    it.
+    step: what is evaluated once a pass, for one sample; name: under which `loop` calls it:
+    ``name(const double* in, double* out)``, all inputs of `step` one after another, and all
+    outputs, dense, matrices row by row; loop: C source, with functions that are not static for the
+    caller; sizes: integer constants of `loop`, defined before it.
 
     Raises a KernelError if there is no compiler, or it refuses the source.
     """

@@ -1,4 +1,5 @@
-"""Programs run by numpy, one operation over a chunk of samples at a time: for machines without a compiler."""
+"""Programs run by numpy, one operation over a chunk of samples at a time: for machines without a
+compiler."""
 
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
@@ -16,7 +17,8 @@ _Places = list[tuple[int, int]]  # number of the output, column in it
 
 
 class _Step(NamedTuple):
-    """An operation, the registers it takes and that of its result, and where in the outputs this goes."""
+    """An operation, the registers it takes and that of its result, and where in the outputs this
+    goes."""
 
     ufunc: Callable[..., np.ndarray]
     arguments: tuple[np.ndarray, ...]
@@ -25,7 +27,8 @@ class _Step(NamedTuple):
 
 
 class _Load(NamedTuple):
-    """An element of an input, the register or constant that holds it, and where in the outputs it goes."""
+    """An element of an input, the register or constant that holds it, and where in the outputs it
+    goes."""
 
     input: int
     element: int
@@ -74,10 +77,11 @@ class NumpyEngine:
     def run(
         self, arrays: Sequence[np.ndarray], outputs: Sequence[np.ndarray], *, fresh: bool
     ) -> None:
-        """Fill `outputs` (N, size) from `arrays`: (N, k), or (k,) where shared; `fresh` ones hold zeros.
+        """Fill `outputs` (N, size) from `arrays`: (N, k), or (k,) where shared; `fresh` ones hold
+        zeros.
 
-        arrays: (N, k) values of each argument; (k,) where it is shared by all samples; outputs: (N, size) each,
-        to be filled.
+        arrays: (N, k) values of each argument; (k,) where it is shared by all samples; outputs: (N,
+        size) each, to be filled.
         """
         for out in () if fresh else outputs:
             out.fill(0.0)
@@ -105,7 +109,8 @@ class NumpyEngine:
 
 
 class _BoundProgram:
-    """Memory for the values of `width` samples, with a program's operations bound to it; for one thread at a time."""
+    """Memory for the values of `width` samples, with a program's operations bound to it; for one
+    thread at a time."""
 
     def __init__(
         self, program: Program, uniform: np.ndarray, registers: np.ndarray, count: int, width: int
@@ -151,7 +156,8 @@ class _BoundProgram:
         for value, places in self._constants:
             for number, place in places:
                 outputs[number][start:stop, place] = value
-        # Both sides of a branch are computed: what is wrong on the one not taken is nobody's business.
+        # Both sides of a branch are computed: what is wrong on the one not taken is nobody's
+        # business.
         with np.errstate(all="ignore"):
             for first in range(start, stop, self._width):
                 self._run_chunk(arrays, outputs, slice(first, min(first + self._width, stop)))
@@ -185,7 +191,8 @@ def _allocate(program: Program, uniform: np.ndarray) -> tuple[np.ndarray, int]:
         ends.setdefault(int(last[k]), []).append(k)
     registers = np.full(len(program), -1)
     count = int(is_input.sum())
-    # Inputs are loaded before the first operation, so no register that an operation writes may be theirs.
+    # Inputs are loaded before the first operation, so no register that an operation writes may be
+    # theirs.
     registers[is_input] = np.arange(count)
     free: list[int] = []
     for k in range(len(program)):

@@ -1,7 +1,9 @@
-"""Work shared out among the cores by threads: it is done in NumPy, SciPy and compiled code, which let threads run.
+"""Work shared out among the cores by threads: it is done in NumPy, SciPy and compiled code, which
+let threads run.
 
-There is one pool, whose threads share nothing out themselves. Work that none of them has begun by the time the calling
-thread has nothing else to do is done by that one: nobody waits for a pool that is busy with something else.
+There is one pool, whose threads share nothing out themselves. Work that none of them has begun by
+the time the calling thread has nothing else to do is done by that one: nobody waits for a pool that
+is busy with something else.
 """
 
 import os
@@ -18,7 +20,8 @@ Result = TypeVar("Result")
 
 # Below this many samples a second thread costs more than it saves.
 _WORTH_A_THREAD = 2048
-# Parts this long are worth sharing out more finely, for threads that the rest of the machine delays.
+# Parts this long are worth sharing out more finely, for threads that the rest of the machine
+# delays.
 _WORTH_A_PART = 16384
 _PARTS_A_THREAD = 4
 # Parts begin on multiples of this many samples, so that outputs of theirs begin on cache lines.
@@ -30,7 +33,8 @@ _OF_POOL = threading.local()
 
 
 def threads() -> int:
-    """Cores this thread may share work out to: OMP_NUM_THREADS bounds them, and there is one within shared work."""
+    """Cores this thread may share work out to: OMP_NUM_THREADS bounds them, and there is one within
+    shared work."""
     if getattr(_OF_POOL, "value", False):
         return 1
     available = (
@@ -41,7 +45,8 @@ def threads() -> int:
 
 
 def in_chunks(samples: int, work: Callable[[int, int], None]) -> None:
-    """Call `work(start, stop)` for parts of the samples on all threads, this one included; each takes the next part."""
+    """Call `work(start, stop)` for parts of the samples on all threads, this one included; each
+    takes the next part."""
     count = min(threads(), max(1, samples // _WORTH_A_THREAD))
     if count == 1:
         work(0, samples)
@@ -52,10 +57,12 @@ def in_chunks(samples: int, work: Callable[[int, int], None]) -> None:
 
 
 def share_out(work: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
-    """Return `work(item)` of all items, in their order, by all threads, this one included; each takes the next item.
+    """Return `work(item)` of all items, in their order, by all threads, this one included; each
+    takes the next item.
 
-    It pays where NumPy, BLAS, transforms and kernels let go of the interpreter for most of the time. Results do not
-    depend on the threads. After an error nothing further is begun; of several that fail, any one's is raised.
+    It pays where NumPy, BLAS, transforms and kernels let go of the interpreter for most of the
+    time. Results do not depend on the threads. After an error nothing further is begun; of several
+    that fail, any one's is raised.
 
     work: of one item. What it reads must not be changed by another's.
     """
@@ -83,7 +90,8 @@ def share_out(work: Callable[[Item], Result], items: Iterable[Item]) -> list[Res
 
 
 def ahead(work: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
-    """Yield `work(item)` of all items, in their order; the other threads work on the next ones meanwhile.
+    """Yield `work(item)` of all items, in their order; the other threads work on the next ones
+    meanwhile.
 
     The error of an item comes in its turn, as without threads.
     """
@@ -105,14 +113,16 @@ def ahead(work: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Res
 
 
 class _Task(Generic[Result]):
-    """A call that the pool of so many threads makes, or whoever wants its result before the pool has come to it.
+    """A call that the pool of so many threads makes, or whoever wants its result before the pool
+    has come to it.
 
-    The pool, which may be busy, holds on to the list of calls alone: a call that is done or dropped lets go of its
-    arguments at once.
+    The pool, which may be busy, holds on to the list of calls alone: a call that is done or dropped
+    lets go of its arguments at once.
     """
 
     def __init__(self, call: Callable[[], Result], pool: int) -> None:
-        # What is wrong in it is as wrong there as in the caller's thread: NumPy keeps that in the context.
+        # What is wrong in it is as wrong there as in the caller's thread: NumPy keeps that in the
+        # context.
         self._calls: list[Callable[[], Result]] = [partial(copy_context().run, call)]
         self._future: Future[Result | None] = _pool(pool).submit(_made, self._calls)
 

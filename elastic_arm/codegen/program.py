@@ -1,4 +1,5 @@
-"""A function as a straight-line list of operations: value-numbered, pruned, saved and loaded without CasADi."""
+"""A function as a straight-line list of operations: value-numbered, pruned, saved and loaded
+without CasADi."""
 
 from __future__ import annotations
 
@@ -38,7 +39,8 @@ _COMMUTATIVE = {"add", "mul", "fmin", "fmax", "hypot", "eq", "ne", "and", "or"}
 
 @dataclass(frozen=True, eq=False)
 class Output:
-    """One output: its dense shape, and which values stand at which places of it (row by row); the rest is zero."""
+    """One output: its dense shape, and which values stand at which places of it (row by row); the
+    rest is zero."""
 
     name: str
     shape: tuple[int, int]
@@ -57,8 +59,8 @@ class Program:
 
     inputs: tuple[tuple[str, int], ...]  # names and sizes
     outputs: tuple[Output, ...]  # see :class:`Output`
-    # op, a, b: (K,) int, Code (:data:`CODES`) and operands: values, or for a leaf ``input`` its input's index and
-    # element
+    # op, a, b: (K,) int, Code (:data:`CODES`) and operands: values, or for a leaf ``input`` its
+    # input's index and element
     op: np.ndarray
     a: np.ndarray
     b: np.ndarray
@@ -68,7 +70,8 @@ class Program:
         return len(self.op)
 
     def uniform(self, shared: Iterable[str]) -> np.ndarray:
-        """(K,) bool: values that no sample changes, because they come from constants and `shared` inputs alone."""
+        """(K,) bool: values that no sample changes, because they come from constants and `shared`
+        inputs alone."""
         is_shared = np.array([name in set(shared) for name, _ in self.inputs])
         result = np.zeros(len(self), dtype=bool)
         for k, (code, a, b) in enumerate(
@@ -82,7 +85,8 @@ class Program:
         return result
 
     def columns(self, output: str, columns: Sequence[int]) -> Program:
-        """Return the program with only these columns of matrix `output`, and no operation that they do not need."""
+        """Return the program with only these columns of matrix `output`, and no operation that they
+        do not need."""
         position = {int(c): k for k, c in enumerate(columns)}
         changed = []
         for out in self.outputs:
@@ -215,7 +219,8 @@ def _casadi_names() -> dict[int, str]:
 
 
 def from_casadi(function: casadi.Function) -> Program:
-    """Read the operations of an SX function with dense inputs; outputs may be sparse, vectors or matrices."""
+    """Read the operations of an SX function with dense inputs; outputs may be sparse, vectors or
+    matrices."""
     names = _casadi_names()
     builder = _Builder()
     work: dict[int, int] = {}

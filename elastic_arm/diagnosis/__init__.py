@@ -1,4 +1,5 @@
-"""The gap between a recording and a model: where it lies, which effect causes it, how far it shrinks, what next.
+"""The gap between a recording and a model: where it lies, which effect causes it, how far it
+shrinks, what next.
 
     from elastic_arm.diagnosis import Question, diagnose
 

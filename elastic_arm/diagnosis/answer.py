@@ -83,7 +83,8 @@ def diagnose(
     *,
     watch: Watch | None = None,
 ) -> Diagnosis:
-    """Find where recordings and model differ, which effects cause it, and how far the gap shrinks with them.
+    """Find where recordings and model differ, which effects cause it, and how far the gap shrinks
+    with them.
 
     Parameters
     ----------
@@ -94,12 +95,14 @@ def diagnose(
     validate
         What judges them; the last third of the recordings where none is given.
     watch
-        Who is told of the stages, and may end the search; it then gives the best answer that it has.
+        Who is told of the stages, and may end the search; it then gives the best answer that it
+        has.
 
     Raises
     ------
     DiagnosisError
-        If the recordings allow no diagnosis: no torque, no motion, too short, validation equal to identification data.
+        If the recordings allow no diagnosis: no torque, no motion, too short, validation equal to
+        identification data.
     RecordingError
         If a recording lacks a joint, is something else, or holds numbers of no arm.
     """
@@ -128,7 +131,8 @@ class Answer:
     question: Question  # what was asked
     which: int = JUDGING  # the part of the recordings that is looked at
     by_all: bool = False  # whether sizes are those by all recordings, not by the fitted ones alone
-    # what was likely by the fit and gains nothing on the recordings that judge, with its share there
+    # what was likely by the fit and gains nothing on the recordings that judge, with its share
+    # there
     refused: tuple[tuple[Name, float | None], ...] = ()
     confirmations: Mapping[Key, Confirmation] = field(
         default_factory=dict
@@ -168,7 +172,8 @@ class Answer:
         return replace(linear, problem=problem, which=self.which, near=None)
 
     def events(self) -> tuple[Event, ...]:
-        """Return the stretches of recordings that the rest of each contradicts, in what effects and numbers leave."""
+        """Return the stretches of recordings that the rest of each contradicts, in what effects and
+        numbers leave."""
         # What the recordings that judge tell of sizes is no event.
         whole = replace(self, by_all=True, prepared=self.prepared.without(()))
         looks = replace(whole, which=FITTED), whole
@@ -190,7 +195,8 @@ class Answer:
 
     @cached_property
     def _numbers(self) -> tuple[Array, Array]:
-        """All numbers and the ordinary part of them, (K,), zeros of the judging recordings fitted on these."""
+        """All numbers and the ordinary part of them, (K,), zeros of the judging recordings fitted
+        on these."""
         linear, fit = self.explanation.linear, self.best
         total = linear.values + fit.numbers
         ordinary = total - fit.far_off
@@ -224,7 +230,8 @@ class Answer:
         return np.ones(1) if term.feature.fixed else self.best.beta(term)[: term.linear]
 
     def _added(self, term: Term, *, stated: bool = False) -> list[Array]:
-        """Return what a term adds to the residuals (N', R) of each stretch that judges, Nm; or what is stated of it."""
+        """Return what a term adds to the residuals (N', R) of each stretch that judges, Nm; or what
+        is stated of it."""
         if term.kind == "number":
             return [X @ self.best.beta(term) for X in self._columns(term)]
         if term.kind == CHANGE:
@@ -259,13 +266,15 @@ class Answer:
 
     @cached_property
     def _described(self) -> Array:
-        """How far the description is from where the residuals are made (K,), in columns: they are linear in ratios."""
+        """How far the description is from where the residuals are made (K,), in columns: they are
+        linear in ratios."""
         numbers = zip(self.prepared.problem.numbers, self.explanation.linear.values, strict=True)
         return np.array([(p.neutral - p.value(x)) / p.slope(x) for p, x in numbers])
 
     @cached_property
     def _shares(self) -> Array:
-        """What a standard deviation changes (K,), in columns, between the description and where the numbers are."""
+        """What a standard deviation changes (K,), in columns, between the description and where the
+        numbers are."""
         total = self._numbers[0]
         way = total - self.explanation.linear.values - self._described
         return np.where(total == 0.0, 1.0, way / np.where(total == 0.0, 1.0, total))
@@ -277,7 +286,8 @@ class Answer:
 
     @cached_property
     def before(self) -> list[Array]:
-        """Residuals (N', R) of each stretch of the description, known effects in it; refitted where that was asked."""
+        """Residuals (N', R) of each stretch of the description, known effects in it; refitted where
+        that was asked."""
         ordinary = self._numbers[1]
         at = ordinary if self.question.refit else np.where(self._of_one, ordinary, 0.0)
         step = self._described + self._shares * at
@@ -336,7 +346,8 @@ class Answer:
         return self._with(best.model.fit(without(best, term), best))
 
     def confirmed(self) -> Answer:
-        """Return the answer without the causes that gain nothing on the recordings that judge, the worst first."""
+        """Return the answer without the causes that gain nothing on the recordings that judge, the
+        worst first."""
         answer = self
         while True:
             best = answer.explanation.best
@@ -385,12 +396,14 @@ class Answer:
         ]
 
     def causes(self) -> list[tuple[Cause, list[Array]]]:
-        """Return the effects that are likelier there than not, most important first, each with what it leaves alone."""
+        """Return the effects that are likelier there than not, most important first, each with what
+        it leaves alone."""
         found = []
         names = dict.fromkeys(
             _name(k) for _, fit in self.sets for k in fit.keys if k[0] not in (LAW, CHANGE)
         )
-        # One that the recording does not tell from others is there where they are together likelier than not.
+        # One that the recording does not tell from others is there where they are together likelier
+        # than not.
         best = {_name(k) for k in self.best.keys}
         refused = {name for name, _ in self.refused} - best
         for name in (name for name in names if name not in refused):
@@ -401,7 +414,8 @@ class Answer:
         return [self._mounted(found), *found] if self.prepared.mounting is not None else found
 
     def _mounted(self, found: list[tuple[Cause, list[Array]]]) -> tuple[Cause, list[Array]]:
-        """Return the tilt of an arm that is mounted otherwise than described, with what was found beside it."""
+        """Return the tilt of an arm that is mounted otherwise than described, with what was found
+        beside it."""
         mounting, effect = self.prepared.mounting, EFFECTS[TILT]
         assert mounting is not None
         rest = next((one for one in found if one[0].effect == TILT), None)
@@ -483,7 +497,8 @@ class Answer:
         return cause, alone
 
     def _instead(self, name: Name) -> dict[Name, float]:
-        """Return the probabilities of what is there in the sets without a cause and not in the most probable one."""
+        """Return the probabilities of what is there in the sets without a cause and not in the most
+        probable one."""
         best = {_name(k) for k in self.best.keys}
         found: dict[Name, float] = {}
         for p, fit in self.sets:
@@ -494,7 +509,8 @@ class Answer:
         return found
 
     def _alternatives(self, name: Name, term: Term) -> Iterator[Alternative]:
-        """Yield what is there in the sets without a cause and not in the most probable one, most probable first."""
+        """Yield what is there in the sets without a cause and not in the most probable one, most
+        probable first."""
         found = self._instead(name)
         words = {c.effect: c.separated_by for c in term.feature.effect.confusions}
         for other, p in sorted(found.items(), key=lambda one: -one[1]):
@@ -522,10 +538,11 @@ class Answer:
         ]
 
     def open_rows(self) -> list[int]:
-        """Return the residuals that keep more power than their sensors may have as noise, and much of their own gap.
+        """Return the residuals that keep more power than their sensors may have as noise, and much
+        of their own gap.
 
-        Either in the recordings that were fitted, where what is left follows a motion; or in those that judge, where
-        causes act and more is left than the noise that the fit has found.
+        Either in the recordings that were fitted, where what is left follows a motion; or in those
+        that judge, where causes act and more is left than the noise that the fit has found.
         """
         model, data = self.best.model, self.judging.data
         fitted, judging = model.bands, Bands(data)
@@ -543,7 +560,8 @@ class Answer:
             n, m = float(fitted.n[own].sum()), float(judging.n[other].sum())
             if not n or not m:
                 continue
-            # Mean powers, in those of the sensors' noise: without any term, with those of the best set, of the causes.
+            # Mean powers, in those of the sensors' noise: without any term, with those of the best
+            # set, of the causes.
             first, left = (float(power[own].sum()) / n - 1.0 for power in of_fitted)
             before, after, moved = (float(power[other].sum()) / m for power in of_judging)
             follows = left > max(NOISY, LEFT * first) and _is_structured(
@@ -612,9 +630,11 @@ class Answer:
             share = self._whitened_share()
         data, names = self.judging.data, problem.robot.joint_names
         live = problem.layout.live
-        named = lambda values: {
-            p: float(v) for p, v, there in zip(self.places, values, live, strict=True) if there
-        }  # noqa: E731
+
+        def named(values: Array) -> dict[tuple[str, str], float]:
+            rows = zip(self.places, values, live, strict=True)
+            return {place: float(value) for place, value, there in rows if there}
+
         noise, over = named(np.sqrt(before.noise.sum(axis=1))), named(after.rmse)
         left = {place[0] for place, size in over.items() if size > SURE * noise[place]}
         ratios = [self._gear_ratios(row) for row in range(len(self.places))]
@@ -675,7 +695,8 @@ class Answer:
     def _notes(
         self, laws: Sequence[tuple[float, Term]], rows: Sequence[int], left: Set[str]
     ) -> Iterator[str]:
-        """Yield what the reader should know besides: of laws, of rows that are open, and of joints that keep much."""
+        """Yield what the reader should know besides: of laws, of rows that are open, and of joints
+        that keep much."""
         prepared, problem = self.prepared, self.prepared.problem
         if not self.explanation.is_whole:
             yield UNFINISHED
@@ -696,7 +717,8 @@ class Answer:
             yield REPEATED_MOTION
 
     def _whitened_share(self) -> float:
-        """Return the share of the whitened power over the noise that is gone, where no octave shows a gap by itself."""
+        """Return the share of the whitened power over the noise that is gone, where no octave shows
+        a gap by itself."""
         model, fit = self.best.model, self.best
         empty = model.fit(())
         first, left = (
@@ -736,8 +758,9 @@ def _slow(bands: Bands, row: int) -> NDArray[np.bool_]:
 def _is_structured(bands: Bands, white: Array, among: NDArray[np.bool_]) -> bool:
     """Whether what is left in some bands of whitened rows is likelier of a motion than noise.
 
-    Noise spreads its power p over the harmonics of an octave exponentially, p(p) = exp(-p/m)/m; what follows a
-    motion has much of it in few, p(p) = s/(s + p)². Each is taken at its most probable m and s.
+    Noise spreads its power p over the harmonics of an octave exponentially, p(p) = exp(-p/m)/m;
+    what follows a motion has much of it in few, p(p) = s/(s + p)². Each is taken at its most
+    probable m and s.
     """
     power = np.sum(white.reshape(-1, 2) ** 2, axis=1)
     of_pairs, odds = bands.of_rows[::2], 0.0

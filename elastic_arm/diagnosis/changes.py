@@ -17,7 +17,8 @@ from elastic_arm.evidence.term import Term
 
 
 def changes_between(explanation: Explanation, problem: Problem) -> tuple[Change, ...]:
-    """Return the causes and known effects whose size is likelier not the same in all recordings that were fitted."""
+    """Return the causes and known effects whose size is likelier not the same in all recordings
+    that were fitted."""
     found = []
     for term in (t for t in explanation.best.optional if t.kind == CHANGE):
         probability = explanation.search.probability(partial(eq, term.key))
@@ -28,7 +29,8 @@ def changes_between(explanation: Explanation, problem: Problem) -> tuple[Change,
 
 @dataclass(frozen=True)
 class SizedTerm:
-    """A term's size in each recording: values and standard deviations (n,), and covariance (n, n)."""
+    """A term's size in each recording: values and standard deviations (n,), and covariance (n,
+    n)."""
 
     effect: str
     joint: str | None

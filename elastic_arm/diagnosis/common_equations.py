@@ -14,8 +14,8 @@ from elastic_arm.robot import Robot
 ONE_ENCODER = (
     5.0  # Hz; above it the deflection that a single encoder does not show changes the motion
 )
-# Of a band's edge, Hz, times the length of a stretch, s: below, its filters leave too little. They take 4.2 and 3.6
-# over the edge; half of what the first leaves must be longer than the second.
+# Of a band's edge, Hz, times the length of a stretch, s: below, its filters leave too little. They
+# take 4.2 and 3.6 over the edge; half of what the first leaves must be longer than the second.
 NARROW = 12.0
 
 
@@ -43,8 +43,8 @@ def common_band(
 ) -> Band:
     """Return the band in which residuals are compared.
 
-    torque_band: hz, from which on torques were low-passed before they were recorded: above, they are not those of
-    the motion.
+    torque_band: hz, from which on torques were low-passed before they were recorded: above, they
+    are not those of the motion.
     """
     widest = min(widest_band(rate), torque_band)
     return Band(min(widest, ONE_ENCODER) if has_one_encoder(layout, model.robot) else widest, rate)

@@ -1,6 +1,8 @@
-"""A real and a simulated recording of the same commands: which effects are in one and not in the other.
+"""A real and a simulated recording of the same commands: which effects are in one and not in the
+other.
 
-Both are diagnosed against one model, and the effects found in either are compared by probability and size.
+Both are diagnosed against one model, and the effects found in either are compared by probability
+and size.
 """
 
 from collections.abc import Mapping
@@ -19,13 +21,15 @@ from elastic_arm.evidence.priors import LISTED
 from elastic_arm.recording import Recording
 from elastic_arm.recording.inspection.differences import RecordingDifference
 
-ALIKE = 2.0  # standard deviations within which two sizes are one (contract: a size within two is nothing)
+# standard deviations within which two sizes are one (contract: a size within two is nothing)
+ALIKE = 2.0
 Name = tuple[str, str | None]  # effect and joint
 
 
 @dataclass(frozen=True)
 class SizeFound:
-    """An effect in one recording: how probably it is there, and its size where any set that was met holds it."""
+    """An effect in one recording: how probably it is there, and its size where any set that was met
+    holds it."""
 
     probability: float
     parameters: Mapping[str, ParameterEstimate]
@@ -100,7 +104,8 @@ class SimulationComparison:
     effects: tuple[ComparedEffect, ...]  # those found in either, most important first
 
     def rows(self) -> list[list[str]]:
-        """Return effect, place, in which recording, and its size in the real and in the simulated one, as text."""
+        """Return effect, place, in which recording, and its size in the real and in the simulated
+        one, as text."""
         words = {"real": "the real one alone", "simulated": "the simulated one alone"}
         return [
             [
@@ -174,7 +179,8 @@ def _finding(found: Diagnosis, name: Name) -> SizeFound:
 
 
 def _apart(one: ParameterEstimate, other: ParameterEstimate) -> float:
-    """Return the largest distance of two estimates, in standard deviations; none where a deviation is not known."""
+    """Return the largest distance of two estimates, in standard deviations; none where a deviation
+    is not known."""
     if one.std is None or other.std is None:
         return 0.0
     values, stds = (

@@ -3,11 +3,12 @@
     nats = ln p(y' | y, S) - ln p(y' | y, S without it)
     share = sum over its places of (e(S without it) - e(S)) / max(e(S without it), e(described))
 
-with y the rows that are fitted, y' those that judge, and e the power over the sensors' noise, in that noise, that a
-residual keeps on the recordings that judge with sizes of the fitted ones. A cause that gains no likelihood there is
-none: its law fits one recording. The share alone decides nothing: what ordinary numbers can take over, at the price of
-their priors, leaves as small a gap. Where numbers beyond their ordinary deviations take over, they predict as well as
-the cause: it stays unless it loses, as the description is wrong in either case and the prior has weighed both.
+with y the rows that are fitted, y' those that judge, and e the power over the sensors' noise, in
+that noise, that a residual keeps on the recordings that judge with sizes of the fitted ones. A
+cause that gains no likelihood there is none: its law fits one recording. The share alone decides
+nothing: what ordinary numbers can take over, at the price of their priors, leaves as small a gap.
+Where numbers beyond their ordinary deviations take over, they predict as well as the cause: it
+stays unless it loses, as the description is wrong in either case and the prior has weighed both.
 """
 
 from dataclasses import dataclass
@@ -39,12 +40,14 @@ class Confirmation:
 
     @property
     def confirms(self) -> bool:
-        """Whether it has a size and gains likelihood, or loses none where numbers that are far off stand for it."""
+        """Whether it has a size and gains likelihood, or loses none where numbers that are far off
+        stand for it."""
         return self.has_size and self.nats > (-WORTH if self.taken_over else 0.0)
 
 
 def has_size(fit: Fit, term: Term) -> bool:
-    """Whether the size of a term of a fit is beyond two deviations of none, all its coefficients together."""
+    """Whether the size of a term of a fit is beyond two deviations of none, all its coefficients
+    together."""
     if not term.linear:
         return True  # its size is known
     own = slice(term.linear)
@@ -54,7 +57,8 @@ def has_size(fit: Fit, term: Term) -> bool:
 
 
 def takes_over(ordinary: Array, without: Array) -> bool:
-    """Whether a number (K,) is beyond its ordinary deviations without a cause, and within them beside it."""
+    """Whether a number (K,) is beyond its ordinary deviations without a cause, and within them
+    beside it."""
     return bool(np.any((np.abs(without) > ORDINARY) & (np.abs(ordinary) <= ORDINARY)))
 
 
@@ -66,8 +70,9 @@ def held_out(fit: Fit) -> float:
 def share_without(before: Gap, after: Gap, without: Gap, own: Gap) -> float | None:
     """Return the share of the gap that comes back where a cause is taken out.
 
-    before, after, without: gaps as described, of the set, and of the set without the cause; own: what the cause adds
-    to the residuals. Its places are those at which that is more than the noise, or where it is most.
+    before, after, without: gaps as described, of the set, and of the set without the cause; own:
+    what the cause adds to the residuals. Its places are those at which that is more than the noise,
+    or where it is most.
     """
     noise = before.noise.sum(axis=1)
     size = own.power.sum(axis=1) / noise

@@ -29,7 +29,8 @@ class DiagnosisContext:
     regimes: Sequence[
         dict[str, float]
     ]  # (R,) share of each residual's power that follows each regime, before
-    # known, unseen: what counted as part of the model, and known effects that act in no recorded equation
+    # known, unseen: what counted as part of the model, and known effects that act in no recorded
+    # equation
     known: tuple[EffectInstance, ...]
     unseen: tuple[EffectInstance, ...]
     held_back: bool  # whether the last third of each recording judged
@@ -40,7 +41,8 @@ class DiagnosisContext:
         return self.judging.data
 
     def over_time(self, recording: int) -> tuple[Array, Array, Array]:
-        """Return times (N') s from where a recording begins to judge, and its residuals (N', R) before and after."""
+        """Return times (N') s from where a recording begins to judge, and its residuals (N', R)
+        before and after."""
         own = [k for k, part in enumerate(self.validate.parts) if part.recording == recording]
         t = np.concatenate([self.validate.parts[k].stretch.t for k in own])
         return (
@@ -66,7 +68,8 @@ class DiagnosisContext:
         return self.found.observed
 
     def moved(self, samples: int) -> tuple[Array, Array, Array]:
-        """Return angles, rates and accelerations (at most about `samples`, n) of the recordings that judge, rad, s."""
+        """Return angles, rates and accelerations (at most about `samples`, n) of the recordings
+        that judge, rad, s."""
         quiet = [part.stretch.quiet for part in self.validate.parts]
         every = max(1, sum(len(one.t) for one in quiet) // samples)
         q, dq, ddq = (

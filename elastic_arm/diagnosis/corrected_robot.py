@@ -14,10 +14,12 @@ from elastic_arm.sensors import Sensors
 
 
 def repaired_robot(robot: Robot, diagnosis: Diagnosis, taken_back: Collection[str] = ()) -> Robot:
-    """Return the arm with its numbers where they were found, the causes, and what was known at the sizes found.
+    """Return the arm with its numbers where they were found, the causes, and what was known at the
+    sizes found.
 
-    What a model variant has is left out: take that variant. An ordinary drift is left out, too: it is of the recording,
-    and a simulated zero would run away with it. taken_back: joints, and effects of the whole arm, as described.
+    What a model variant has is left out: take that variant. An ordinary drift is left out, too: it
+    is of the recording, and a simulated zero would run away with it. taken_back: joints, and
+    effects of the whole arm, as described.
     """
     context = diagnosis.context
     written = [
@@ -36,7 +38,8 @@ def repaired_robot(robot: Robot, diagnosis: Diagnosis, taken_back: Collection[st
 
 
 def units_of(diagnosis: Diagnosis) -> tuple[str, ...]:
-    """Return what of a correction can be taken back: each joint, and each cause of the whole arm."""
+    """Return what of a correction can be taken back: each joint, and each cause of the whole
+    arm."""
     whole = [cause.effect for cause in diagnosis.causes if cause.joint is None]
     return (*diagnosis.joints, *whole)
 
@@ -52,7 +55,8 @@ def _drifts(instance: EffectInstance) -> bool:
 
 
 def deviations(diagnosis: Diagnosis) -> dict[tuple[str, str | None, str], float]:
-    """Return the standard deviations of the causes' scalar parameters, by effect, joint and parameter."""
+    """Return the standard deviations of the causes' scalar parameters, by effect, joint and
+    parameter."""
     return {
         (cause.effect, cause.joint, name): float(estimate.std)
         for cause in diagnosis.causes

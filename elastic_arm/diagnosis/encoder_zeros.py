@@ -1,7 +1,8 @@
 """Zeros of link encoders that differ from recording to recording.
 
-An encoder that is referenced anew at each start has a zero of its own in each recording. It shows as a constant between
-the two angles of a joint that differs by more than any load could wind the drive.
+An encoder that is referenced anew at each start has a zero of its own in each recording. It shows
+as a constant between the two angles of a joint that differs by more than any load could wind the
+drive.
 """
 
 from collections.abc import Sequence
@@ -14,11 +15,13 @@ from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.recording import Recording
 from elastic_arm.robot import Robot
 
-BEYOND_LOAD = 2.0  # times the deflection under the largest torque or weight: loads of both signs differ by as much
+# times the deflection under the largest torque or weight: loads of both signs differ by as much
+BEYOND_LOAD = 2.0
 
 
 def with_common_zeros(recordings: Sequence[Recording], robot: Robot) -> list[Recording]:
-    """Take out the zeros of link encoders that are not the same in all recordings; notes state them.
+    """Take out the zeros of link encoders that are not the same in all recordings; notes state
+    them.
 
     robot: its description: the stiffness of the drives is taken from it.
     """
@@ -46,9 +49,11 @@ def _has_both_encoders(recording: Recording) -> bool:
 
 
 def _zeros(recording: Recording, stiffness: Array, equations: ArmEquations) -> tuple[Array, Array]:
-    """Return the zeros (n,) rad of the link encoders beside the motors', and the largest torques (n,) Nm.
+    """Return the zeros (n,) rad of the link encoders beside the motors', and the largest torques
+    (n,) Nm.
 
-    The lag of one encoder, in proportion to speed, and the deflection under the mean torque are no part of it.
+    The lag of one encoder, in proportion to speed, and the deflection under the mean torque are no
+    part of it.
     """
     samples = recording.samples()
     assert samples.q is not None and samples.theta is not None
@@ -81,6 +86,6 @@ def _shifted(recording: Recording, zeros: Array, notes: tuple[str, ...]) -> Reco
 def _note(joint: str, zeros: Array) -> str:
     sizes = ", ".join(f"{1e3 * zero:.3g}" for zero in zeros)
     return (
-        f"The zero of the link encoder of {joint} is not the same in all recordings ({sizes} mrad against the motor "
-        "encoder, in their order): each recording's own is taken out."
+        f"The zero of the link encoder of {joint} is not the same in all recordings ({sizes} mrad"
+        " against the motor encoder, in their order): each recording's own is taken out."
     )

@@ -1,4 +1,5 @@
-"""Sizes of causes and numbers from the posterior: means and deviations over the sets that hold them."""
+"""Sizes of causes and numbers from the posterior: means and deviations over the sets that hold
+them."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -19,7 +20,8 @@ STEP = 1e-4  # of a standard deviation, for derivatives of parameters by coeffic
 
 @dataclass(frozen=True)
 class ParameterEstimate:
-    """A parameter with its standard deviation (None: not determined); several numbers for a vector."""
+    """A parameter with its standard deviation (None: not determined); several numbers for a
+    vector."""
 
     value: Any
     std: Any
@@ -43,7 +45,8 @@ def estimated(
     if term.kind == "stated":  # what is stated and by how much it is off, together
         (known,) = (t for t in fit.terms if t.kind == "effect" and t.key == term.key)
         rows[:, fit.slices[known.ident]] += np.eye(len(rows))
-    # The scale of the torques that a controller makes is that of its effects, and of laws that are made of masses.
+    # The scale of the torques that a controller makes is that of its effects, and of laws that are
+    # made of masses.
     scaled = term.feature.fixed or isinstance(term.feature.effect, ControllerEffect)
     scale = [
         k
@@ -68,7 +71,8 @@ def estimated(
 
 
 def within(x: Array, covariance: Array, low: Array, high: Array) -> tuple[Array, Array]:
-    """Return mean (k,) and covariance (k, k) of a Gaussian within bounds, one coefficient after the other."""
+    """Return mean (k,) and covariance (k, k) of a Gaussian within bounds, one coefficient after the
+    other."""
     for k in np.flatnonzero(np.isfinite(low) | np.isfinite(high)):
         std = float(np.sqrt(covariance[k, k]))
         mean, variance = truncnorm.stats(
@@ -106,9 +110,10 @@ def _of(
     term: Term, values: Callable[[Array], dict[str, Any]], x: Array, covariance: Array
 ) -> tuple[dict[str, ParameterEstimate], EffectInstance]:
     feature, names = term.feature, term.feature.effect.parameters
-    flat = lambda found: np.concatenate(
-        [np.atleast_1d(np.asarray(found[p.name], dtype=float)) for p in names]
-    )  # noqa: E731
+
+    def flat(found: dict[str, Any]) -> Array:
+        return np.concatenate([np.atleast_1d(np.asarray(found[p.name], float)) for p in names])
+
     here = values(x)
     if not names:
         return {}, EffectInstance(feature.effect, feature.joint, dict(feature.choices))
@@ -159,7 +164,8 @@ def _physical(parameter: Any, value: Any) -> Any:
 def averaged(
     found: Sequence[tuple[float, Mapping[str, ParameterEstimate]]],
 ) -> dict[str, ParameterEstimate]:
-    """Return mean and deviation of parameters over sets, (probability, parameters) each, the most probable first."""
+    """Return mean and deviation of parameters over sets, (probability, parameters) each, the most
+    probable first."""
     weights, result = np.array([w for w, _ in found]), dict(found[0][1])
     for name, first in found[0][1].items():
         values, stds = (

@@ -1,13 +1,16 @@
-"""Events inside a recording: stretches of it that its rest contradicts, as a contact, or a payload that is picked up.
+"""Events inside a recording: stretches of it that its rest contradicts, as a contact, or a payload
+that is picked up.
 
-What effects and numbers leave of a residual, whitened by its sensors' noise, is cut into blocks of n values with
-squares s. Its power ordinarily varies from block to block, as what a model misses does,
+What effects and numbers leave of a residual, whitened by its sensors' noise, is cut into blocks of
+n values with squares s. Its power ordinarily varies from block to block, as what a model misses
+does,
 
     p(s) = Gamma(n/2 + a) / Gamma(a) b^a / (b + s/2)^(n/2 + a)        a, b most probable, b >= a (sensors' noise)
 
-An event is a run of blocks of one power p, any that is larger: p(s) = integral of p^(-n/2) exp(-s/2p) dln p. It pays
-the odds that there is one, at one of so many places, and of so many runs. The most probable runs follow by dynamic
-programming; a torque that no law states acts during them (:class:`.FreeTorques`).
+An event is a run of blocks of one power p, any that is larger: p(s) = integral of p^(-n/2)
+exp(-s/2p) dln p. It pays the odds that there is one, at one of so many places, and of so many runs.
+The most probable runs follow by dynamic programming; a torque that no law states acts during them
+(:class:`.FreeTorques`).
 """
 
 from collections.abc import Iterator, Sequence
@@ -51,7 +54,8 @@ class Blocks(NamedTuple):
 
     begin: Array  # (M,) s
     end: Array
-    values: Array  # (M, R) how many are independent, less those that went with torques that no law states
+    # (M, R) how many are independent, less those that went with torques that no law states
+    values: Array
     white: Array  # (M, R) sums of their squares over the noise
     square: Array  # (M, R) mean squares, Nm²
 
@@ -59,7 +63,8 @@ class Blocks(NamedTuple):
 def blocks_of(
     data: WhitenedData, left: Sequence[Array], recording: int, offset: float
 ) -> Iterator[Blocks]:
-    """Yield what is left (N', R) of each stretch of a recording in blocks, by times that begin at `offset` s."""
+    """Yield what is left (N', R) of each stretch of a recording in blocks, by times that begin at
+    `offset` s."""
     for part, own, share in zip(data.parts, left, data.shares(), strict=True):
         if part.recording != recording:
             continue
@@ -87,7 +92,8 @@ def events_of(
     places: Sequence[tuple[str, str]],
     live: NDArray[np.bool_],
 ) -> list[Event]:
-    """Return the most probable events in the stretches of a recording, by joint and side of each row."""
+    """Return the most probable events in the stretches of a recording, by joint and side of each
+    row."""
     if not stretches:
         return []
     blocks, found = Blocks(*map(np.concatenate, zip(*stretches, strict=True))), []
@@ -102,7 +108,8 @@ def events_of(
 
 
 def runs_of(n: Array, s: Array, places: int) -> Runs:
-    """Return the most probable events among blocks of n (M,) values with squares s (M,), at one of so many places."""
+    """Return the most probable events among blocks of n (M,) values with squares s (M,), at one of
+    so many places."""
     price = float(np.log(places / EVENT) + np.log(len(n) * (len(n) + 1) / 2))
     best: Runs = []
     most, varying = _score(n, s, best, price)

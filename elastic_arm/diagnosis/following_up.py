@@ -10,7 +10,8 @@ from elastic_arm.diagnosis.result import Diagnosis
 
 
 def follow_up(found: Diagnosis, *, rng: np.random.Generator | None) -> Diagnosis:
-    """Return a diagnosis with prediction errors and, where causes are in doubt, a motion that separates them.
+    """Return a diagnosis with prediction errors and, where causes are in doubt, a motion that
+    separates them.
 
     Parameters
     ----------

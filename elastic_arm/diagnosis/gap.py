@@ -1,9 +1,11 @@
-"""How large the gap is, and how far it shrinks: power over the sensors' noise, by joint, side and octave.
+"""How large the gap is, and how far it shrinks: power over the sensors' noise, by joint, side and
+octave.
 
     e = max(P - noise, 0)    over the octaves in which P is more than the noise by more than chance before
     shrink = 1 - sum e(after) / sum e(before)
 
-A slow effect drowns in the noise of a wide band and is plain in its own octave, so that no band has to be chosen.
+A slow effect drowns in the noise of a wide band and is plain in its own octave, so that no band has
+to be chosen.
 """
 
 from __future__ import annotations
@@ -21,7 +23,8 @@ from elastic_arm.estimation.whitening import WhitenedData
 from elastic_arm.evidence.grams import OCTAVES
 
 CHANCE = 1e-5  # probability of an octave of noise that counts as more
-KNOWN = 0.2  # of the noise's power: how well it is known; spectra of quantised encoders are off by a seventh
+# of the noise's power: how well it is known; spectra of quantised encoders are off by a seventh
+KNOWN = 0.2
 
 
 @dataclass(frozen=True)
@@ -86,7 +89,8 @@ class Gap:
 
 @dataclass(frozen=True)
 class Shrink:
-    """By how much a gap shrinks: share, 95 % interval, and the share of each row's own gap (NaN: it has none)."""
+    """By how much a gap shrinks: share, 95 % interval, and the share of each row's own gap (NaN: it
+    has none)."""
 
     share: float | None
     interval: tuple[float, float] | None

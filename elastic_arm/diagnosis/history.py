@@ -1,28 +1,34 @@
 """One arm over time: the size of each number in each recording, and where it changed.
 
-A number has the sizes x_k, with variances s_k² (:mod:`.answer`), in the recordings k = 1 … n, and a level a, which may
-step to b after recording m. Two things besides noise set sizes apart:
+A number has the sizes x_k, with variances s_k² (:mod:`.answer`), in the recordings k = 1 … n, and a
+level a, which may step to b after recording m. Two things besides noise set sizes apart:
 
-- *scatter* from recording to recording (temperature, a tool, noise that is in no model), of a variance that is the same
-  all along, v_k(t) = s_k² + t² (s_k² + (SCATTER R)²), with t from an exponential distribution of mean 1: scatter as
-  large as the deviations and a relative SCATTER is ordinary, ten times as much is told by the sizes themselves;
-- recordings whose size is *wrong*, each with a probability q_k, by w_k R: of those that were diagnosed alone a false
-  cause (w = 1) is as likely as ODDS, shared by the arm's N numbers, and where something is unknown as UNSURE; of those
-  that were diagnosed together, with the same causes, a size may hold a part of what is unknown, w² = 1 - shrink.
+- *scatter* from recording to recording (temperature, a tool, noise that is in no model), of a
+  variance that is the same
+  all along, v_k(t) = s_k² + t² (s_k² + (SCATTER R)²), with t from an exponential distribution of
+  mean 1: scatter as large as the deviations and a relative SCATTER is ordinary, ten times as much
+  is told by the sizes themselves;
+- recordings whose size is *wrong*, each with a probability q_k, by w_k R: of those that were
+  diagnosed alone a false
+  cause (w = 1) is as likely as ODDS, shared by the arm's N numbers, and where something is unknown
+  as UNSURE; of those that were diagnosed together, with the same causes, a size may hold a part of
+  what is unknown, w² = 1 - shrink.
 
-R, the largest distance of a size from that of no effect x_0, is the range of levels and of what is wrong:
+R, the largest distance of a size from that of no effect x_0, is the range of levels and of what is
+wrong:
 
     p(x_k | a, t) = (1 - q_k) N(x_k; a, v_k) + q_k N(x_k; a, v_k + (w_k R)²)    a, b ~ N(x_0, R²), independent
     p(x | no step) = ∫dt e⁻ᵗ ∫da p(a) Π_k p(x_k | a, t)
     p(x | m) = ∫dt e⁻ᵗ [∫da p(a) Π_{k ≤ m} p(x_k | a, t)] [∫db p(b) Π_{k > m} p(x_k | b, t)]
 
-With prior odds STEP / (N (n - 1)) for each number and place, that one of an arm's numbers steps, these give the
-posterior of every place; the number has changed with the sum of theirs. The integrals are sums over a grid that is as
-fine as the deviations near every size. A variance that all sizes share, as in one diagnosis of all recordings, moves
-both levels alike: it is taken out first, and widens them in the end.
+With prior odds STEP / (N (n - 1)) for each number and place, that one of an arm's numbers steps,
+these give the posterior of every place; the number has changed with the sum of theirs. The
+integrals are sums over a grid that is as fine as the deviations near every size. A variance that
+all sizes share, as in one diagnosis of all recordings, moves both levels alike: it is taken out
+first, and widens them in the end.
 
-A cause that a recording lacks has its value of no effect there, with a deviation of as much as the search leaves out:
-z s with z² / 2 = ln(R / s) - ln ODDS.
+A cause that a recording lacks has its value of no effect there, with a deviation of as much as the
+search leaves out: z s with z² / 2 = ln(R / s) - ln ODDS.
 """
 
 from collections.abc import Sequence
@@ -48,7 +54,8 @@ TIMES = np.append(0.0, np.geomspace(0.03, 300.0, 32))  # of scatter, over the or
 class Step:
     """A change between two recordings."""
 
-    # after, until: index of the last recording before it, and of the first one after it that shows the size
+    # after, until: index of the last recording before it, and of the first one after it that shows
+    # the size
     after: int
     until: int
     # before_value, before_std, after_value, after_std: size before and after it
@@ -96,21 +103,24 @@ class Course:
                 {"recording": r, "value": v, "std": s} for r, v, s in self.sizes(recordings)
             ],
             "changed": self.changed,
-            "step": None
-            if step is None
-            else {
-                "between": [recordings[step.after], recordings[step.until]],
-                "before": {"value": step.before_value, "std": step.before_std},
-                "after": {"value": step.after_value, "std": step.after_std},
-                "probability": step.probability,
-            },
+            "step": (
+                None
+                if step is None
+                else {
+                    "between": [recordings[step.after], recordings[step.until]],
+                    "before": {"value": step.before_value, "std": step.before_std},
+                    "after": {"value": step.after_value, "std": step.after_std},
+                    "probability": step.probability,
+                }
+            ),
         }
 
 
 def together(
     found: Sequence[Diagnosis], refused: Sequence[str] = ()
 ) -> tuple[Diagnosis, tuple[Course, ...]]:
-    """Return diagnoses of one recording each as one, and every number; `refused`: why other recordings allowed none."""
+    """Return diagnoses of one recording each as one, and every number; `refused`: why other
+    recordings allowed none."""
     if len(found) < 2:
         raise DiagnosisError(
             "; ".join((FEW, *refused[:1])), "Name them, or the folder that they are in."
@@ -184,7 +194,8 @@ def courses_of_each(found: Sequence[Diagnosis]) -> tuple[Course, ...]:
 
 
 def courses(found: Diagnosis) -> tuple[Course, ...]:
-    """Return every number that a diagnosis of several recordings found or knew, those that changed first."""
+    """Return every number that a diagnosis of several recordings found or knew, those that changed
+    first."""
     if found.context is None or len(found.identify) < 2:
         raise DiagnosisError(FEW, "Name them, or the folder that they are in.")
     explanation = found.context.explanation
@@ -212,7 +223,8 @@ def _absent(effect: str, parameter: str) -> float | None:
 
 
 def course_of(sized: SizedTerm, wrong: Array, by: float, odds: float) -> Course:
-    """Return where a number steps most probably: `wrong`, q (n,), `by` w; `odds`, that it steps at all."""
+    """Return where a number steps most probably: `wrong`, q (n,), `by` w; `odds`, that it steps at
+    all."""
     shown = np.flatnonzero(np.isfinite(sized.values))
     n, absent = len(shown), _absent(sized.effect, sized.parameter) or 0.0
     if n < 2:

@@ -1,7 +1,7 @@
 """The diagnosis while the arm moves, over the samples of the last while.
 
-The node that publishes `/gap` feeds a :class:`Window` and hands its recordings to what :func:`answering` makes in a
-process of its own; there is no physics in the node.
+The node that publishes `/gap` feeds a :class:`Window` and hands its recordings to what
+:func:`answering` makes in a process of its own; there is no physics in the node.
 """
 
 from collections import deque
@@ -31,8 +31,8 @@ CAPACITY = 200_000
 class Window:
     """The samples of the last while, in bounded memory.
 
-    length: s; of 15 s, two thirds are fitted and the last third judges; currents: the torque channels that are
-    currents times a torque constant.
+    length: s; of 15 s, two thirds are fitted and the last third judges; currents: the torque
+    channels that are currents times a torque constant.
     """
 
     def __init__(
@@ -51,7 +51,8 @@ class Window:
         self._batches: deque[Samples] = deque()
 
     def add(self, samples: Samples) -> None:
-        """Take samples; when the clock was set back, or other channels come than before, those before are forgotten."""
+        """Take samples; when the clock was set back, or other channels come than before, those
+        before are forgotten."""
         if not len(samples):
             return
         if self._batches and (
@@ -102,7 +103,8 @@ class Window:
 
 @dataclass
 class Level:
-    """A size over the diagnoses so far: values that differ by their deviation and by how windows differ (Welford)."""
+    """A size over the diagnoses so far: values that differ by their deviation and by how windows
+    differ (Welford)."""
 
     count: int = 0
     mean: float = 0.0
@@ -116,8 +118,8 @@ class Level:
     def takes(self, value: float, std: float) -> bool:
         """Take a value, or say that it is likelier another size: any up to twice as large."""
         if self.count:
-            # Values spread as those before, or as this one's deviation where there are few: Student's t, by a prior
-            # variance std² that counts for two values.
+            # Values spread as those before, or as this one's deviation where there are few:
+            # Student's t, by a prior variance std² that counts for two values.
             a, b = 0.5 * (self.count + 1), std**2 + 0.5 * self.squares
             same = t.logpdf(value, 2 * a, self.mean, np.sqrt(b / a * (1 + 1 / self.count)))
             other = norm.logpdf(value, self.mean, abs(self.mean) + std)
@@ -137,7 +139,8 @@ class Sizes:
         self._levels: dict[tuple[str, str | None, str], Level] = {}
 
     def changes(self, found: Mapping[str, Any]) -> list[str]:
-        """Take the content of `diagnosis.json`; return in words which sizes are not what they were before."""
+        """Take the content of `diagnosis.json`; return in words which sizes are not what they were
+        before."""
         said = []
         for one in (*found["causes"], *found["known"]):
             for name, size in one["parameters"].items():
@@ -151,7 +154,8 @@ class Sizes:
                         for v, s in ((level.mean, level.std), (value, std))
                     )
                     said.append(
-                        f"{name} of {effect_at(one['effect'], one['joint'])} changed from {before} to {now}"
+                        f"{name} of {effect_at(one['effect'], one['joint'])} changed from {before}"
+                        f" to {now}"
                     )
         return said
 
@@ -163,7 +167,8 @@ def answering(
     refit: bool,
     effects_files: Sequence[str] = (),
 ) -> Callable[[Recording], dict[str, Any]]:
-    """Return what diagnoses recordings in a process of its own: each gives the content of `diagnosis.json`.
+    """Return what diagnoses recordings in a process of its own: each gives the content of
+    `diagnosis.json`.
 
     robot: file of the arm, the package's where None; known: effects as text.
 

@@ -1,9 +1,10 @@
 """The motion within the arm's limits that discriminates between a cause and its alternatives.
 
-If one of two effects is there, the other, refitted to the same motion, leaves a remainder. With whitened columns s of
-the true effect and X of what a refit can combine, the expected log-likelihood ratio is half the squared norm of the
-remainder, 0.5 |s - X X^+ s|^2 (the discrimination criterion of Atkinson and Fedorov 1975, T-optimality). Motions are
-drawn, judged by it, and the best is improved by random steps.
+If one of two effects is there, the other, refitted to the same motion, leaves a remainder. With
+whitened columns s of the true effect and X of what a refit can combine, the expected log-likelihood
+ratio is half the squared norm of the remainder, 0.5 |s - X X^+ s|^2 (the discrimination criterion
+of Atkinson and Fedorov 1975, T-optimality). Motions are drawn, judged by it, and the best is
+improved by random steps.
 """
 
 from collections.abc import Callable, Sequence
@@ -29,7 +30,8 @@ from elastic_arm.excitation import FourierTrajectory, MotionLimits, Shape, rando
 # Makes whitened columns (rows, k) of a feature at values of its nonlinear parameters.
 Columns = Callable[[Feature, Sequence[float]], Array]
 
-DEPENDENT = 1e-6  # relative singular value below which a combination of columns is not determined; numerical
+# relative singular value below which a combination of columns is not determined; numerical
+DEPENDENT = 1e-6
 DECISIVE = 12.0  # nats from which a recording is expected to decide: odds of 160,000
 MOST_PAIRS = 6  # of effects between which a motion shall discriminate; bounds the time
 SECONDS = 20.0  # length of the motion
@@ -38,7 +40,8 @@ DRAWN, STEPS = 16, 60  # motions of each kind, and random steps from the best; b
 AMPLITUDES = (1.0, 0.3)  # friction shows near standstill, inertia at full speed
 STRIDE, CENTRE_STRIDE = 0.25, 0.1  # of the amplitudes, and of the joints' half ranges, in a step
 LIMIT_USE = 0.98  # of the limits
-NEIGHBOUR = 0.1  # of a nonlinear number's range: how far off its neighbours are that span what a refit can do
+# of a nonlinear number's range: how far off its neighbours are that span what a refit can do
+NEIGHBOUR = 0.1
 RATE = 500.0  # Hz; enough for ripple of the rotor's fourth order at full speed
 
 
@@ -75,7 +78,8 @@ AmbiguousPair = tuple[CompetingEffect, CompetingEffect, tuple[CompetingEffect, .
 def propose(
     context: DiagnosisContext, causes: Sequence[Cause], *, rng: np.random.Generator
 ) -> Proposal | None:
-    """Return the motion that separates causes from their alternatives best; None where there are no alternatives."""
+    """Return the motion that separates causes from their alternatives best; None where there are no
+    alternatives."""
     ambiguous = _ambiguous_pairs(context, causes)
     if not ambiguous:
         return None
@@ -102,7 +106,8 @@ def propose(
 
 
 def separation(pair: AmbiguousPair, columns: Columns) -> float:
-    """Log-likelihood by which a recording is expected to decide between two effects, whichever is there.
+    """Log-likelihood by which a recording is expected to decide between two effects, whichever is
+    there.
 
     pair: the two, and what acts beside them in either case.
     """
@@ -217,7 +222,8 @@ def _rival(
 
 
 def _competing(fit: Fit, term: Term) -> CompetingEffect:
-    """Return a term of a fit by columns of its law; a refit moves its nonlinear numbers to their neighbours."""
+    """Return a term of a fit by columns of its law; a refit moves its nonlinear numbers to their
+    neighbours."""
     feature, theta = term.feature, theta_of(term, fit)
     assert feature is not None
     if term.kind == "number":

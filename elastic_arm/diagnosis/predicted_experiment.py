@@ -1,4 +1,5 @@
-"""An experiment that was not made yet: what effects would add to its residuals, over noise of known size."""
+"""An experiment that was not made yet: what effects would add to its residuals, over noise of known
+size."""
 
 from __future__ import annotations
 
@@ -63,7 +64,8 @@ class PredictedExperiment:
         )
 
     def white(self, feature: Feature, searched: Sequence[float]) -> Array:
-        """Return a feature's columns (rows, k), white noise of variance one a row; null outside the band."""
+        """Return a feature's columns (rows, k), white noise of variance one a row; null outside the
+        band."""
         conditions = self._conditions
         rows = conditions.layout.combine(feature.columns(self._signals, searched))
         # Most laws act in few of the residuals.
@@ -74,7 +76,8 @@ class PredictedExperiment:
             conditions.noise.whitener(f[inside])[:, :, acting]
             @ np.fft.rfft(rows[:, acting], axis=0)[inside]
         )
-        # Parseval, with both signs of every f but 0; the noise is that of a sample of the recording.
+        # Parseval, with both signs of every f but 0; the noise is that of a sample of the
+        # recording.
         spectrum *= np.sqrt(2.0 / len(rows) * conditions.noise.rate / self._rate)
         spectrum[0] /= np.sqrt(2.0)
         flat = spectrum.reshape(-1, spectrum.shape[2])

@@ -1,8 +1,10 @@
-"""Short-horizon prediction error: how far ahead the model predicts the angles, without and with the causes.
+"""Short-horizon prediction error: how far ahead the model predicts the angles, without and with the
+causes.
 
-From many instants of the validation data the arm is put into its measured state, driven by the measured motor torque,
-and its angles after 10 to 200 ms are compared with those measured. Channels are those that the columns of effects are
-made of, smoothed alike, so that a torque and the motion that it makes still belong together.
+From many instants of the validation data the arm is put into its measured state, driven by the
+measured motor torque, and its angles after 10 to 200 ms are compared with those measured. Channels
+are those that the columns of effects are made of, smoothed alike, so that a torque and the motion
+that it makes still belong together.
 """
 
 from __future__ import annotations
@@ -42,14 +44,15 @@ class Prediction:
 
     horizons: tuple[float, ...] = HORIZONS  # (H,) s
     starts: int = 0  # how many
-    # before, after: (joint, side) -> (H,) rad for "link" (q) and "motor" (theta), with the model and with the causes
-    # added; NaN where the model leaves the motion
+    # before, after: (joint, side) -> (H,) rad for "link" (q) and "motor" (theta), with the model
+    # and with the causes added; NaN where the model leaves the motion
     before: Mapping[Place, tuple[float, ...]] | None = None
     after: Mapping[Place, tuple[float, ...]] | None = None
     reason: str = ""  # why there is no prediction, or not everywhere; empty where there is one
 
     def to_dict(self, unit: str = "rad") -> dict[str, Any]:
-        """Return it as plain data, with the unit of positions; null where there is no prediction."""
+        """Return it as plain data, with the unit of positions; null where there is no
+        prediction."""
         sizes = {"before": self.before, "after": self.after}
         return {
             "horizons_s": list(self.horizons),
@@ -89,27 +92,36 @@ def _nested(size: Mapping[Place, tuple[float, ...]]) -> dict[str, dict[str, list
 def predict(
     context: DiagnosisContext, causes: Sequence[EffectInstance], starts: int = STARTS
 ) -> Prediction:
-    """Measure the short-horizon prediction error on the validation data, without and with the causes.
+    """Measure the short-horizon prediction error on the validation data, without and with the
+    causes.
 
-    context: of the diagnosis; what counted as part of the model acts in both predictions; starts: instants from
-    which is predicted, spread evenly over the validation data.
+    context: of the diagnosis; what counted as part of the model acts in both predictions; starts:
+    instants from which is predicted, spread evenly over the validation data.
     """
     if context.model.robot.elastic and "motor" not in context.validate.layout.sides:
         return Prediction(
-            reason="motor torque and motor angle are not both recorded: there is nothing to drive with"
+            reason=(
+                "motor torque and motor angle are not both recorded: there is nothing to drive with"
+            )
         )
     if bare := _undriven(context):
         return Prediction(reason=f"the torque that drives {', '.join(bare)} was not recorded")
     if context.seen[0].made_by:
         return Prediction(
-            reason="no torque was measured that could drive it; `elastic-arm replay` takes the commands"
+            reason=(
+                "no torque was measured that could drive it; `elastic-arm replay` takes the"
+                " commands"
+            )
         )
     begins = _begins(context, starts)
     if not any(len(b) for b in begins):
         return Prediction(reason=f"no stretch of the validation data is {HORIZONS[-1]:g} s long")
     if light := _without_inertia(context):
         return Prediction(
-            reason=f"the model has no inertia for {', '.join(light)}: it would accelerate without limit"
+            reason=(
+                f"the model has no inertia for {', '.join(light)}: it would accelerate without"
+                " limit"
+            )
         )
     first = context.seen[0].pieces[0]
     sides = [
@@ -137,7 +149,8 @@ def _undriven(context: DiagnosisContext) -> list[str]:
 
 
 def _without_inertia(context: DiagnosisContext) -> list[str]:
-    """Return the joints that nothing in the model is heavy for: a point on the last axis, motors without inertia."""
+    """Return the joints that nothing in the model is heavy for: a point on the last axis, motors
+    without inertia."""
     model = context.model
     if model.robot.elastic:
         return []
@@ -164,8 +177,9 @@ def _left(
     (joint, side), k = min(first.items(), key=lambda found: found[1])
     far = f"{FARTHEST:g} {units.at(joint, 'rad')}"
     return (
-        f"driven by the measured torque, {what} is more than {far} off within {1e3 * horizons[k]:g} ms "
-        f"({joint}, {side}), as where friction that it lacks takes most of the torque, or an inertia is far too small"
+        f"driven by the measured torque, {what} is more than {far} off within {1e3 * horizons[k]:g}"
+        f" ms ({joint}, {side}), as where friction that it lacks takes most of the torque, or an"
+        " inertia is far too small"
     )
 
 
@@ -186,9 +200,11 @@ def _errors(
     begins: Sequence[NDArray[np.intp]],
     sides: Sequence[str],
 ) -> dict[Place, tuple[float, ...]]:
-    """Return the root mean square errors with some causes in the plant, those of sensors corrected before use.
+    """Return the root mean square errors with some causes in the plant, those of sensors corrected
+    before use.
 
-    A lag or a gain among the causes that are lacking is in the channels again, where the calibration took it out.
+    A lag or a gain among the causes that are lacking is in the channels again, where the
+    calibration took it out.
     """
     own = {
         (one.effect.id, one.joint) for one in causes
@@ -260,7 +276,8 @@ def _begins(context: DiagnosisContext, starts: int) -> list[NDArray[np.intp]]:
 
 
 def _rms(errors: Sequence[Array]) -> Array:
-    """Root mean square (H, n) of errors (starts, H, n) of all stretches; NaN where it is no prediction any more."""
+    """Root mean square (H, n) of errors (starts, H, n) of all stretches; NaN where it is no
+    prediction any more."""
     with np.errstate(over="ignore"):
         size = np.sqrt(np.mean(np.concatenate(errors) ** 2, axis=0))
     return np.where(size < FARTHEST, size, np.nan)
@@ -283,7 +300,8 @@ def corrected(
     sensors: Sensors,
     taken: Mapping[str, tuple[Array, Array]] | None = None,
 ) -> CompletedMotion:
-    """Return what the channels would be without the gains, offsets, eccentricities and delays of these sensors.
+    """Return what the channels would be without the gains, offsets, eccentricities and delays of
+    these sensors.
 
     taken: gains and lags, s, by channel, that are out of them already.
     """

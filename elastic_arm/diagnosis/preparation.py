@@ -43,8 +43,8 @@ from elastic_arm.recording.made_torque import with_made_torque
 from elastic_arm.recording.standstill import without_standstill
 from elastic_arm.robot import Robot
 
-# Bytes of products of columns for each joint cubed, and of columns for each joint and whitened row; measured with
-# three and six joints of which all sides are recorded.
+# Bytes of products of columns for each joint cubed, and of columns for each joint and whitened row;
+# measured with three and six joints of which all sides are recorded.
 OF_JOINTS, OF_ROW = 13e6, 11e3
 
 
@@ -57,7 +57,8 @@ class Prepared:
     sources: tuple[
         tuple[str, ...], tuple[str, ...]
     ]  # where the recordings of either part come from
-    # recording -> where each part that is fitted or judges begins in it, s, and from when to when it judges
+    # recording -> where each part that is fitted or judges begins in it, s, and from when to when
+    # it judges
     begins: tuple[dict[str, float], dict[str, float]]
     judged: dict[str, tuple[float, float]]
     independent_motion: bool  # whether the motion that judges is another one
@@ -96,8 +97,8 @@ def prepare(
 
     validate: what judges them; the last third of the recordings' motion where none is given.
 
-    Raises a DiagnosisError if the recordings allow no diagnosis: no torque, no motion, too short, validation equal
-    to identification data; a RecordingError if a recording lacks a joint.
+    Raises a DiagnosisError if the recordings allow no diagnosis: no torque, no motion, too short,
+    validation equal to identification data; a RecordingError if a recording lacks a joint.
     """
     names, held_back = question.robot.joint_names, not validate
     least = SHORTEST / HELD_BACK if held_back else SHORTEST
@@ -214,8 +215,8 @@ def _check_memory(observed: Sequence[Observation], layout: EquationSet, band: Ba
     need = OF_JOINTS * layout.n**3 + OF_ROW * layout.n * layout.rows * 2.0 * band.cutoff * seconds
     if need > (there := available_memory()):
         raise DiagnosisError(
-            f"{seconds:.0f} s of {layout.n} joints take about {need / 1e9:.2g} GB of memory, and {there / 1e9:.2g} GB "
-            "are free",
+            f"{seconds:.0f} s of {layout.n} joints take about {need / 1e9:.2g} GB of memory, and"
+            f" {there / 1e9:.2g} GB are free",
             "Take less motion (--motion 20), fewer recordings or more memory",
         )
 
@@ -233,7 +234,8 @@ def _largest_torques(observed: Sequence[Observation], n: int) -> Array:
 def _observed(
     parts: Sequence[Sequence[Recording]], *, held_back: bool
 ) -> tuple[tuple[Observation, ...], tuple[Observation, ...]]:
-    """Return the motion of both parts; where the second was held back from the first, it continues it."""
+    """Return the motion of both parts; where the second was held back from the first, it continues
+    it."""
     together = share_out(observe, chain.from_iterable(parts))
     first, rest = together[: len(parts[0])], together[len(parts[0]) :]
     if not held_back:
@@ -244,7 +246,8 @@ def _observed(
 
 
 def _mounted(question: Question, observed: Sequence[Observation]) -> tuple[Robot, Mounting | None]:
-    """Return the arm as its torques show it mounted, with that; as it is described where they show nothing else."""
+    """Return the arm as its torques show it mounted, with that; as it is described where they show
+    nothing else."""
     known = (*robot_effects(question.robot, question.catalogue), *question.known)
     asked = any(effect.id == TILT for effect in question.candidates)
     if not asked or any(instance.effect.id == TILT for instance in known):
@@ -262,9 +265,9 @@ def _turning_over(
 ) -> tuple[tuple[Observation, ...], tuple[Observation, ...]]:
     """Return the observations with the speeds at which dry friction turns over.
 
-    Friction that turns over more gradually than its law is taken for another law, or for a lag of the torque. Arms with
-    elastic joints show it beside their motors' own motion, and torques that were low-passed show their filter: there
-    the velocity's noise decides.
+    Friction that turns over more gradually than its law is taken for another law, or for a lag of
+    the torque. Arms with elastic joints show it beside their motors' own motion, and torques that
+    were low-passed show their filter: there the velocity's noise decides.
     """
     whole = all(o.torque_band == np.inf for part in observed for o in part)
     speeds = turning_speeds(recordings, robot) if whole and not robot.elastic else None
@@ -273,7 +276,8 @@ def _turning_over(
 
 
 def _low_passed(parts: Sequence[Sequence[Recording]]) -> list[str]:
-    """Return a note where torques hold not even noise at high frequencies; that on the first recording is enough."""
+    """Return a note where torques hold not even noise at high frequencies; that on the first
+    recording is enough."""
     found = [words for part in parts for recording in part for words in smoothed_torques(recording)]
     return [f"{words}: {LOW_PASSED}." for words in found[:1]]
 
@@ -281,7 +285,8 @@ def _low_passed(parts: Sequence[Sequence[Recording]]) -> list[str]:
 def _is_seen(feature: Feature, layout: EquationSet) -> bool:
     """Whether an effect acts in a recorded equation.
 
-    What brakes a motor is not seen by a joint torque sensor, and what acts in void rows alone is not seen at all.
+    What brakes a motor is not seen by a joint torque sensor, and what acts in void rows alone is
+    not seen at all.
     """
     if feature.choices.get("side") == "motor" and set(layout.sides) <= {"link", "drive"}:
         return False
@@ -292,7 +297,8 @@ def _is_seen(feature: Feature, layout: EquationSet) -> bool:
 def _usual(
     candidates: Sequence[Feature], equations: ArmEquations, seen: Sequence[Sequence[EffectInstance]]
 ) -> frozenset[Key]:
-    """Return the friction of motors at joints for which none is stated or known: every real drive has some."""
+    """Return the friction of motors at joints for which none is stated or known: every real drive
+    has some."""
     stated = {(i.effect.id, i.joint) for part in seen for i in part}
     found = set()
     for feature in candidates:

@@ -1,8 +1,9 @@
 """Repairs of a recording before it is diagnosed: dead torque channels, clocks that drift apart.
 
-A channel that holds one number throughout was not recorded, whatever its message holds. Two clocks that stamp
-two topics show in the twist of the drives: link and motor turn alike but for a deflection that follows the load, so a
-lag between them that grows with time, the same on every joint, is the clocks'.
+A channel that holds one number throughout was not recorded, whatever its message holds. Two clocks
+that stamp two topics show in the twist of the drives: link and motor turn alike but for a
+deflection that follows the load, so a lag between them that grows with time, the same on every
+joint, is the clocks'.
 """
 
 from dataclasses import replace
@@ -23,7 +24,8 @@ CERTAIN = 10.0  # standard deviations of each joint's drift; coloured errors nee
 AGREEMENT = 0.2  # relative difference between joints up to which a drift is common to all
 PASSES = 3  # of estimating and removing a drift
 DIFFERENCE = 1e-3  # of the velocities' spread: equal to differences of positions up to rounding
-# Means over a recording from which a clock's drift can be told: several times what is fitted to them.
+# Means over a recording from which a clock's drift can be told: several times what is fitted to
+# them.
 FEWEST_MEANS = 50
 TORQUES = {
     "link": "joint torque (effort of the link side)",
@@ -32,7 +34,8 @@ TORQUES = {
 
 
 def usable(recording: Recording) -> Recording:
-    """Return the recording without outliers and dead torque channels, its clocks together; its notes state it.
+    """Return the recording without outliers and dead torque channels, its clocks together; its
+    notes state it.
 
     Raises a DiagnosisError if the arm stands still, or every torque channel is dead.
     """
@@ -55,7 +58,8 @@ def standing(recording: Recording) -> list[str]:
 
 
 def needs_motion(feature: Feature) -> bool:
-    """Whether an effect shows by the motion of its joint alone; a drive winds up where the joint stands still, too."""
+    """Whether an effect shows by the motion of its joint alone; a drive winds up where the joint
+    stands still, too."""
     return feature.effect.needs_motion and "drive" not in feature.sides
 
 
@@ -75,11 +79,13 @@ def _live(recording: Recording) -> Recording:
         elif constant.any():
             joints = ", ".join(j for j, c in zip(recording.joints, constant, strict=True) if c)
             notes.append(
-                f"{where}: {TORQUES[name]} of {joints} is one number throughout: do not trust what is said of it."
+                f"{where}: {TORQUES[name]} of {joints} is one number throughout: do not trust what"
+                " is said of it."
             )
     if dead and all(side is None or side.effort is None for side in sides.values()):
         raise DiagnosisError(
-            f"every torque channel of {where} is empty: {' and '.join(dead)} hold one number throughout",
+            f"every torque channel of {where} is empty: {' and '.join(dead)} hold one number"
+            " throughout",
             "Record the effort of /motor_states, of /joint_states, or both",
         )
     notes += [
@@ -92,7 +98,8 @@ def _live(recording: Recording) -> Recording:
 
 
 def _without_differences(recording: Recording) -> Recording:
-    """Leave out velocities that are differences of the positions: they hold nothing new, half a sample late."""
+    """Leave out velocities that are differences of the positions: they hold nothing new, half a
+    sample late."""
     where = recording.source or "the recording"
     sides: dict[str, Side | None] = {"link": recording.link, "motor": recording.motor}
     found = []
@@ -132,8 +139,9 @@ def _one_clock(recording: Recording) -> Recording:
         total += 0.0 if drifts is None else _mean(*drifts)
         mended = _restamped(recording, link, total)
     note = (
-        f"{recording.source or 'the recording'}: the clocks of link and motor side drift apart by {1e6 * total:.3g} us "
-        f"a second, {1e3 * abs(total) * recording.duration:.3g} ms in all: taken out by the motion of all joints."
+        f"{recording.source or 'the recording'}: the clocks of link and motor side drift apart by"
+        f" {1e6 * total:.3g} us a second, {1e3 * abs(total) * recording.duration:.3g} ms in all:"
+        " taken out by the motion of all joints."
     )
     return replace(mended, notes=(*recording.notes, note))
 
@@ -146,7 +154,8 @@ def _restamped(recording: Recording, link: Side, drift: float) -> Recording:
 
 
 def clock_drift(samples: Samples) -> float | None:
-    """Return by how much the link side's clock runs faster than the motor side's (1), None where they keep together."""
+    """Return by how much the link side's clock runs faster than the motor side's (1), None where
+    they keep together."""
     found = _drifts(samples)
     if found is None:
         return None
@@ -159,7 +168,8 @@ def clock_drift(samples: Samples) -> float | None:
 
 
 def _drifts(samples: Samples) -> tuple[Array, Array] | None:
-    """Return the drifts that joints show, and their standard deviations; None where none can show one."""
+    """Return the drifts that joints show, and their standard deviations; None where none can show
+    one."""
     if samples.q is None or samples.theta is None:
         return None
     if len(samples) < FEWEST_MEANS * _averaging(samples.t, AVERAGING):
@@ -178,7 +188,8 @@ def _mean(drifts: Array, stds: Array) -> float:
 
 
 def _drift_of(samples: Samples, j: int, averaging: float) -> tuple[float, float]:
-    """Return the drift that one joint shows, and its standard deviation: the lag's part that grows with time."""
+    """Return the drift that one joint shows, and its standard deviation: the lag's part that grows
+    with time."""
     assert samples.q is not None and samples.theta is not None
     t, q, theta = (
         _averaged(samples.t, v, averaging)

@@ -22,7 +22,8 @@ class Question:
     refit
         Say that the description cannot be as measured.
     given
-        Effects that the user knows to be there, their sizes open; as text, too ("coulomb_friction").
+        Effects that the user knows to be there, their sizes open; as text, too
+        ("coulomb_friction").
     effects
         What may explain the gap, or their ids; all of the catalogue when None.
     catalogue

@@ -17,7 +17,9 @@ START = 1.0  # s that count as the start
 WEAK, ALIKE = (
     0.1,
     0.9,
-)  # share of the power below which a regime describes nothing; of the best, up to which simpler is named
+    # share of the power below which a regime describes nothing; of the best, up to which simpler is
+    # named
+)
 
 REGIMES = (
     "always",
@@ -40,7 +42,8 @@ def shares(
 ) -> dict[str, float]:
     """Share of one residual's power that follows each regime.
 
-    values: residuals (N', R) of each stretch, Nm; row: which residual; its joint and side follow from the layout.
+    values: residuals (N', R) of each stretch, Nm; row: which residual; its joint and side follow
+    from the layout.
     """
     n = data.layout.n
     side, joint = data.layout.sides[row // n], row % n
@@ -74,7 +77,8 @@ def regime(found: dict[str, float]) -> str:
 def bases(
     signals: Signals, side: str, i: int, n: int, ratios: tuple[float, float]
 ) -> dict[str, Array]:
-    """Return the columns (N, k) at the recording's rate that a residual of joint i would follow, by regime.
+    """Return the columns (N, k) at the recording's rate that a residual of joint i would follow, by
+    regime.
 
     side: "link", or another: which velocity and sign the residual follows.
     """
@@ -85,8 +89,9 @@ def bases(
     w, a = v["dx"][:, offset + i], v["ddx"][:, offset + i]
     sign = v["sign_link" if side == "link" else "sign_motor"][:, i]
     theta, q, load = v["x"][:, motor + i], v["x"][:, i], v["tau_J"][:, i]
-    # Of the load clear of noise: that of the encoders is in the residuals, too, and differentiating raises it. The load
-    # itself is the one of which the columns of nuisance parameters are made, so that these hold what is theirs.
+    # Of the load clear of noise: that of the encoders is in the residuals, too, and differentiating
+    # raises it. The load itself is the one of which the columns of nuisance parameters are made, so
+    # that these hold what is theirs.
     rate = signals.once(
         "rates of the clear load", lambda: rates_of(signals.t, signals.model_torques["clear"])
     )[:, i]

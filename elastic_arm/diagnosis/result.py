@@ -36,7 +36,8 @@ SEPARATING = "separating_trajectory.yaml"  # the proposed motion, beside diagnos
 
 @dataclass(frozen=True)
 class Alternative:
-    """Another effect in a cause's place: its probability, and the motion that would tell the two apart."""
+    """Another effect in a cause's place: its probability, and the motion that would tell the two
+    apart."""
 
     effect: str
     joint: str | None
@@ -63,13 +64,14 @@ class Cause:
     is_number: bool = (
         False  # whether it is a number of the arm, which the corrected arm holds as that
     )
-    # share of the gap at its places that comes back where it is taken out and the rest is refitted, on the recordings
-    # that judge; None where no place has a gap
+    # share of the gap at its places that comes back where it is taken out and the rest is refitted,
+    # on the recordings that judge; None where no place has a gap
     shrink_without: float | None = None
 
     @property
     def held_as(self) -> str:
-        """What it is of the corrected arm: an "effect", a "number", its "controller", or a richer "variant" of it."""
+        """What it is of the corrected arm: an "effect", a "number", its "controller", or a richer
+        "variant" of it."""
         if isinstance(self.instance.effect, ControllerEffect):
             return "controller"
         if self.is_number:
@@ -82,7 +84,8 @@ class Cause:
         return not self.is_number
 
     def with_separating_file(self, decided: Collection[tuple[Any, Any]]) -> Cause:
-        """Return it with the proposed file at the alternatives on which that motion is expected to decide."""
+        """Return it with the proposed file at the alternatives on which that motion is expected to
+        decide."""
         own = self.effect, self.joint
         which = [(own, (a.effect, a.joint)) in decided for a in self.alternatives]
         pairs = zip(self.alternatives, which, strict=True)
@@ -108,9 +111,11 @@ class Cause:
             "shrink": _plain(self.shrink),
             "confidence": _plain(self.confidence),
             "shrink_without": None if self.shrink_without is None else _plain(self.shrink_without),
-            "from": None
-            if self.stated is None
-            else {name: _plain(value) for name, value in self.stated.items()},
+            "from": (
+                None
+                if self.stated is None
+                else {name: _plain(value) for name, value in self.stated.items()}
+            ),
             "to": None if self.stated is None else found,
             "held_as": self.held_as,
             "alternatives": [
@@ -158,7 +163,8 @@ class Imperfection:
     std: float
     prior_std: float  # over ordinary arms
     ordinary: bool  # whether it is likelier within that than far off
-    # of a zero that is another one in this recording than in the first, by how much; None of any other number
+    # of a zero that is another one in this recording than in the first, by how much; None of any
+    # other number
     recording: str | None = None
     neutral: float = 0.0  # its value on an arm that is as described
 
@@ -222,8 +228,8 @@ class PairSeparation:
     # cause, alternative: effect and joint of the two
     cause: tuple[str, str | None]
     alternative: tuple[str, str | None]
-    # here, expected: log-likelihood by which this recording decides, and by which the proposed motion is expected to,
-    # nats
+    # here, expected: log-likelihood by which this recording decides, and by which the proposed
+    # motion is expected to, nats
     here: float
     expected: float = 0.0
     decides: bool = False  # whether the proposed motion is expected to decide
@@ -310,7 +316,8 @@ class Diagnosis(Result):
     before, after
         Sizes on the validation data.
     shrink, shrink_interval, shrink_by_place
-        Share of the gap that is gone, its 95 % interval, and of each joint and side; None where there is no gap.
+        Share of the gap that is gone, its 95 % interval, and of each joint and side; None where
+        there is no gap.
     causes, unexplained
         What was found, most important first, and where something is left.
     not_confirmed
@@ -318,7 +325,8 @@ class Diagnosis(Result):
     imperfections
         Numbers of the description and of the sensors.
     made
-        Joints whose motor torques are those that described controllers make of commands and positions.
+        Joints whose motor torques are those that described controllers make of commands and
+        positions.
     changes
         What differs between recordings.
     known
@@ -386,7 +394,8 @@ class Diagnosis(Result):
     def with_closed_loop(
         self, errors: Mapping[str, ClosedLoopError], taken_back: Sequence[str]
     ) -> Diagnosis:
-        """Return it with how a commanded arm moves: where a joint moves worse as found, it is not explained."""
+        """Return it with how a commanded arm moves: where a joint moves worse as found, it is not
+        explained."""
         refused = any(one.refused is not None for one in errors.values())
         verdict = "unknown" if refused and self.verdict == "explained" else self.verdict
         return replace(
@@ -394,7 +403,8 @@ class Diagnosis(Result):
         )
 
     def tables(self) -> dict[str, Sequence[Row]]:
-        """Return "causes", a row a parameter; "gap", a row a residual; "parameters", and "residuals" over time."""
+        """Return "causes", a row a parameter; "gap", a row a residual; "parameters", and
+        "residuals" over time."""
         causes = [
             {"effect": c.effect, "joint": c.joint, "sides": "+".join(c.sides), "probability": c.confidence,
              "share_of_gap": c.shrink, "parameter": name, "value": e.value, "std": e.std, "unit": e.unit}
@@ -440,7 +450,8 @@ class Diagnosis(Result):
         return rows
 
     def residual_sides(self, source: str, start_ns: int) -> dict[str, Side]:
-        """Return the residuals of a recording that judged, or of its parts, as topics, `/residuals/motor/before`."""
+        """Return the residuals of a recording that judged, or of its parts, as topics,
+        `/residuals/motor/before`."""
         if self.context is None:
             return {}
         found: dict[str, list[Side]] = {}
@@ -492,9 +503,9 @@ class Diagnosis(Result):
                 for one in self.events
             ],
             "notes": list(self.notes),
-            "prediction": None
-            if self.prediction is None
-            else self.prediction.to_dict(self.units.over("rad")),
+            "prediction": (
+                None if self.prediction is None else self.prediction.to_dict(self.units.over("rad"))
+            ),
             "next_motion": None if self.proposal is None else self.proposal.to_dict(SEPARATING),
         }
 
@@ -522,7 +533,8 @@ class Diagnosis(Result):
 
     @staticmethod
     def load(path: str | Path, catalogue: Catalogue | None = None) -> Diagnosis:
-        """Read a result that :meth:`save` wrote, with the motion proposed beside it; figures over time are not in it.
+        """Read a result that :meth:`save` wrote, with the motion proposed beside it; figures over
+        time are not in it.
 
         Raises a DiagnosisError if the file is not such a result.
         """
@@ -577,7 +589,8 @@ def _plain(value: Any) -> Any:
 
 
 def from_dict(data: Mapping[str, Any], folder: Path, catalogue: Catalogue) -> Diagnosis:
-    """Return the diagnosis that :meth:`Diagnosis.to_dict` gave; files that it names are in a folder."""
+    """Return the diagnosis that :meth:`Diagnosis.to_dict` gave; files that it names are in a
+    folder."""
     # Most results are made, not read: what they hold besides is slow to import.
     from elastic_arm.diagnosis.prediction import Prediction
 

@@ -16,13 +16,15 @@ REPEATED = 0.02  # difference over spread below which a motion counts as a repet
 ROWS, SHARED = (
     200,
     0.2,
-)  # of a judging recording, looked for in what is fitted; share that may be found: noise repeats none
+    # of a judging recording, looked for in what is fitted; share that may be found: noise repeats none
+)
 
 
 def split(
     recordings: Sequence[Recording], validate: Sequence[Recording]
 ) -> tuple[list[Recording], list[Recording]]:
-    """Return recordings to fit and to judge: the last third of each where no validation recording is given.
+    """Return recordings to fit and to judge: the last third of each where no validation recording
+    is given.
 
     Holes, as those of standstill, count for nothing.
 
@@ -35,7 +37,8 @@ def split(
             if any(_contains(r, judge) for r in recordings):
                 raise DiagnosisError(
                     f"{judge.source or 'the validation recording'} is also what is fitted",
-                    "Validate on another recording, or leave --validate out: the last third then judges",
+                    "Validate on another recording, or leave --validate out: the last third then"
+                    " judges",
                 )
         return list(recordings), list(validate)
     least = SHORTEST / HELD_BACK
@@ -44,7 +47,8 @@ def split(
         times, lasts = _course_of_time(r)
         if lasts[-1] * HELD_BACK < SHORTEST:
             raise DiagnosisError(
-                f"{r.source or 'the recording'} lasts {lasts[-1]:.1f} s, too short to hold a third back for judging",
+                f"{r.source or 'the recording'} lasts {lasts[-1]:.1f} s, too short to hold a third"
+                " back for judging",
                 f"Record at least {least:.0f} s, or give another recording with --validate",
             )
         ends.append(float(np.interp(lasts[-1] * (1.0 - HELD_BACK), lasts, times)))
@@ -54,7 +58,8 @@ def split(
 
 
 def _course_of_time(recording: Recording) -> tuple[Array, Array]:
-    """Return the stamps (N,) of a side, s from the recording's first, and how much was recorded until then, s."""
+    """Return the stamps (N,) of a side, s from the recording's first, and how much was recorded
+    until then, s."""
     stamps = next(
         side for side in (recording.motor, recording.link) if side is not None and len(side)
     ).stamp_ns
@@ -64,7 +69,8 @@ def _course_of_time(recording: Recording) -> tuple[Array, Array]:
 
 
 def independent(identify: Sequence[Recording], validate: Sequence[Recording]) -> bool:
-    """Whether the judging motion is another one than the fitted ones, not a repetition at another time."""
+    """Whether the judging motion is another one than the fitted ones, not a repetition at another
+    time."""
     rate, alike = RATE, REPEATED
     return not any(
         _repeats(_course(v, rate), _course(r, rate), alike) for v in validate for r in identify
@@ -104,7 +110,8 @@ def _repeats(part: Array, whole: Array, alike: float) -> bool:
 
 
 def _contains(recording: Recording, part: Recording) -> bool:
-    """Whether much of `part` was taken from `recording`, whatever its stamps: noise does not repeat itself."""
+    """Whether much of `part` was taken from `recording`, whatever its stamps: noise does not repeat
+    itself."""
     sides = [
         (a, b) for a, b in ((recording.motor, part.motor), (recording.link, part.link)) if a and b
     ]

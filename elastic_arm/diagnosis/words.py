@@ -25,8 +25,8 @@ WORTH_A_LINE = 0.05  # probability of an alternative that has a line of its own
 NAMED = 4  # alternatives that a line names
 
 LOW_PASSED = (
-    "residuals are compared below that, as the motion's torques are missing above, with noise of 0.5 % of the torque, "
-    "as the recording shows none"
+    "residuals are compared below that, as the motion's torques are missing above, with noise of"
+    " 0.5 % of the torque, as the recording shows none"
 )
 REPEATED_MOTION = (
     "The validation data repeat the motion of the fit: it is not an independent motion."
@@ -39,7 +39,8 @@ def effect_at(effect: str, joint: str | None) -> str:
 
 
 def estimates_text(parameters: Mapping[str, ParameterEstimate], between: str = ", ") -> str:
-    """Return parameters with standard deviations and units as text; what is whole or given has no deviation."""
+    """Return parameters with standard deviations and units as text; what is whole or given has no
+    deviation."""
     return between.join(
         f"{name} {size_text(e.value, e.std, e.unit)}" for name, e in parameters.items()
     )
@@ -90,7 +91,8 @@ def chosen(value: object) -> str:
 
 
 def size_text(value: Any, std: Any, unit: str = "1") -> str:
-    """Return a number, or a vector of them, with its unit and the digits that its standard deviation warrants.
+    """Return a number, or a vector of them, with its unit and the digits that its standard
+    deviation warrants.
 
     std: of each; zero where it is given, None where it is not known.
     """
@@ -121,7 +123,10 @@ def event_notes(events: Sequence[Event]) -> list[str]:
             for e in events
             if e.recording == recording
         ]
-        what = "an event, such as a contact, a payload that is picked up or a brake, which the rest contradicts"
+        what = (
+            "an event, such as a contact, a payload that is picked up or a brake, which the rest"
+            " contradicts"
+        )
         found.append(f"{recording or 'the recording'}: {what}, is left out: {'; '.join(each)}.")
     return found
 
@@ -156,24 +161,33 @@ def unseen_notes(instances: Sequence[EffectInstance], bare: Sequence[str]) -> li
 
 
 UNFINISHED = (
-    "The search was ended early: this is the best answer so far. Exchanges of several causes and laws of no catalogue "
-    "may not have been tried."
+    "The search was ended early: this is the best answer so far. Exchanges of several causes and"
+    " laws of no catalogue may not have been tried."
 )
 
 
 def law_note(joint: str, law: GeneralLaw) -> str:
     """Return the note on a law without a form."""
-    return f"A torque of {joint} ({law.side}) follows {law.argument}, and no effect of the catalogue has this form."
+    return (
+        f"A torque of {joint} ({law.side}) follows {law.argument}, and no effect of the catalogue"
+        " has this form."
+    )
 
 
 def shape_note(joint: str, side: str) -> str:
     """Return the note on a residual that keeps more power than its sensors have as noise."""
-    return f"What is left at {joint} ({side} side) is larger than the noise of its sensors, and no effect explains it."
+    return (
+        f"What is left at {joint} ({side} side) is larger than the noise of its sensors, and no"
+        " effect explains it."
+    )
 
 
 def ringing_note(joint: str, frequency: float) -> str:
     """Return the note on a joint that is described as rigid and has a resonance."""
-    return f"{joint} has a resonance near {frequency:.2g} Hz, and is described as rigid: it may be elastic."
+    return (
+        f"{joint} has a resonance near {frequency:.2g} Hz, and is described as rigid: it may be"
+        " elastic."
+    )
 
 
 def no_separation(effect: str, other: str) -> str:
@@ -193,13 +207,15 @@ def scale_sentence(found: Diagnosis) -> str:
     ]
     where = f" It is {listed(off)}." if off else ""
     return (
-        "no torque was recorded: torques are those that the described controllers make of commands and positions. "
-        f"Their scale is known to {known}: torques, masses and friction are ratios to kp and kd as far as that.{where}"
+        "no torque was recorded: torques are those that the described controllers make of commands"
+        f" and positions. Their scale is known to {known}: torques, masses and friction are ratios"
+        f" to kp and kd as far as that.{where}"
     )
 
 
 def closed_loop_sentences(found: Diagnosis) -> list[str]:
-    """Return which joints of a commanded arm move worse with what was found, and what is not written; the worst first.
+    """Return which joints of a commanded arm move worse with what was found, and what is not
+    written; the worst first.
 
     Empty where none does.
     """
@@ -224,12 +240,14 @@ def closed_loop_sentences(found: Diagnosis) -> list[str]:
     else:
         written = f"The correction of {listed(found.taken_back)} is not written"
     return [
-        f"With all that was found the arm errs more under the recorded commands: {listed(moved)}. {written}."
+        f"With all that was found the arm errs more under the recorded commands: {listed(moved)}."
+        f" {written}."
     ]
 
 
 def closed_loop_sentence(found: Diagnosis) -> str:
-    """Return how far a commanded arm errs at its worst joint, as described and as written; empty where not known."""
+    """Return how far a commanded arm errs at its worst joint, as described and as written; empty
+    where not known."""
     errors = found.closed_loop
     if not errors:
         return ""
@@ -241,7 +259,8 @@ def closed_loop_sentence(found: Diagnosis) -> str:
 
 
 def summary(found: Diagnosis) -> list[str]:
-    """Return what was found as sentences: verdict, each cause, how far the model is off without and with them."""
+    """Return what was found as sentences: verdict, each cause, how far the model is off without and
+    with them."""
     inertias = [
         f"{_short(one.value, one.unit.replace('^2', '²'))} at {one.joint}"
         for one in found.imperfections
@@ -269,10 +288,16 @@ def _verdict_sentence(found: Diagnosis, beside: str) -> str:
         usual = (
             ", with numbers of the arm and its sensors no further off than is usual" if gaps else ""
         )
-        return f"recording and model{beside and f' with {beside}'} agree within the noise of the sensors{usual}."
+        return (
+            f"recording and model{beside and f' with {beside}'} agree within the noise of the"
+            f" sensors{usual}."
+        )
     if not found.causes:
         places = ", ".join(f"{p.joint} ({p.side} side)" for p in found.unexplained[:3])
-        return f"recording and model differ, and no effect of the catalogue explains it; most at {places}."
+        return (
+            "recording and model differ, and no effect of the catalogue explains it; most at"
+            f" {places}."
+        )
     causes = "it" if len(found.causes) == 1 else f"these {len(found.causes)} causes"
     motion = "on another motion" if found.independent_motion else "when the motion is repeated"
     joint, side = place = max(
@@ -285,8 +310,8 @@ def _verdict_sentence(found: Diagnosis, beside: str) -> str:
     gone = f"{percent(found.shrink)} of the gap is gone"
     gone = "the correction makes the gap as a whole larger" if gone.startswith("-") else gone
     sentence = (
-        f"With {added}, the model's error {motion} {verb} from {before:.3g} to {after:.3g} {unit} {where}, "
-        f"where it exceeds the noise most; {gone}"
+        f"With {added}, the model's error {motion} {verb} from {before:.3g} to {after:.3g} {unit}"
+        f" {where}, where it exceeds the noise most; {gone}"
     )
     return (
         f"{sentence}, and what is left has another cause." if found.unexplained else f"{sentence}."
@@ -294,7 +319,8 @@ def _verdict_sentence(found: Diagnosis, beside: str) -> str:
 
 
 def cause_sentence(cause: Cause, model: str) -> str:
-    """Return in plain words what the arm or its recording has that the model lacks, and what it may be instead."""
+    """Return in plain words what the arm or its recording has that the model lacks, and what it may
+    be instead."""
     effect, values, told = cause.instance.effect, cause.instance.parameters, _told(cause)
     texts = {
         n: (size_text(e.value, e.std, e.unit), _short(e.value, e.unit))
@@ -303,7 +329,10 @@ def cause_sentence(cause: Cause, model: str) -> str:
     sizes = {name: both[told[name]] for name, both in texts.items()}
     given = {c.name: chosen(values[c.name]).replace("_", " ") for c in effect.choices}
     given |= {p.name: _short(values[p.name], p.unit) for p in effect.parameters}
-    generic = f"has {effect.id.replace('_', ' ')} of {listed([f'{n} {size}' for n, size in sizes.items()] or ['it'])}"
+    generic = (
+        f"has {effect.id.replace('_', ' ')} of"
+        f" {listed([f'{n} {size}' for n, size in sizes.items()] or ['it'])}"
+    )
     what = effect.plain.format(**{**given, **sizes}) if effect.plain else generic
     if cause.stated is not None:
         what += f", where the description states {_stated_text(cause)}"
@@ -323,7 +352,8 @@ def cause_sentence(cause: Cause, model: str) -> str:
 
 
 def _told(cause: Cause) -> dict[str, bool]:
-    """Return whether each size of a cause is further from none, or from what is stated, than its own deviation."""
+    """Return whether each size of a cause is further from none, or from what is stated, than its
+    own deviation."""
     none = {p.name: p.neutral or 0.0 for p in cause.instance.effect.parameters} | dict(
         cause.stated or {}
     )
@@ -337,7 +367,8 @@ def _told(cause: Cause) -> dict[str, bool]:
 
 
 def _short(value: Any, unit: str) -> str:
-    """Return a number, or several, in words: three digits at most, and no deviation; small ones with a prefix."""
+    """Return a number, or several, in words: three digits at most, and no deviation; small ones
+    with a prefix."""
     values = list(value) if isinstance(value, list | tuple) else [value]
     prefix, factor = _prefix(max(map(abs, values))) if unit in ("rad", "m", "s") else ("", 1.0)
     numbers = [_digits(factor * v) for v in values]
@@ -365,13 +396,15 @@ def _stated_text(cause: Cause) -> str:
 
 
 def trust_text(trust: Mapping[str, float]) -> str:
-    """Return how far a description could be trusted, most probable first; what is all but excluded is left out."""
+    """Return how far a description could be trusted, most probable first; what is all but excluded
+    is left out."""
     likely = sorted((item for item in trust.items() if item[1] >= DOUBT), key=lambda item: -item[1])
     return ", ".join(f"{name} ({probability_text(p)})" for name, p in likely)
 
 
 def cause_size(cause: Cause, between: str = ", ") -> str:
-    """Return a cause's parameters, and the channels it acts in, as text; those that were stated as "from → to"."""
+    """Return a cause's parameters, and the channels it acts in, as text; those that were stated as
+    "from → to"."""
     several = [choice.name for choice in cause.instance.effect.choices if choice.several]
     sizes = []
     for name, e in cause.parameters.items():
@@ -383,18 +416,21 @@ def cause_size(cause: Cause, between: str = ", ") -> str:
 
 
 def sides_text(cause: Cause) -> str:
-    """Return the sides on which a cause shows; those of one drive that the recording does not separate by "or"."""
+    """Return the sides on which a cause shows; those of one drive that the recording does not
+    separate by "or"."""
     friction = any(choice.name == "side" for choice in cause.instance.effect.choices)
     return (" or " if friction else ", ").join(cause.sides)
 
 
 def alone_text(cause: Cause) -> str:
-    """Return by how much a cause shrinks the gap alone; one that helps only with the others has no number."""
+    """Return by how much a cause shrinks the gap alone; one that helps only with the others has no
+    number."""
     return "only with others" if percent(cause.shrink).startswith("-") else percent(cause.shrink)
 
 
 def listed_alternatives(cause: Cause) -> tuple[list[Alternative], str]:
-    """Return the alternatives that are worth a line each, and the others summed up in words, empty for none."""
+    """Return the alternatives that are worth a line each, and the others summed up in words, empty
+    for none."""
     likely = [other for other in cause.alternatives if other.confidence >= WORTH_A_LINE]
     faint = [other for other in cause.alternatives if other.confidence < WORTH_A_LINE]
     if len(faint) < 2:
@@ -409,7 +445,8 @@ def listed_alternatives(cause: Cause) -> tuple[list[Alternative], str]:
 
 
 def gap_at(found: Diagnosis, joint: str, side: str) -> str:
-    """Return the size of a residual without and with the causes, and the share of its own gap that is gone.
+    """Return the size of a residual without and with the causes, and the share of its own gap that
+    is gone.
 
     joint, side: which residual; "–" where there is no such equation.
     """
@@ -433,7 +470,8 @@ def share_at(found: Diagnosis, joint: str, side: str) -> str:
 
 
 def prediction_sentence(found: Diagnosis, prediction: Prediction) -> str:
-    """Return in a sentence how far the prediction error of the worst angle falls, or why that is not known."""
+    """Return in a sentence how far the prediction error of the worst angle falls, or why that is
+    not known."""
     before, after = prediction.before or {}, prediction.after or {}
     if prediction.reason:
         return f"{prediction.reason[0].upper()}{prediction.reason[1:]}."
@@ -441,7 +479,10 @@ def prediction_sentence(found: Diagnosis, prediction: Prediction) -> str:
     unit = found.units.at(joint, "rad")
     errors = [_short(size[joint, side][-1], unit) for size in (before, after)]
     horizon = f"{1e3 * prediction.horizons[-1]:g} ms"
-    sentence = f"Driven by the measured torque, the model errs by {errors[0]} after {horizon} at the worst angle"
+    sentence = (
+        f"Driven by the measured torque, the model errs by {errors[0]} after {horizon} at the worst"
+        " angle"
+    )
     added = f"; with the causes added, by {errors[1]}" if any(c.acts for c in found.causes) else ""
     return f"{sentence} ({joint}, {side}){added}."
 
@@ -460,7 +501,10 @@ def change_text(change: Change) -> str:
         f"{size_text(value, std, change.unit)} in {recording}"
         for recording, value, std in change.values
     )
-    return f"{what} of {change.joint or 'the whole arm'} changed: {sizes} ({probability_text(change.confidence)})"
+    return (
+        f"{what} of {change.joint or 'the whole arm'} changed: {sizes}"
+        f" ({probability_text(change.confidence)})"
+    )
 
 
 def step_text(one: Course, recordings: Sequence[str]) -> str:
@@ -475,6 +519,6 @@ def step_text(one: Course, recordings: Sequence[str]) -> str:
     what = f"{sized.effect.replace('_', ' ')} of {sized.joint or 'the whole arm'}"
     when = f"between {recordings[step.after]} and {recordings[step.until]}"
     return (
-        f"{what} {way} from {before} to {after} {when} ({probability_text(step.probability)} there), "
-        f"{probability_text(one.changed)}"
+        f"{what} {way} from {before} to {after} {when} ({probability_text(step.probability)}"
+        f" there), {probability_text(one.changed)}"
     )

@@ -1,7 +1,9 @@
-"""What the recursion walks over: frames in a tree, the bodies they carry, spins and springs. Numbers only, no robot.
+"""What the recursion walks over: frames in a tree, the bodies they carry, spins and springs.
+Numbers only, no robot.
 
-A solid of revolution that spins on its carrier is two things: a body at rest on the carrier, whatever its angle, and a
-:class:`Spin`, the angular momentum about its axis. So no spin angle appears anywhere.
+A solid of revolution that spins on its carrier is two things: a body at rest on the carrier,
+whatever its angle, and a :class:`Spin`, the angular momentum about its axis. So no spin angle
+appears anywhere.
 """
 
 import hashlib
@@ -13,7 +15,8 @@ import numpy as np
 from elastic_arm.robot.parts import Inertia, placed, snap, tensor_of
 
 GROUND = -1
-# Inertial parameters of a link, about its frame's origin; those of a solid of revolution lie on its axis z.
+# Inertial parameters of a link, about its frame's origin; those of a solid of revolution lie on its
+# axis z.
 LINK_PARAMETERS = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")
 LINK_UNITS = ("kg", *("kg m",) * 3, *("kg m^2",) * 6)
 SOLID_PARAMETERS = ("m", "mz", "Ixx", "Izz")
@@ -33,7 +36,8 @@ class ModelParameter:
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """A frame that turns about one axis or slides along it: parent . before . R or T(axis, coordinate) . after."""
+    """A frame that turns about one axis or slides along it: parent . before . R or T(axis,
+    coordinate) . after."""
 
     parent: int  # index of the parent frame, :data:`GROUND` for the base
     # before, after: (4, 4), constant placements on either side of the turn or the slide
@@ -65,7 +69,8 @@ class Body:
 
 @dataclass(frozen=True, eq=False)
 class Spin:
-    """A row of the gear matrix G: a solid turns by sum(ratio x coordinate) about `axis`, relative to its frame.
+    """A row of the gear matrix G: a solid turns by sum(ratio x coordinate) about `axis`, relative
+    to its frame.
 
     Carried by :data:`GROUND` it does not feel the arm's motion: its inertia enters B alone.
     """
@@ -135,7 +140,8 @@ class Bodies:
 
 
 def moved(parameters: np.ndarray, placement: np.ndarray) -> np.ndarray:
-    """Express inertial parameters (10, ...) of a body about the origin of the frame in which it has `placement`."""
+    """Express inertial parameters (10, ...) of a body about the origin of the frame in which it has
+    `placement`."""
     rotation, p = placement[:3, :3], placement[:3, 3]
     columns = parameters.reshape(10, -1)
     result = np.empty_like(columns, dtype=float)

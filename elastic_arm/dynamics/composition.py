@@ -59,7 +59,8 @@ class _Assembly:
         return range(start, len(self.parameters))
 
     def add_link(self, i: int, tilting: bool) -> None:
-        """Add joint i's frames: tilts about y and x where bearings give way, then the turn about z."""
+        """Add joint i's frames: tilts about y and x where bearings give way, then the turn about
+        z."""
         joint, n = self.robot.joints[i], self.robot.n
         parent = self.link_frames[-1] if self.link_frames else GROUND
         before = joint.before
@@ -78,7 +79,8 @@ class _Assembly:
     def add_solid(
         self, i: int, what: str, component: Component, ratio: float, spin_on: Callable[[int], int]
     ) -> None:
-        """Add a component of transmission i: a body on its carrier, and a spin on what `spin_on` makes of that."""
+        """Add a component of transmission i: a body on its carrier, and a spin on what `spin_on`
+        makes of that."""
         joint = self.robot.joints[i]
         values = np.array([component.mass, 0.0, component.ixx, component.izz])
         indices = self.add_parameters(f"{joint.name}.{what}", SOLID_PARAMETERS, SOLID_UNITS, values)
@@ -121,7 +123,8 @@ def compose(robot: Robot, name: str, *, bearings: bool = False) -> Bodies:
 
     bearings: whether bearings tilt, which adds two coordinates a joint.
 
-    Raises a RobotError if there is no such model, or bearings are wanted of an arm that describes none.
+    Raises a RobotError if there is no such model, or bearings are wanted of an arm that describes
+    none.
     """
     if name not in COMPOSITIONS:
         raise RobotError(f"there is no model {name!r}", f"Choose one of {', '.join(COMPOSITIONS)}")
@@ -160,7 +163,8 @@ def _links(arm: _Assembly) -> None:
 
 
 def _rigid(arm: _Assembly) -> None:
-    """Links, and what spins with the motors of joints that are driven stiffly: felt by their own joints alone."""
+    """Links, and what spins with the motors of joints that are driven stiffly: felt by their own
+    joints alone."""
     _links(arm)
     for i, joint in enumerate(arm.robot.joints):
         if joint.armature is not None:
@@ -210,7 +214,8 @@ def _bearing(joint: Joint) -> Bearing:
 
 
 def on_link(joint: Joint, component: Component) -> np.ndarray:
-    """Placement, in the frame of the link a joint moves, of a component that turns with it at ``O_{i-1}``."""
+    """Placement, in the frame of the link a joint moves, of a component that turns with it at
+    ``O_{i-1}``."""
     return snap(np.linalg.inv(joint.after) @ placed(position=component.position))
 
 

@@ -36,7 +36,8 @@ def regressor(bodies: Bodies) -> ca.Function:
     """(x, dx, ddx) -> Phi (dof, P) of (10), in the whole of Psi."""
     s = Symbols(bodies)
     forces = _forces(bodies, s, s.dx, s.ddx)
-    # One adjoint sweep a row walks the joint's twist outward: far fewer operations than one sweep a parameter.
+    # One adjoint sweep a row walks the joint's twist outward: far fewer operations than one sweep a
+    # parameter.
     rows = [ca.gradient(forces[k], s.Psi).T for k in range(bodies.dof)]
     return _function("regressor", s, ("x", "dx", "ddx"), {"Phi": ca.vertcat(*rows)})
 
@@ -69,7 +70,8 @@ def energy(bodies: Bodies) -> ca.Function:
 
 
 def terms(bodies: Bodies) -> ca.Function:
-    """(x, dx, Psi) -> M, S, B, c, c1, c2, g of (1); springs left out. With bearings the tilts count as link side."""
+    """(x, dx, Psi) -> M, S, B, c, c1, c2, g of (1); springs left out. With bearings the tilts count
+    as link side."""
     s = Symbols(bodies)
     link, motor = list(bodies.link_side), list(bodies.motor_side)
     whole = _mass_matrix(bodies, s)
@@ -98,9 +100,11 @@ DERIVATIONS: dict[str, Callable[[Bodies], ca.Function]] = {
 
 
 def solve(matrix: ca.SX, right: ca.SX) -> ca.SX:
-    """Solve a symmetric positive definite system by L D LT without square roots, as straight-line code.
+    """Solve a symmetric positive definite system by L D LT without square roots, as straight-line
+    code.
 
-    Rows are eliminated in the order of least fill (minimum degree), so structural zeros cost nothing.
+    Rows are eliminated in the order of least fill (minimum degree), so structural zeros cost
+    nothing.
     """
     n = matrix.shape[0]
     entries = {
@@ -165,7 +169,8 @@ def _forces(bodies: Bodies, s: Symbols, dx: ca.SX, ddx: ca.SX | None) -> ca.SX:
 
 
 def _mass_matrix(bodies: Bodies, s: Symbols) -> ca.SX:
-    """One recursion a column, at rest and without weight; the symmetric half is taken from below the diagonal."""
+    """One recursion a column, at rest and without weight; the symmetric half is taken from below
+    the diagonal."""
     at_rest: list[ca.SX | float] = [0.0] * bodies.dof
     columns = []
     for k in range(bodies.dof):

@@ -1,8 +1,9 @@
-"""Numbers in twice the working precision: sums of them, and triangular factors of Gram matrices made of them.
+"""Numbers in twice the working precision: sums of them, and triangular factors of Gram matrices
+made of them.
 
-A Gram matrix squares the condition number; carried beyond the working precision, its Cholesky factor is as good as that
-of an orthogonal triangularisation of the rows themselves. Numbers are pairs hi + lo (T. Dekker, Numerische Mathematik
-18 (1971) 224).
+A Gram matrix squares the condition number; carried beyond the working precision, its Cholesky
+factor is as good as that of an orthogonal triangularisation of the rows themselves. Numbers are
+pairs hi + lo (T. Dekker, Numerische Mathematik 18 (1971) 224).
 """
 
 import ctypes
@@ -18,10 +19,12 @@ from elastic_arm.errors import KernelError
 
 Pair = tuple[Array, Array]
 
-# A pivot below this share of its column's square is nothing but the rounding of its products (2^-76).
+# A pivot below this share of its column's square is nothing but the rounding of its products
+# (2^-76).
 NOTHING = 1e-22
 _SPLITTER = 2.0**27 + 1.0
-# Sums and products stay as they are written, on as many numbers side by side as the processor takes.
+# Sums and products stay as they are written, on as many numbers side by side as the processor
+# takes.
 _FLAGS = ("-ffp-contract=off", "-O3")
 
 
@@ -51,8 +54,8 @@ def cholesky(gram: Pair) -> Array:
 
     gram: hi, lo (..., k, k), positive semidefinite.
 
-    Returns (..., k, k) upper triangular; a column that is a combination of those before it has a zero pivot and a
-    zero row.
+    Returns (..., k, k) upper triangular; a column that is a combination of those before it has a
+    zero pivot and a zero row.
     """
     hi, lo = (np.array(part, dtype=float, order="C") for part in gram)
     compiled = _compiled()
@@ -66,7 +69,8 @@ def cholesky(gram: Pair) -> Array:
 
 @functools.cache
 def _compiled() -> Callable[..., None] | None:
-    """Return the loop in C, where there is a compiler: NumPy's calls for each column take twenty times as long."""
+    """Return the loop in C, where there is a compiler: NumPy's calls for each column take twenty
+    times as long."""
     source = (resources.files("elastic_arm.dynamics") / "cholesky.c").read_text(encoding="utf-8")
     try:
         function = build(source, flags=_FLAGS).cholesky

@@ -1,9 +1,11 @@
-"""Information matrices of a regressor, row by row, beyond the working precision, without ever storing the regressor.
+"""Information matrices of a regressor, row by row, beyond the working precision, without ever
+storing the regressor.
 
-Squaring a regressor squares its condition number; products to some 77 bits of the columns' norms, added up in twice the
-working precision, make up for that: the result is as good as that of an orthogonal triangularisation. Each equation
-(row r of Phi) keeps its own matrix [Phi_r, y_r]T [Phi_r, y_r], so that it can be weighted by its own noise afterwards,
-and only the columns that are not structurally null enter.
+Squaring a regressor squares its condition number; products to some 77 bits of the columns' norms,
+added up in twice the working precision, make up for that: the result is as good as that of an
+orthogonal triangularisation. Each equation (row r of Phi) keeps its own matrix [Phi_r, y_r]T
+[Phi_r, y_r], so that it can be weighted by its own noise afterwards, and only the columns that are
+not structurally null enter.
 """
 
 from __future__ import annotations
@@ -19,7 +21,8 @@ from elastic_arm.dynamics.double_double import Pair, add
 _CHUNK = 1024
 # Samples whose regressor is stored at a time where there is no compiler.
 _STORED = 8 * _CHUNK
-# Slices of 21 bits: products of two, summed over a chunk of 2^10, fit a double's 53 bits without rounding.
+# Slices of 21 bits: products of two, summed over a chunk of 2^10, fit a double's 53 bits without
+# rounding.
 _SLICE_BITS = 21
 _SLICES = 4
 
@@ -27,10 +30,11 @@ _SLICES = 4
 class Information:
     """Sum over samples of [Phi_r, y_r]T [Phi_r, y_r] for every row r of a regressor.
 
-    kernel: whose first output is Phi (rows, P); further outputs are ignored; rounded: whether entries may be
-    rounded to 51 bits below the largest of their column. That changes Phi by no more than its own rounding, and is
-    nearly twice as fast where the processor has 52-bit multiplications; it is no sum of *these* products to 77 bits
-    any more, but the exact one of a matrix that close.
+    kernel: whose first output is Phi (rows, P); further outputs are ignored; rounded: whether
+    entries may be rounded to 51 bits below the largest of their column. That changes Phi by no more
+    than its own rounding, and is nearly twice as fast where the processor has 52-bit
+    multiplications; it is no sum of *these* products to 77 bits any more, but the exact one of a
+    matrix that close.
 
     Attributes
     ----------
@@ -84,7 +88,8 @@ class Information:
         self.samples = 0
 
     def grams(self) -> Pair:
-        """Return hi, lo (rows, P + 1, P + 1): the matrices are hi + lo, |lo| below a unit of hi; y comes last."""
+        """Return hi, lo (rows, P + 1, P + 1): the matrices are hi + lo, |lo| below a unit of hi; y
+        comes last."""
         hi, lo = np.zeros((2, self.rows, self.columns + 1, self.columns + 1))
         row, i, j = self._places
         for target, packed in ((hi, self._hi), (lo, self._lo)):
@@ -125,10 +130,12 @@ def _triangle(size: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def gram(matrix: np.ndarray) -> Pair:
-    """Return hi, lo with hi + lo = AT A of `matrix` A (N, k), to more than 80 bits of the columns' norms.
+    """Return hi, lo with hi + lo = AT A of `matrix` A (N, k), to more than 80 bits of the columns'
+    norms.
 
-    Every column is cut into slices whose products sum without rounding, which ordinary matrix products then do
-    (K. Ozaki, T. Ogita, S. Oishi, S. M. Rump, Error-free transformations of matrix multiplication, 2012).
+    Every column is cut into slices whose products sum without rounding, which ordinary matrix
+    products then do (K. Ozaki, T. Ogita, S. Oishi, S. M. Rump, Error-free transformations of matrix
+    multiplication, 2012).
     """
     k = matrix.shape[1]
     hi, lo = np.zeros((k, k)), np.zeros((k, k))
@@ -141,7 +148,8 @@ def gram(matrix: np.ndarray) -> Pair:
 
 
 def _cut(matrix: np.ndarray) -> list[np.ndarray]:
-    """Cut columns into slices, each a multiple of its own power of two with at most 21 bits; they sum to the matrix."""
+    """Cut columns into slices, each a multiple of its own power of two with at most 21 bits; they
+    sum to the matrix."""
     scale = np.ldexp(1.0, np.frexp(np.abs(matrix).max(axis=0, initial=0.0))[1])
     slices, rest = [], matrix
     for k in range(_SLICES):

@@ -36,7 +36,8 @@ def build_model(
     Parameters
     ----------
     name
-        ``"mod1"``, ``"mod2"`` or ``"mod3"``; for a robot without transmissions all three are its rigid links.
+        ``"mod1"``, ``"mod2"`` or ``"mod3"``; for a robot without transmissions all three are its
+        rigid links.
     bearings
         Let the joints tilt about x and y on their bearings.
     engine
@@ -77,7 +78,8 @@ class Model:
         self._kernels: dict[tuple[str, tuple[int, ...] | None], kernels.Kernel] = {}
 
     def at(self, Psi: np.ndarray) -> Model:
-        """Return the same model at other parameters (P,), which need not be those of physical bodies."""
+        """Return the same model at other parameters (P,), which need not be those of physical
+        bodies."""
         moved = copy(self)
         moved.Psi = np.asarray(Psi, dtype=float)
         return moved
@@ -102,7 +104,8 @@ class Model:
     ) -> np.ndarray:
         """Left side of (1) with K and D: (N, dof), [0; tau_m] for a true motion.
 
-        x, dx, ddx: (N, dof) rad, rad/s and rad/s²; Psi: (P,) parameters; the description's when None.
+        x, dx, ddx: (N, dof) rad, rad/s and rad/s²; Psi: (P,) parameters; the description's when
+        None.
         """
         return self._run("inverse_dynamics", x, dx, ddx, self._psi(Psi))[0]
 
@@ -114,7 +117,8 @@ class Model:
         columns: Columns | None = None,
         out: np.ndarray | None = None,
     ) -> np.ndarray:
-        """Phi of (10), (N, dof, P), or only its `columns`; written to `out`, if given, of that shape.
+        """Phi of (10), (N, dof, P), or only its `columns`; written to `out`, if given, of that
+        shape.
 
         x, dx, ddx: (N, dof) rad, rad/s and rad/s².
         """
@@ -168,7 +172,8 @@ class Model:
     def energy(
         self, x: np.ndarray, dx: np.ndarray, Psi: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Kinetic and potential energy, (N,) each, J; springs included, gravity counted from the ground's origin.
+        """Kinetic and potential energy, (N,) each, J; springs included, gravity counted from the
+        ground's origin.
 
         x, dx: (N, dof) rad and rad/s; Psi: (P,) parameters; the description's when None.
         """
@@ -176,9 +181,11 @@ class Model:
         return kinetic[:, 0], potential[:, 0]
 
     def accumulator(self, columns: Columns | None = None, *, rounded: bool = False) -> Information:
-        """Empty sum of information matrices of Phi (or of its `columns`); feed it by ``add(x, dx, ddx, y=y)``.
+        """Empty sum of information matrices of Phi (or of its `columns`); feed it by ``add(x, dx,
+        ddx, y=y)``.
 
-        `rounded` allows fixed point, which is faster; see :class:`~elastic_arm.dynamics.gram.Information`.
+        `rounded` allows fixed point, which is faster; see
+        :class:`~elastic_arm.dynamics.gram.Information`.
         """
         return Information(self.kernel("regressor", columns), rounded=rounded)
 
@@ -192,17 +199,19 @@ class Model:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Sum over samples of [Phi_r, y_r]T [Phi_r, y_r] of every equation r; Phi is never stored.
 
-        x, dx, ddx: (N, dof) rad, rad/s and rad/s²; y: (N, dof) right side, Nm; the last column of the sums.
+        x, dx, ddx: (N, dof) rad, rad/s and rad/s²; y: (N, dof) right side, Nm; the last column of
+        the sums.
 
-        Returns hi and lo, (dof, P + 1, P + 1) each: the sums are hi + lo, to some 77 bits of the columns' norms; `y`
-        (N, dof) comes last.
+        Returns hi and lo, (dof, P + 1, P + 1) each: the sums are hi + lo, to some 77 bits of the
+        columns' norms; `y` (N, dof) comes last.
         """
         total = self.accumulator(columns)
         total.add(x, dx, ddx, y=y)
         return total.grams()
 
     def function(self, name: str) -> casadi.Function:
-        """CasADi SX function of that name, to build on: see :mod:`elastic_arm.dynamics.derivation`."""
+        """CasADi SX function of that name, to build on: see
+        :mod:`elastic_arm.dynamics.derivation`."""
         if name not in self._functions:
             from elastic_arm.dynamics.derivation import DERIVATIONS
 

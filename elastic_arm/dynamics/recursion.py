@@ -1,10 +1,11 @@
 """The one derivation: Newton-Euler over a tree of bodies, for any kind of scalar.
 
-A vector is a list of three scalars, which may be floats, CasADi SX or SymPy expressions: the numbers and the printed
-S of (8) come from the same lines. Constant zeros and ones are skipped, so that expressions stay as small as by hand.
+A vector is a list of three scalars, which may be floats, CasADi SX or SymPy expressions: the
+numbers and the printed S of (8) come from the same lines. Constant zeros and ones are skipped, so
+that expressions stay as small as by hand.
 
-Source: R. Featherstone, Rigid Body Dynamics Algorithms, ch. 5 (recursive Newton-Euler); spins after L. Sciavicco and
-B. Siciliano's treatment of rotors as bodies on the link that carries them.
+Source: R. Featherstone, Rigid Body Dynamics Algorithms, ch. 5 (recursive Newton-Euler); spins after
+L. Sciavicco and B. Siciliano's treatment of rotors as bodies on the link that carries them.
 """
 
 from collections.abc import Callable, Sequence
@@ -29,7 +30,8 @@ class Trig:
 
 @dataclass
 class _FrameMotion:
-    """Of a frame, in its own axes: angular velocity and acceleration, acceleration of its origin less gravity.
+    """Of a frame, in its own axes: angular velocity and acceleration, acceleration of its origin
+    less gravity.
 
     `turn` is cosine and sine of a revolute joint, `slide` the travel of a prismatic one.
     """
@@ -63,8 +65,8 @@ def inverse_dynamics(
 ) -> list[Scalar]:
     """Generalized forces, the left side of (1) without springs: M ddx + c + g.
 
-    x, dx, ddx: generalized coordinates and derivatives, `bodies.dof` scalars each; gravity: of the base frame,
-    m/s^2; that of `bodies` when None.
+    x, dx, ddx: generalized coordinates and derivatives, `bodies.dof` scalars each; gravity: of the
+    base frame, m/s^2; that of `bodies` when None.
     """
     weight = bodies.gravity if gravity is None else gravity
     motions = _outward(bodies, x, dx, ddx, [-1.0 * g for g in weight], trig)
@@ -90,7 +92,8 @@ def inverse_dynamics(
 def spring_forces(
     bodies: Bodies, x: Sequence[Scalar], dx: Sequence[Scalar], Psi: Sequence[Scalar]
 ) -> list[Scalar]:
-    """K (q - theta) + D (dq - dtheta) on the link side of (1), the opposite on the motor side; bearings likewise."""
+    """K (q - theta) + D (dq - dtheta) on the link side of (1), the opposite on the motor side;
+    bearings likewise."""
     forces: list[Scalar] = [0.0] * bodies.dof
     for s in bodies.springs:
         d, dd = x[s.coordinate], dx[s.coordinate]
@@ -106,7 +109,8 @@ def spring_forces(
 def energy(
     bodies: Bodies, x: Sequence[Scalar], dx: Sequence[Scalar], Psi: Sequence[Scalar], trig: Trig
 ) -> tuple[Scalar, Scalar]:
-    """Kinetic and potential energy; the latter counts springs, and gravity from the ground frame's origin."""
+    """Kinetic and potential energy; the latter counts springs, and gravity from the ground frame's
+    origin."""
     kinetic: Scalar = 0.0
     potential: Scalar = 0.0
     angular: list[Vec] = []
@@ -137,7 +141,8 @@ def energy(
 
 
 def frame_inertias(bodies: Bodies, Psi: Sequence[Scalar]) -> list[tuple[Scalar, Vec, Vec] | None]:
-    """Mass, first moment and tensor (xx xy xz yy yz zz) of all that rests in each frame, about its origin."""
+    """Mass, first moment and tensor (xx xy xz yy yz zz) of all that rests in each frame, about its
+    origin."""
     sums: list[Vec | None] = [None] * len(bodies.frames)
     for body in bodies.bodies:
         if body.frame == GROUND:
@@ -192,7 +197,8 @@ def _turned(
 
 
 def _slid(up: _FrameMotion, axis: int, travel: tuple[Scalar, Scalar, Scalar]) -> Vec:
-    """Acceleration of the origin of a frame that slides along an axis: with the frame, of Coriolis, and its own."""
+    """Acceleration of the origin of a frame that slides along an axis: with the frame, of Coriolis,
+    and its own."""
     position, rate, acceleration = (_along(axis, value) for value in travel)
     a = _add(up.a, _point_acceleration(up.w, up.dw, position))
     return _add(_add(a, _scale(_cross(up.w, rate), 2.0)), acceleration)
@@ -214,7 +220,8 @@ def _newton_euler(motion: _FrameMotion, inertia: tuple[Scalar, Vec, Vec]) -> tup
 def _inward(
     bodies: Bodies, motions: list[_FrameMotion], wrenches: list[_Wrench], forces: list[Scalar]
 ) -> list[Scalar]:
-    """Hand every frame's wrench to its parent, and the part about its axis, or along it, to its coordinate."""
+    """Hand every frame's wrench to its parent, and the part about its axis, or along it, to its
+    coordinate."""
     for frame, motion, wrench in reversed(list(zip(bodies.frames, motions, wrenches, strict=True))):
         f, n = _through(frame.after, wrench.f, wrench.n)
         forces[frame.coordinate] = forces[frame.coordinate] + (f if frame.slides else n)[frame.axis]
@@ -310,7 +317,8 @@ def _minus(a: Scalar, b: Scalar) -> Scalar:
 
 
 def _tensor_regressor(w: Vec, dw: Vec) -> list[Vec]:
-    """I dw + w x I w as a matrix times the six of I: its products of w are shared by all that a frame carries."""
+    """I dw + w x I w as a matrix times the six of I: its products of w are shared by all that a
+    frame carries."""
     x, y, z = w
     xx, yy, zz, xy, xz, yz = (
         _times(a, b) for a, b in ((x, x), (y, y), (z, z), (x, y), (x, z), (y, z))
@@ -323,7 +331,8 @@ def _tensor_regressor(w: Vec, dw: Vec) -> list[Vec]:
 
 
 def _point_acceleration(w: Vec, dw: Vec, p: Sequence[Scalar] | np.ndarray) -> Vec:
-    """dw x p + w x (w x p), as ([dw] + w wT - |w|^2) p: the matrix is shared by all points of a body."""
+    """dw x p + w x (w x p), as ([dw] + w wT - |w|^2) p: the matrix is shared by all points of a
+    body."""
     point = [float(c) for c in p] if isinstance(p, np.ndarray) else list(p)
     xx, yy, zz = (_times(c, c) for c in w)
     xy, xz, yz = _times(w[0], w[1]), _times(w[0], w[2]), _times(w[1], w[2])

@@ -1,4 +1,5 @@
-"""The catalogue of unmodelled effects: one file an effect, read by simulator, identification, diagnosis and report.
+"""The catalogue of unmodelled effects: one file an effect, read by simulator, identification,
+diagnosis and report.
 
 A file of `library/` that holds an `EFFECT` is in the catalogue; a user's file is added with
 :meth:`Catalogue.with_files`. What a file imports to describe an effect is here.

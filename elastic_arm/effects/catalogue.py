@@ -1,4 +1,5 @@
-"""Catalogues of effects by id: those of the library, of installed packages, and of a user's own files."""
+"""Catalogues of effects by id: those of the library, of installed packages, and of a user's own
+files."""
 
 from __future__ import annotations
 
@@ -27,7 +28,8 @@ from elastic_arm.input_files import read_text
 from elastic_arm.robot import Robot, load_robot
 
 GROUP = "elastic_arm.effects"  # entry points of installed packages: NAME = "module:EFFECT"
-# What executing a file may raise; EffectError is a ValueError, CasADi raises RuntimeError and NotImplementedError.
+# What executing a file may raise; EffectError is a ValueError, CasADi raises RuntimeError and
+# NotImplementedError.
 _RAISED: tuple[type[Exception], ...] = (
     ImportError,
     NameError,
@@ -88,13 +90,15 @@ class Catalogue(Mapping[str, Effect]):
         return found
 
     def withholding(self, effect_id: str) -> Catalogue:
-        """Return the catalogue with an effect that no diagnosis names; what every arm has of it stays ordinary."""
+        """Return the catalogue with an effect that no diagnosis names; what every arm has of it
+        stays ordinary."""
         return Catalogue(
             [replace(e, searched=False) if e.id == effect_id else e for e in self.values()]
         )
 
     def find(self, effect_id: str) -> Effect:
-        """Return an effect by id; EffectError, with the ids that come close, where there is none."""
+        """Return an effect by id; EffectError, with the ids that come close, where there is
+        none."""
         if effect_id in self:
             return self[effect_id]
         close = difflib.get_close_matches(effect_id, self, n=3, cutoff=0.5)
@@ -107,7 +111,8 @@ class Catalogue(Mapping[str, Effect]):
 
 
 def discover(folder: ModuleType = library) -> Catalogue:
-    """Return the `EFFECT`, or the `EFFECTS`, of every module of a package, the library, that has one."""
+    """Return the `EFFECT`, or the `EFFECTS`, of every module of a package, the library, that has
+    one."""
     modules = sorted(m.name for m in pkgutil.iter_modules(folder.__path__))
     return Catalogue(
         [e for m in modules for e in _held(importlib.import_module(f"{folder.__name__}.{m}"))]
@@ -173,7 +178,8 @@ def _of_file(path: Path) -> list[Effect]:
 
 
 def _tried(effect: Effect) -> None:
-    """Write a law over the symbols of the nominal arm, with exact signs of velocities, before an arm needs it."""
+    """Write a law over the symbols of the nominal arm, with exact signs of velocities, before an
+    arm needs it."""
     robot = load_robot(None)
     equations = ArmEquations(robot, effect.lacked_by[-1])
     n, dof = robot.n, equations.dof
@@ -188,7 +194,8 @@ def _tried(effect: Effect) -> None:
 
 
 def _located(path: Path, error: Exception, remedy: str) -> EffectError:
-    """Return an error with the last line of a file that it passed through, and its own remedy where it has one."""
+    """Return an error with the last line of a file that it passed through, and its own remedy where
+    it has one."""
     lines = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == str(path)]
     place = f"{path}: line {lines[-1]}" if lines else str(path)
     if isinstance(error, EffectError):
@@ -202,9 +209,11 @@ EFFECTS = discover()
 def from_dict(
     entry: Mapping[str, Any], robot: Robot | None = None, catalogue: Catalogue | None = None
 ) -> EffectInstance:
-    """Read an effect as an arm file holds it: `{"effect": id, "joint": name or None, "parameters": {…}}`.
+    """Read an effect as an arm file holds it: `{"effect": id, "joint": name or None, "parameters":
+    {…}}`.
 
-    The joint is checked where there is a robot. Raises an EffectError if it is no such entry, or makes no sense.
+    The joint is checked where there is a robot. Raises an EffectError if it is no such entry, or
+    makes no sense.
     """
     extra = set(entry) - {"effect", "joint", "parameters"}
     if "effect" not in entry or extra:

@@ -76,8 +76,8 @@ class EffectSet:
     def contribution(self, motion: SymbolicMotion) -> tuple[Contribution, ca.SX]:
         """Return the sum of all laws, and the rates of `z`.
 
-        Transmission errors come first: the other laws of the joint find them in the deflection. Friction comes before
-        what scales it.
+        Transmission errors come first: the other laws of the joint find them in the deflection.
+        Friction comes before what scales it.
         """
         twist, twist_rate = ca.SX(motion.n, 1), ca.SX(motion.n, 1)
         for instance, i, values in self._placed:
@@ -119,6 +119,7 @@ def _checked(effect: Effect, part: object) -> Contribution:
 
 
 def law_joints(instance: EffectInstance, robot: Robot) -> tuple[int, ...]:
-    """Return the joints for which a law is evaluated: once for the whole arm where it acts on all at once."""
+    """Return the joints for which a law is evaluated: once for the whole arm where it acts on all
+    at once."""
     joints = instance.joint_indices(robot)
     return joints[:1] if instance.effect.scope is Scope.ARM else joints

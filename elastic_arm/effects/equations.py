@@ -1,4 +1,5 @@
-"""The equations of an arm over symbols, as laws see them: a thin layer over the one derivation in `dynamics`."""
+"""The equations of an arm over symbols, as laws see them: a thin layer over the one derivation in
+`dynamics`."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -63,7 +64,8 @@ class ArmEquations:
         return ca.vertcat(*inertias)
 
     def left_side(self, x: SX, dx: SX, ddx: SX, *, model: str | None = None) -> SX:
-        """Return the left side of (1) with K and D (dof, 1); of another variant with its nominal numbers."""
+        """Return the left side of (1) with K and D (dof, 1); of another variant with its nominal
+        numbers."""
         if model is None:
             return _left_side(self.bodies, x, dx, ddx, _entries(self.Psi))
         bodies = compose(self.robot, model, bearings=self._bearings)
@@ -90,7 +92,8 @@ class ArmEquations:
         )
 
     def gravity_columns(self, x: SX) -> SX:
-        """Return the derivative of the left side of (1) by the gravity vector in the ground frame, (dof, 3)."""
+        """Return the derivative of the left side of (1) by the gravity vector in the ground frame,
+        (dof, 3)."""
         return self._gravity_columns(x, self.Psi)
 
     @cached_property
@@ -111,8 +114,10 @@ class ArmEquations:
     def moved_and_pulled(
         self, x: Array, dx: Array, ddx: Array, *, motors: bool
     ) -> tuple[Array, Array]:
-        """Return what the motion and what gravity take of each joint of the nominal arm, for arrays of samples."""
-        # A few thousand samples once: the recursion runs over them, and nothing is derived for them.
+        """Return what the motion and what gravity take of each joint of the nominal arm, for arrays
+        of samples."""
+        # A few thousand samples once: the recursion runs over them, and nothing is derived for
+        # them.
         still: list[Any] = [0.0] * self.dof
         motions = [
             ([*dx.T], [*ddx.T], [0.0, 0.0, 0.0]),

@@ -1,8 +1,9 @@
 """What an effect is.
 
-An effect is one thing: a law, its parameters, its words. The law is what it adds to the three residuals of a joint
-(:class:`~elastic_arm.effects.motion.Contribution`) as an expression; the simulator adds the same expression to the
-equations of motion. What differs between kinds of effects is only how they enter a simulated arm:
+An effect is one thing: a law, its parameters, its words. The law is what it adds to the three
+residuals of a joint (:class:`~elastic_arm.effects.motion.Contribution`) as an expression; the
+simulator adds the same expression to the equations of motion. What differs between kinds of effects
+is only how they enter a simulated arm:
 
 - :class:`Effect`: through its law, in the equations;
 - :class:`SensorEffect`: in what the sensors make of the truth;
@@ -49,7 +50,8 @@ class Scope(Enum):
 
 @dataclass(frozen=True)
 class Confusion:
-    """Another effect that a recording may not separate from this one: when, and which motion would."""
+    """Another effect that a recording may not separate from this one: when, and which motion
+    would."""
 
     effect: str
     when: str
@@ -83,38 +85,45 @@ class Effect:
     scope: Scope = Scope.EACH
     sides: tuple[str, ...] = ()
     regime: str = "always"
-    # what a joint with it does, with its numbers by name: "loses {torque} of dry friction"; its name where empty
+    # what a joint with it does, with its numbers by name: "loses {torque} of dry friction"; its
+    # name where empty
     plain: str = ""
     # names of internal states, which stay within -1 and 1; they start at zero in a simulation
     states: tuple[str, ...] = ()
-    # for a transmission error: (motion, joint index, parameters) -> e(theta) and its rate, which all laws of the joint
-    # then find in the deflection
+    # for a transmission error: (motion, joint index, parameters) -> e(theta) and its rate, which
+    # all laws of the joint then find in the deflection
     twist: Callable[[SymbolicMotion, int, Mapping[str, Any]], tuple[ca.SX, ca.SX]] | None = None
     sides_of: Callable[[Mapping[str, Any]], tuple[str, ...]] | None = None
     confusions: tuple[Confusion, ...] = ()  # what it may be mistaken for
-    # names of the parameters that are its size: one, or several that are the components of one; the first parameter
-    # where none is named
+    # names of the parameters that are its size: one, or several that are the components of one; the
+    # first parameter where none is named
     magnitude: tuple[str, ...] = ()
-    # whether it shows by the motion of its own joint alone. A drive is wound where its joint stands still, too
+    # whether it shows by the motion of its own joint alone. A drive is wound where its joint stands
+    # still, too
     needs_motion: bool = False
-    # whether it is an error of the model's own parameters: where these are identified first, nothing of it is left
+    # whether it is an error of the model's own parameters: where these are identified first,
+    # nothing of it is left
     model_parameter: bool = False
-    # name of the number of an arm's description that it is an error of, where it is one alone: "stiffness"
+    # name of the number of an arm's description that it is an error of, where it is one alone:
+    # "stiffness"
     number: str = ""
     lacked_by: tuple[str, ...] = MODELS  # model variants that lack it
-    # (equations of an arm) -> its regressor, where the law is not enough. Parameters that act linearly keep columns
-    # that are derivatives of the law; the regressor then is the effect at given values of all parameters
+    # (equations of an arm) -> its regressor, where the law is not enough. Parameters that act
+    # linearly keep columns that are derivatives of the law; the regressor then is the effect at
+    # given values of all parameters
     regressor: RegressorOf | None = None
-    # (sample rate in Hz) -> standard deviation of its first parameter over ordinary arms of a refit; None where an
-    # ordinary arm has none of it
+    # (sample rate in Hz) -> standard deviation of its first parameter over ordinary arms of a
+    # refit; None where an ordinary arm has none of it
     prior: Callable[[float], float] | None = None
-    set_at_start: bool = False  # whether it may be another one in each recording: a zero that is set anew at each start
+    # whether it may be another one in each recording: a zero that is set anew at each start
+    set_at_start: bool = False
     friction: bool = False  # whether it is friction: what laws find as the friction of its side
-    # scales_friction, in_time: whether the law takes the friction of the side (`motion.friction`), and how much of the
-    # recording has passed (`motion.progress`, or `motion.elapsed` in s)
+    # scales_friction, in_time: whether the law takes the friction of the side (`motion.friction`),
+    # and how much of the recording has passed (`motion.progress`, or `motion.elapsed` in s)
     scales_friction: bool = False
     in_time: bool = False
-    # whether a diagnosis looks for it; False for what acts only where a description or a user states it
+    # whether a diagnosis looks for it; False for what acts only where a description or a user
+    # states it
     searched: bool = True
 
     def __post_init__(self) -> None:
@@ -201,9 +210,11 @@ class Effect:
         }[self.scope]
 
     def candidates(self, robot: Robot) -> Iterator[EffectInstance]:
-        """Return the effect at every place and in every choice, at no effect where it has such a value.
+        """Return the effect at every place and in every choice, at no effect where it has such a
+        value.
 
-        Parameters without a neutral value stand at their default, or in the middle of their plausible range.
+        Parameters without a neutral value stand at their default, or in the middle of their
+        plausible range.
         """
         start = {p.name: p.start() for p in self.parameters}
         for joint in self.places(robot):
@@ -241,7 +252,8 @@ class StructuralEffect(Effect):
 
 @dataclass(frozen=True)
 class ControllerEffect(Effect):
-    """An effect of what a drive's controller is; its law is written in commands, as of controllers that are stated."""
+    """An effect of what a drive's controller is; its law is written in commands, as of controllers
+    that are stated."""
 
     change: Callable[[JointController, Mapping[str, Any]], JointController] = field(kw_only=True)
 
@@ -319,9 +331,11 @@ class EffectInstance:
             sits = ", ".join(place for place in places if place) or "no joint of this arm"
             raise EffectError(
                 f"{self.effect.id} cannot sit on {self.joint}",
-                "Name no joint: it acts on the whole arm."
-                if scope is Scope.ARM
-                else f"It sits on {sits}.",
+                (
+                    "Name no joint: it acts on the whole arm."
+                    if scope is Scope.ARM
+                    else f"It sits on {sits}."
+                ),
             )
         return (names.index(self.joint),)
 

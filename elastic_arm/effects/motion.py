@@ -1,7 +1,8 @@
-"""The words in which an effect's law is written: the motion of an arm, and what a law adds to its equations.
+"""The words in which an effect's law is written: the motion of an arm, and what a law adds to its
+equations.
 
-All entries are CasADi expressions. The simulator puts the state it integrates in their place, the diagnosis the
-channels of a recording; a law does not depend on which.
+All entries are CasADi expressions. The simulator puts the state it integrates in their place, the
+diagnosis the channels of a recording; a law does not depend on which.
 """
 
 from __future__ import annotations
@@ -16,8 +17,10 @@ from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.errors import EffectError
 from elastic_arm.robot import Robot, Transmission
 
-STEPS = 4  # of Newton from the deflection that was read: to a thousandth where that is within a half of it
-# A law that falls as fast as its spring rises leaves no deflection that carries the load: least slope of both, over K.
+# of Newton from the deflection that was read: to a thousandth where that is within a half of it
+STEPS = 4
+# A law that falls as fast as its spring rises leaves no deflection that carries the load: least
+# slope of both, over K.
 LEAST = 0.1
 
 SX = ca.SX
@@ -25,10 +28,12 @@ SX = ca.SX
 
 @dataclass(frozen=True)
 class Contribution:
-    """What an effect adds to the three residuals of each joint, and how its internal states move."""
+    """What an effect adds to the three residuals of each joint, and how its internal states
+    move."""
 
-    # link, drive, motor: (n, 1) Nm, added to `tau_J - (model's link torque)`, `tau_J - K (theta - q) - D (dtheta - dq)`
-    # and `tau_m - (model's motor torque) - tau_J`: positive where the arm resists more than the model
+    # link, drive, motor: (n, 1) Nm, added to `tau_J - (model's link torque)`, `tau_J - K (theta -
+    # q) - D (dtheta - dq)` and `tau_m - (model's motor torque) - tau_J`: positive where the arm
+    # resists more than the model
     link: SX
     drive: SX
     motor: SX
@@ -55,8 +60,8 @@ class SymbolicMotion:
     """The motion of an arm over symbols."""
 
     equations: ArmEquations  # the arm's own equations, for laws that change them
-    # x, dx, ddx: (dof, 1) Generalized coordinates `[q, theta]`, `[q, theta, q_x, q_y]`, or `[q]` for an arm without
-    # transmissions
+    # x, dx, ddx: (dof, 1) Generalized coordinates `[q, theta]`, `[q, theta, q_x, q_y]`, or `[q]`
+    # for an arm without transmissions
     x: SX
     dx: SX
     ddx: SX
@@ -65,7 +70,8 @@ class SymbolicMotion:
     tau_m: SX
     dtau_J: SX
     dtau_m: SX
-    # (side, joint index) -> sign of that side's velocity: exact in a diagnosis, regularised in a simulator
+    # (side, joint index) -> sign of that side's velocity: exact in a diagnosis, regularised in a
+    # simulator
     sign: Callable[[str, int], SX]
     # twist, twist_rate: (n, 1) What transmission errors add to the deflection, and its rate
     twist: SX | float = 0.0
@@ -79,11 +85,12 @@ class SymbolicMotion:
     # friction_link, friction_motor: (n, 1) What friction effects add to both sides, Nm
     friction_link: SX | None = None
     friction_motor: SX | None = None
-    # (n, 1) The deflection of springs that carry the load a model predicts, less what laws carry that do not follow it;
-    # None where it is not known
+    # (n, 1) The deflection of springs that carry the load a model predicts, less what laws carry
+    # that do not follow it; None where it is not known
     wound: SX | None = None
     loaded: SX | float = 1.0  # (1, 1) Whether `wound` is that, 1 or 0
-    # r, dr: (n, 1) Commands of the controllers that made tau_m, and their rates; None where it was measured
+    # r, dr: (n, 1) Commands of the controllers that made tau_m, and their rates; None where it was
+    # measured
     r: SX | None = None
     dr: SX | None = None
     # kp, kd, fed: (n, 1) Their gains of the errors of angles and rates, and what else they make, Nm
@@ -141,11 +148,12 @@ class SymbolicMotion:
         return self.theta + self.twist - self.q
 
     def deflection_under_load(self, i: int, law: Callable[[SX], SX]) -> SX:
-        """Return the deflection at which spring i and a law beside it, nearly a stiffness, carry the load.
+        """Return the deflection at which spring i and a law beside it, nearly a stiffness, carry
+        the load.
 
-        The stiffness itself is regressed on the predicted load. Beside it a column of the encoders' deflection would
-        fit their noise, which the residual holds, too (errors in variables; Fuller, Measurement Error Models, 1987).
-        Where the load is not known it is the deflection.
+        The stiffness itself is regressed on the predicted load. Beside it a column of the encoders'
+        deflection would fit their noise, which the residual holds, too (errors in variables;
+        Fuller, Measurement Error Models, 1987). Where the load is not known it is the deflection.
         """
         read = self.deflection[i]
         if self.wound is None:
@@ -176,11 +184,13 @@ class SymbolicMotion:
         return self.equations.D
 
     def left_side(self, model: str) -> SX:
-        """Return the left side of (1) in a model variant of this arm, with its nominal numbers (dof, 1)."""
+        """Return the left side of (1) in a model variant of this arm, with its nominal numbers
+        (dof, 1)."""
         return self.equations.left_side(self.x, self.dx, self.ddx, model=model)
 
     def carried_body(self, link: int, mass: SX, moment: SX, inertia: SX) -> SX:
-        """Return what a body fixed to link `link` (index) adds to the left side of (1), (dof, 1)."""
+        """Return what a body fixed to link `link` (index) adds to the left side of (1), (dof,
+        1)."""
         return self.equations.carried_body(link, mass, moment, inertia, self.x, self.dx, self.ddx)
 
     def velocity(self, side: str) -> SX:
@@ -208,7 +218,8 @@ class SymbolicMotion:
         if joint.transmission is None and not joint.armature:
             raise EffectError(
                 f"robot {self.robot.name} describes no motor inertia of {joint.name}",
-                "State its armature (kg m²) in the arm file, or use an arm file with transmissions.",
+                "State its armature (kg m²) in the arm file, or use an arm file with"
+                " transmissions.",
             )
         return self.equations.B[i]
 

@@ -1,4 +1,5 @@
-"""What an effect is given: numbers with unit and plausible range, and choices that are no numbers."""
+"""What an effect is given: numbers with unit and plausible range, and choices that are no
+numbers."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -13,8 +14,9 @@ from elastic_arm.formatting import JointUnits
 class Role(Enum):
     """How the diagnosis gets at a parameter.
 
-    LINEAR: its column is the law's derivative at no effect. PHASE: with the linear parameter named first, the law is
-    linear in (amplitude cos phase, amplitude sin phase). SEARCHED: only by trying values.
+    LINEAR: its column is the law's derivative at no effect. PHASE: with the linear parameter named
+    first, the law is linear in (amplitude cos phase, amplitude sin phase). SEARCHED: only by trying
+    values.
     """
 
     LINEAR = "linear"
@@ -23,7 +25,8 @@ class Role(Enum):
 
 
 class Scale(Enum):
-    """How values of a parameter are spread over its range: at equal distances, or at equal ratios."""
+    """How values of a parameter are spread over its range: at equal distances, or at equal
+    ratios."""
 
     LINEAR = "linear"
     LOG = "log"
@@ -48,12 +51,13 @@ class Parameter:
     meaning: str = ""
     size: int = 1  # number of components: 3 for a vector
     above: float = -math.inf  # physical bound: values must be larger
-    # what a real arm has at least: who states the effect may not go below it. A fit may, and so shows that the nominal
-    # arm has too much of it
+    # what a real arm has at least: who states the effect may not go below it. A fit may, and so
+    # shows that the nominal arm has too much of it
     least: float = -math.inf
     # exact value for the coefficient of its column; None for `neutral + coefficient`
     from_coefficient: Callable[[float], float] | None = None
-    # whether it is a whole number, such as a number of waves a turn: whole values are tried, and none between
+    # whether it is a whole number, such as a number of waves a turn: whole values are tried, and
+    # none between
     integer: bool = False
     scale: Scale | None = (
         None  # of the values tried; None for LOG where the whole range is positive, else LINEAR
@@ -64,10 +68,11 @@ class Parameter:
     inverse: bool = (
         False  # whether the effect grows as the value falls, as the stiffness of what gives way
     )
-    # range from which the blind challenge draws it; None for the default, or the plausible range without one
+    # range from which the blind challenge draws it; None for the default, or the plausible range
+    # without one
     draw: tuple[float, float] | None = None
-    # what of the joint's motion bounds it, whatever the arm does: how far its "deflection", or the "error" of its
-    # controller, is for the most part, the "torque" that it takes, or nothing
+    # what of the joint's motion bounds it, whatever the arm does: how far its "deflection", or the
+    # "error" of its controller, is for the most part, the "torque" that it takes, or nothing
     bounded_by: Literal["", "deflection", "error", "torque"] = ""
 
     def __post_init__(self) -> None:
@@ -123,7 +128,8 @@ class Parameter:
 
     @property
     def component_names(self) -> list[str]:
-        """Names of its components: its own, with the axis for a vector of three and a number for another."""
+        """Names of its components: its own, with the axis for a vector of three and a number for
+        another."""
         if self.size == 1:
             return [self.name]
         return [f"{self.name}_{'xyz'[k] if self.size == 3 else k}" for k in range(self.size)]
@@ -144,12 +150,14 @@ class Parameter:
             try:
                 return self.from_coefficient(coefficient)
             except ZeroDivisionError:
-                # As of the torque of a joint for which the model predicts none: all of it would be the sensor's gain.
+                # As of the torque of a joint for which the model predicts none: all of it would be
+                # the sensor's gain.
                 return math.inf
         return (self.neutral or 0.0) + coefficient
 
     def checked(self, value: Any, of: str) -> float | tuple[float, ...]:
-        """Return `value` as a number, or a tuple of them for a vector; EffectError where it makes no sense."""
+        """Return `value` as a number, or a tuple of them for a vector; EffectError where it makes
+        no sense."""
         numbers = tuple(value) if isinstance(value, list | tuple) else (value,)
         what = "a number" if self.size == 1 else f"{self.size} numbers"
         unit = f" in {self.unit}" if self.unit != "1" else ""
@@ -186,7 +194,8 @@ class Choice:
         self.checked(self.default, "the default")
 
     def checked(self, value: Any, of: str) -> str | tuple[str, ...]:
-        """Return the choice, a tuple where several may be made; EffectError where there is no such choice."""
+        """Return the choice, a tuple where several may be made; EffectError where there is no such
+        choice."""
         chosen = (value,) if isinstance(value, str) else tuple(value)
         wrong = [v for v in chosen if v not in self.values]
         if wrong or not chosen or (len(chosen) > 1 and not self.several):

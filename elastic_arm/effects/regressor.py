@@ -1,7 +1,8 @@
 """A regressor of an effect's own, for effects whose law over a sample's motion is not enough.
 
-Most effects need none: the derivative of the law is their column. Where an effect's torque follows from the whole
-recording (tilts that swing, a state that is filtered), the effect's file computes it over all samples at once.
+Most effects need none: the derivative of the law is their column. Where an effect's torque follows
+from the whole recording (tilts that swing, a state that is filtered), the effect's file computes it
+over all samples at once.
 """
 
 from collections.abc import Callable, Mapping
@@ -17,7 +18,8 @@ Made = TypeVar("Made")
 
 
 class Once:
-    """Keeps what regressors make of the motion alone: they are asked at many values of an effect's parameters."""
+    """Keeps what regressors make of the motion alone: they are asked at many values of an effect's
+    parameters."""
 
     def __init__(self) -> None:
         self._made: dict[str, Any] = {}
@@ -43,7 +45,8 @@ class MotionSignals:
     )
     # variances (n,) of a sample's white noise of the recorded torques, Nm², by name
     torque_noise: Mapping[str, Array] = field(default_factory=dict)
-    # (N, n) Nm, tau_J and tau_m as predicted, and tau_J where it is "clear" of noise; empty where nobody asked
+    # (N, n) Nm, tau_J and tau_m as predicted, and tau_J where it is "clear" of noise; empty where
+    # nobody asked
     model_torques: Mapping[str, Array] = field(default_factory=dict)
     # what is made of these signals alone
     once: Once = field(default_factory=Once, init=False, repr=False, compare=False)

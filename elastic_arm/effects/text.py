@@ -1,8 +1,10 @@
 """Effects written as text, `EFFECT[:JOINT][:NAME=VALUE,…]`: one grammar, read for three uses.
 
 - :func:`parse`: an effect on an arm to be simulated; all that has no default is given.
-- :func:`known_effects`: effects that a diagnosis counts as part of the model; what is not given is fitted.
-- :func:`parse_laws`: effects identified beside the model's own parameters; linear parameters need no value.
+- :func:`known_effects`: effects that a diagnosis counts as part of the model; what is not given is
+  fitted.
+- :func:`parse_laws`: effects identified beside the model's own parameters; linear parameters need
+  no value.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -52,11 +54,13 @@ class _ParsedInstance:
 def parse(
     text: str, robot: Robot | None = None, catalogue: Catalogue | None = None
 ) -> EffectInstance:
-    """Read an effect on an arm, such as `payload:mass=5,position=0/0/0.1` or `base_tilt:x=0.01,y=0`.
+    """Read an effect on an arm, such as `payload:mass=5,position=0/0/0.1` or
+    `base_tilt:x=0.01,y=0`.
 
-    Components of a vector are joined by `/`, several choices by `+`: `time_delay:channels=joint_torque+motor_torque`.
-    The joint is checked where there is a robot. Raises an EffectError if it cannot be read, or no real arm has such an
-    effect; the message lists what would be valid.
+    Components of a vector are joined by `/`, several choices by `+`:
+    `time_delay:channels=joint_torque+motor_torque`. The joint is checked where there is a robot.
+    Raises an EffectError if it cannot be read, or no real arm has such an effect; the message lists
+    what would be valid.
     """
     written = _read(text, catalogue)
     instance = written.on(written.joint)
@@ -83,10 +87,11 @@ def known_effects(
 def parse_laws(
     texts: Sequence[str], robot: Robot, catalogue: Catalogue | None = None
 ) -> list[EffectInstance]:
-    """Read effects whose linear parameters are to be identified; without a joint they sit on every joint.
+    """Read effects whose linear parameters are to be identified; without a joint they sit on every
+    joint.
 
-    Raises an EffectError or IdentificationError if there is no such effect, none of its parameters is linear, or a
-    value is given for one that is.
+    Raises an EffectError or IdentificationError if there is no such effect, none of its parameters
+    is linear, or a value is given for one that is.
     """
     found = []
     for text in texts:
@@ -100,17 +105,21 @@ def parse_laws(
             )
         if effect.in_time:
             raise IdentificationError(
-                f"{effect.id} goes by the time since the recording began, which identification does not follow",
+                f"{effect.id} goes by the time since the recording began, which identification does"
+                " not follow",
                 "Leave it to `elastic-arm diagnose`.",
             )
         if isinstance(effect, SensorEffect) and any(p.neutral == 1.0 for p in linear):
             raise IdentificationError(
-                f"{effect.id}: with its gain left open a torque explains itself, and every mass is zero",
-                "Leave it out, or find it with `elastic-arm diagnose --refit`, which knows how far gains are off.",
+                f"{effect.id}: with its gain left open a torque explains itself, and every mass is"
+                " zero",
+                "Leave it out, or find it with `elastic-arm diagnose --refit`, which knows how far"
+                " gains are off.",
             )
         if stated := [p.name for p in linear if p.name in written.values]:
             raise IdentificationError(
-                f"{effect.id}: {', '.join(stated)} is what identification finds, and a value is given",
+                f"{effect.id}: {', '.join(stated)} is what identification finds, and a value is"
+                " given",
                 f"Leave it out: {effect.id}{f':{written.joint}' if written.joint else ''}.",
             )
         neutral = {
@@ -124,7 +133,8 @@ def parse_laws(
 
 
 def _joints(written: _ParsedInstance, robot: Robot) -> Sequence[str | None]:
-    """Return the joint that was named; without one, every joint, or the whole arm where all are alike."""
+    """Return the joint that was named; without one, every joint, or the whole arm where all are
+    alike."""
     if written.joint is not None:
         return [written.joint]
     places = written.effect.places(robot)
@@ -149,7 +159,8 @@ def _read(
         if not equals or not value:
             raise kind(
                 f"cannot read {item!r} in the {what} {text!r}",
-                f"Write NAME=VALUE with NAME one of {', '.join(effect.names) or '(it has no parameters)'}.",
+                "Write NAME=VALUE with NAME one of"
+                f" {', '.join(effect.names) or '(it has no parameters)'}.",
             )
         values[name] = _value(effect, name, value)
     return _ParsedInstance(effect, joint or None, values)
@@ -163,7 +174,8 @@ def _value(effect: Effect, name: str, value: str) -> Any:
 
 
 def _refuse_impossible(instance: EffectInstance, written: dict[str, Any]) -> None:
-    """Refuse what no real arm has, such as friction that drives. Arm files may hold it: a fit wrote it there."""
+    """Refuse what no real arm has, such as friction that drives. Arm files may hold it: a fit wrote
+    it there."""
     for p in instance.effect.parameters:
         value: Any = instance.parameters[p.name]
         if p.name in written and min(value if isinstance(value, tuple) else (value,)) < p.least:

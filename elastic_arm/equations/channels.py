@@ -27,7 +27,8 @@ def gains(parameters: Sequence[Number], values: Array, joints: Sequence[str]) ->
 def _by_channel(
     chosen: Sequence[bool], parameters: Sequence[Number], values: Array, joints: Sequence[str]
 ) -> dict[str, Array]:
-    """Return values of the chosen parameters, (n,) by channel in their units; as described where a joint has none."""
+    """Return values of the chosen parameters, (n,) by channel in their units; as described where a
+    joint has none."""
     found: dict[str, Array] = {}
     for one, parameter, value in zip(chosen, parameters, values, strict=True):
         if one and (channel := parameter.channel) is not None:

@@ -1,15 +1,18 @@
-"""Laws that no catalogue states: any smooth function of what a joint's friction, springs, drive and sensors depend on.
+"""Laws that no catalogue states: any smooth function of what a joint's friction, springs, drive and
+sensors depend on.
 
     f(a) = sum_k gamma_k phi_k(a),   gamma ~ N(0, size² 1)
 
 The columns phi span the range that the argument has in all recordings. Two priors share them:
 
-- rough: cubic splines whose coefficients are a random walk of second order (P-splines, Eilers and Marx 1996);
-- smooth: a Gaussian process over the range r in [0, 1], K = 1 + M(|r - r'|) + 0.03² M(4 |r - r'|), with the Matern
+- rough: cubic splines whose coefficients are a random walk of second order (P-splines, Eilers and
+  Marx 1996);
+- smooth: a Gaussian process over the range r in [0, 1], K = 1 + M(|r - r'|) + 0.03² M(4 |r - r'|),
+  with the Matern
   5/2 kernel M(d) = (1 + s + s²/3) exp(-s), s = √5 d (Rasmussen and Williams 2006, equation 4.17).
 
-A law of the catalogue has a form. Where the form is wrong, a function without one explains more, although each of its
-many coefficients has a price (:mod:`elastic_arm.evidence`).
+A law of the catalogue has a form. Where the form is wrong, a function without one explains more,
+although each of its many coefficients has a price (:mod:`elastic_arm.evidence`).
 """
 
 from collections.abc import Callable, Sequence
@@ -26,8 +29,8 @@ from elastic_arm.robot import Transmission
 
 Argument = Callable[[Signals], Array]
 
-# Numbers of cubic splines over the root of a speed, the recording, an angle (of friction, of a torque) and a load: each
-# coefficient has its price, so that too many cost a few nats and no truth.
+# Numbers of cubic splines over the root of a speed, the recording, an angle (of friction, of a
+# torque) and a load: each coefficient has its price, so that too many cost a few nats and no truth.
 SPEEDS, TIMES, PLACES, ANGLES, LOADS = 10, 12, 16, 32, 12
 RELAXATIONS = (0.03, 0.1, 0.3, 1.0, 3.0)  # s; from a cycle of fast motion to a slow one
 SHARED = {"link": 1.0, "drive": 1.0, "motor": -1.0}
@@ -52,11 +55,13 @@ class GeneralLaw:
     side: str  # "link", "drive", "motor", or "sensor" for what a torque sensor reads
     argument: str  # what it depends on, in words
     shapes: Callable[[Signals], Array]  # signals -> (N, k) functions
-    friction: bool = False  # whether it is a general form of friction: dry friction of one size is among its functions
+    # whether it is a general form of friction: dry friction of one size is among its functions
+    friction: bool = False
     smoothness: str = ROUGH  # prior of its functions
 
     def plain(self, data: WhitenedData) -> list[Array]:
-        """Return its columns (N', R, k) in the band, one array a stretch; coefficients of 1 make about 1 Nm."""
+        """Return its columns (N', R, k) in the band, one array a stretch; coefficients of 1 make
+        about 1 Nm."""
         parts = [part.stretch.in_band(self.shapes(part.signals)) for part in data.parts]
         return placed(data, self.side, self.joint, parts)
 
@@ -66,8 +71,8 @@ def general_laws(
 ) -> list[GeneralLaw]:
     """Return the general laws of a joint.
 
-    sets: of the recordings: they span the functions' arguments; gear: its transmission: some laws repeat with its
-    turns.
+    sets: of the recordings: they span the functions' arguments; gear: its transmission: some laws
+    repeat with its turns.
     """
     n, sides = sets[0].layout.n, sets[0].layout.sides
     found = []
@@ -134,7 +139,8 @@ def _signal(name: str, column: int) -> Argument:
 
 
 def _load(joint: int) -> Argument:
-    """Return the predicted torque (N,) in a joint, clear of the encoders' noise, which is in the residuals, too."""
+    """Return the predicted torque (N,) in a joint, clear of the encoders' noise, which is in the
+    residuals, too."""
     return lambda signals: np.asarray(signals.model_torques["clear"][:, joint])
 
 
@@ -197,7 +203,8 @@ def _splines(
 
 
 def _random_walk(count: int) -> Array:
-    """Return coefficients (count, count + 1) of splines: random bends of unit size, and a mean with a wider prior."""
+    """Return coefficients (count, count + 1) of splines: random bends of unit size, and a mean with
+    a wider prior."""
     walk = np.cumsum(np.cumsum(np.eye(count), axis=0), axis=0)
     walk -= walk.mean(axis=0)
     walk /= np.sqrt(np.mean(np.sum(walk**2, axis=1)))
@@ -205,7 +212,8 @@ def _random_walk(count: int) -> Array:
 
 
 def _gaussian_process(count: int) -> Array:
-    """Return coefficients (count, k) of splines whose products are the kernel of a smooth law, largest first."""
+    """Return coefficients (count, k) of splines whose products are the kernel of a smooth law,
+    largest first."""
     r = np.linspace(0.0, 1.0, count)
     distance = np.abs(r[:, None] - r)
     kernel = 1.0 + _matern(distance) + FINE_SHARE**2 * _matern(FINER * distance)
@@ -223,8 +231,8 @@ def _matern(distance: Array) -> Array:
 def _but_linear(sets: Sequence[WhitenedData], argument: Argument, shapes: Argument) -> Argument:
     """Return functions without what is in proportion to their argument over all recordings.
 
-    That part of what a sensor reads is its gain. Beside it a law that has it could take the load's signal off the
-    gain's column and leave its noise, which is in the residuals.
+    That part of what a sensor reads is its gain. Beside it a law that has it could take the load's
+    signal off the gain's column and leave its noise, which is in the residuals.
     """
     parts = [part.signals for data in sets for part in data.parts]
     x = np.concatenate([argument(signals) for signals in parts])
@@ -250,9 +258,11 @@ def _relaxed(load: Argument, constants: Sequence[float]) -> Argument:
 
 
 def placed(data: WhitenedData, side: str, joint: int, shapes: Sequence[Array]) -> list[Array]:
-    """Return shapes as columns (N', R, k) of the residuals in which a side of a joint shows, treated as those are.
+    """Return shapes as columns (N', R, k) of the residuals in which a side of a joint shows,
+    treated as those are.
 
-    side: "link", "drive", "motor", or "sensor" for all that share a torque sensor; shapes: (N', k) of each stretch.
+    side: "link", "drive", "motor", or "sensor" for all that share a torque sensor; shapes: (N', k)
+    of each stretch.
     """
     layout = data.layout
     columns = [np.zeros((thin.shape[1], layout.rows, len(thin))).T for thin in shapes]

@@ -1,8 +1,8 @@
 """Columns of uncertain numbers: what one standard deviation of each prior changes in the residuals.
 
-A measured torque enters an equation with the coefficient one: whatever scales a torque (a sensor's gain, a stiffness)
-has a column of torque that the model predicts. With the measured torque in its place, no torque sensor and a massless
-arm would explain every recording.
+A measured torque enters an equation with the coefficient one: whatever scales a torque (a sensor's
+gain, a stiffness) has a column of torque that the model predicts. With the measured torque in its
+place, no torque sensor and a massless arm would explain every recording.
 """
 
 from collections.abc import Mapping, Sequence
@@ -41,8 +41,8 @@ def number_columns(
 ) -> list[Array]:
     """Return columns (N', R, k) of each stretch, Nm for one standard deviation of each prior.
 
-    nominal: the description, to which relative changes refer; recordings: number of each of the data's recordings;
-    those of zeros that are others in each act on its own alone.
+    nominal: the description, to which relative changes refer; recordings: number of each of the
+    data's recordings; those of zeros that are others in each act on its own alone.
     """
     result = [columns.copy(order="K") for columns in inertial]
     for k, feature in features.items():
@@ -95,12 +95,14 @@ def shared_columns(
     which: int,
     values: Array,
 ) -> tuple[list[int], list[Array]]:
-    """Return what an effect that acts adds to the columns of gains: which gains, and (N', R, m) of each stretch.
+    """Return what an effect that acts adds to the columns of gains: which gains, and (N', R, m) of
+    each stretch.
 
-    A gain scales what the effect adds to the torque. Where the effect is not there, neither is this.
+    A gain scales what the effect adds to the torque. Where the effect is not there, neither is
+    this.
 
-    data: whitened residuals, in whose predicted torques it acts; parameters, features: the numbers, and the effects
-    that some of them are, as of :func:`features_at`; values: (k,) of the numbers.
+    data: whitened residuals, in whose predicted torques it acts; parameters, features: the numbers,
+    and the effects that some of them are, as of :func:`features_at`; values: (k,) of the numbers.
     """
     effect, found, numbers = data.acting[which], [list[Array]() for _ in data.parts], list[int]()
     for k, feature in features.items():
@@ -142,7 +144,8 @@ def _transmitted(
 ) -> Array:
     """Return what a transmission error makes of the read joint torque at the motor (N', R), Nm.
 
-    It scales with that torque. Without it a recording would seem to show the common scale of all torques and masses.
+    It scales with that torque. Without it a recording would seem to show the common scale of all
+    torques and masses.
     """
     j, n = equations.robot.joint_names.index(str(effect.feature.joint)), equations.robot.n
     link, motor, *_ = effect.torques(part.signals)
@@ -150,7 +153,8 @@ def _transmitted(
 
 
 def _in_row(data: WhitenedData, part: Part, row: int, values: Array) -> Array:
-    """Return what a torque (N,) in one of the full rows adds to the usable ones in the band (N', R), Nm."""
+    """Return what a torque (N,) in one of the full rows adds to the usable ones in the band (N',
+    R), Nm."""
     entries = Entries(values[:, None], np.array([row]), np.array([0]), (3 * data.layout.n, 1))
     return data.in_band(part, entries)[:, :, 0]
 
@@ -158,10 +162,12 @@ def _in_row(data: WhitenedData, part: Part, row: int, values: Array) -> Array:
 def features_at(
     model: Model, parameters: Sequence[Number], acting: Sequence[ActingEffect] = ()
 ) -> dict[int, Feature]:
-    """Return the effects that uncertain numbers are, by place in the list; each compiled once for all data.
+    """Return the effects that uncertain numbers are, by place in the list; each compiled once for
+    all data.
 
-    model: at the present values of the arm's numbers: a wrong zero of an encoder is wound by the stiffness where it
-    is; acting: known effects: the friction that changes with temperature is among them.
+    model: at the present values of the arm's numbers: a wrong zero of an encoder is wound by the
+    stiffness where it is; acting: known effects: the friction that changes with temperature is
+    among them.
     """
     equations = ArmEquations(model.robot, model.name)
     return {
@@ -174,7 +180,8 @@ def features_at(
 def inertial_columns(
     model: Model, data: WhitenedData, parameters: Sequence[Number], directions: Array
 ) -> list[Array]:
-    """Return the columns (N', R, k) of the inertial numbers of each stretch, zero for other parameters.
+    """Return the columns (N', R, k) of the inertial numbers of each stretch, zero for other
+    parameters.
 
     They are linear in Psi and depend on the motion alone.
 
@@ -195,10 +202,12 @@ def inertial_columns(
 
 
 def calibrated_parameters(model: Model, nominal: Robot, values: Array, directions: Array) -> Array:
-    """Return Psi (P,) with inertial numbers at these values, linear in them whether or not bodies are physical.
+    """Return Psi (P,) with inertial numbers at these values, linear in them whether or not bodies
+    are physical.
 
-    nominal: the description, to which relative changes refer; values: (k,) deviations from the description, in
-    units of the priors' standard deviations; directions: (P, k) of :func:`directions_of`.
+    nominal: the description, to which relative changes refer; values: (k,) deviations from the
+    description, in units of the priors' standard deviations; directions: (P, k) of
+    :func:`directions_of`.
     """
     moved = build_model(nominal, model.name).Psi + directions @ values
     springs = _springs(model)
@@ -244,20 +253,23 @@ def _drive_entries(
     *,
     sensed: bool = True,
 ) -> Entries:
-    """Columns (N, 3 n, k): stiffness by predicted torque, damping by that of the spring, presliding by speed."""
+    """Columns (N, 3 n, k): stiffness by predicted torque, damping by that of the spring, presliding
+    by speed."""
     n, elastic, motion, signals = model.n, model.robot.elastic, part.stretch.quiet, part.signals
     K, D = drive_constants(model) if elastic else (np.ones(n), np.zeros(n))
     load = rates = _wound(model, part, acting) if elastic else np.zeros((len(motion), n))
     clear = load - _load_noise(part) if sensed else load
     if elastic and not sensed and any(p.what == "damping" for p in parameters):
-        # Without a joint torque sensor the deflection stands for the torque: its noise is in residual and column.
+        # Without a joint torque sensor the deflection stands for the torque: its noise is in
+        # residual and column.
         rates = np.stack(
             [_quiet(rate, part.noise, j) for j, rate in enumerate(rates_of(motion.t, load).T)],
             axis=1,
         )
     elif elastic and any(p.what == "damping" for p in parameters):
-        # What is known to act beside the spring, such as hysteresis or play, bends how fast it is wound; and the noise
-        # of accelerations counts as of no torque: regressed on it, too, a damping would come out too small.
+        # What is known to act beside the spring, such as hysteresis or play, bends how fast it is
+        # wound; and the noise of accelerations counts as of no torque: regressed on it, too, a
+        # damping would come out too small.
         others = K * signals.values["wound"] - signals.values["tau_J"]
         others = others - sum(
             effect.torques(signals)[3] for effect in acting if effect.feature.follows_load
@@ -289,11 +301,13 @@ def _drive_entries(
 def _of_gain(
     model: Model, nominal: Robot, parameter: Number, part: Part, acting: Sequence[ActingEffect]
 ) -> Array:
-    """Return how what the controller of a joint makes falls (N,) Nm with a gain, in ratios to the described one.
+    """Return how what the controller of a joint makes falls (N,) Nm with a gain, in ratios to the
+    described one.
 
-    What is left of the predicted torque is that of the error of the angle: the angle's own noise is in the made
-    torque, too, and gains of zero would explain all of it. At its limit a torque does not change. Laws without
-    a linear size are left out, as they are of the columns of masses: else they would tell the scale that both have.
+    What is left of the predicted torque is that of the error of the angle: the angle's own noise is
+    in the made torque, too, and gains of zero would explain all of it. At its limit a torque does
+    not change. Laws without a linear size are left out, as they are of the columns of masses: else
+    they would tell the scale that both have.
     """
     motion, signals, j = (
         part.stretch.quiet,
@@ -318,15 +332,18 @@ def _of_gain(
 def _load_noise(part: Part) -> Array:
     """Return what of the predicted load (N, n) Nm is not far above the noise of accelerations.
 
-    That noise is in the residuals, too: a stiffness beside a law of the load could take it off them.
+    That noise is in the residuals, too: a stiffness beside a law of the load could take it off
+    them.
     """
     return np.asarray(part.signals.values["tau_J"] - part.signals.model_torques["clear"])
 
 
 def _quiet(rate: Array, noise: NoiseModel, j: int) -> Array:
-    """Return the rate (N,) of the predicted load of joint j, Nm/s, without what is noise of the encoders in it.
+    """Return the rate (N,) of the predicted load of joint j, Nm/s, without what is noise of the
+    encoders in it.
 
-    It holds the third derivative of the links' angles. Regressed on its noise too, a damping comes out too small.
+    It holds the third derivative of the links' angles. Regressed on its noise too, a damping comes
+    out too small.
     """
     assert noise.load is not None
     return wiener_filter(rate, noise.rate, noise.f, (2 * np.pi * noise.f) ** 2 * noise.load[:, j])(
@@ -335,10 +352,12 @@ def _quiet(rate: Array, noise: NoiseModel, j: int) -> Array:
 
 
 def _wound(model: Model, part: Part, acting: Sequence[ActingEffect]) -> Array:
-    """Return the torques (N, n) by which the drives are wound, Nm: those of the model, and of effects that act.
+    """Return the torques (N, n) by which the drives are wound, Nm: those of the model, and of
+    effects that act.
 
-    They are what gains scale. Of the model alone, gains and stiffnesses that scale alike would leave what a payload
-    loads the drives with, and a recording would seem to show the common scale of all torques and masses.
+    They are what gains scale. Of the model alone, gains and stiffnesses that scale alike would
+    leave what a payload loads the drives with, and a recording would seem to show the common scale
+    of all torques and masses.
     """
     load = predicted_torques(model, part.stretch.quiet)[0]
     for effect in acting:
@@ -354,8 +373,9 @@ def _wound(model: Model, part: Part, acting: Sequence[ActingEffect]) -> Array:
 def _turnover(w: Array, t: Array, speeds: Sequence[float]) -> Array:
     """Return how dry friction of 1 Nm may turn over (N,) beside the sign of a velocity w (N,).
 
-    Between two widths of the sign function; or, of a single width, all of it early or late. Dry friction makes the
-    acceleration jump, and the smoothed velocity crosses zero as much later as the jump exceeds the acceleration.
+    Between two widths of the sign function; or, of a single width, all of it early or late. Dry
+    friction makes the acceleration jump, and the smoothed velocity crosses zero as much later as
+    the jump exceeds the acceleration.
     """
     if len(speeds) == 2:
         return np.asarray(np.tanh(w / speeds[1]) - np.tanh(w / speeds[0]))
@@ -363,7 +383,8 @@ def _turnover(w: Array, t: Array, speeds: Sequence[float]) -> Array:
 
 
 def directions_of(nominal: Robot, model: str, parameters: Sequence[Number]) -> Array:
-    """Return the derivative (P, k) of Psi by the numbers of the arm, for one standard deviation of each prior."""
+    """Return the derivative (P, k) of Psi by the numbers of the arm, for one standard deviation of
+    each prior."""
     base = build_model(nominal, model).Psi
     found = np.zeros((len(base), len(parameters)))
     for k, parameter in enumerate(parameters):

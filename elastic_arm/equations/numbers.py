@@ -6,7 +6,8 @@ import numpy as np
 
 from elastic_arm.estimation.effect_columns import Feature
 
-# Of a joint's controller, as ratios to the stated ones: all its gains alike, and that of speeds beside the others.
+# Of a joint's controller, as ratios to the stated ones: all its gains alike, and that of speeds
+# beside the others.
 GAINS = SCALE, RATIO = "torque_scale", "kd"
 PRESLIDING = (
     "presliding"  # how gradually dry friction changes its sign: no number of the arm or of a sensor
@@ -31,17 +32,18 @@ class Number:
     limit: float = (
         np.inf
     )  # largest deviation about which the model is made, in standard deviations of the prior
-    # of presliding alone: widths, rad/s, of the two sign functions between which friction turns over, or the width
-    # within which it does so early or late
+    # of presliding alone: widths, rad/s, of the two sign functions between which friction turns
+    # over, or the width within which it does so early or late
     speeds: tuple[float, ...] | None = None
     side: str = ""  # of presliding alone: "link" or "motor", on which friction turns over
-    # number of the recording in which alone it acts: by how much a zero is another one there than in the first; None
-    # of what is the same in all
+    # number of the recording in which alone it acts: by how much a zero is another one there than
+    # in the first; None of what is the same in all
     recording: int | None = None
 
     @property
     def is_logarithmic(self) -> bool:
-        """Whether its logarithm has the prior: a drive is half as stiff as it is stated as easily as twice."""
+        """Whether its logarithm has the prior: a drive is half as stiff as it is stated as easily
+        as twice."""
         return self.what in ("stiffness", "damping")
 
     def value(self, x: float) -> float:
@@ -56,18 +58,21 @@ class Number:
 
     @property
     def cause(self) -> Feature | None:
-        """The effect as which it is reported where it is far off; None of what is another one in each recording."""
+        """The effect as which it is reported where it is far off; None of what is another one in
+        each recording."""
         return None if self.recording is not None else self.feature or self.error
 
     @property
     def kind(self) -> str:
-        """Whose number it is: of the "arm", of a "sensor" or controller, or a "detail" of how a law is met."""
+        """Whose number it is: of the "arm", of a "sensor" or controller, or a "detail" of how a law
+        is met."""
         of_arm = self.feature is None and self.what not in GAINS
         return "detail" if not self.is_number else "arm" if of_arm else "sensor"
 
     @property
     def is_number(self) -> bool:
-        """Whether it is a number of the arm or of a sensor, and not a detail of how a law is met."""
+        """Whether it is a number of the arm or of a sensor, and not a detail of how a law is
+        met."""
         return not self.what.startswith(PRESLIDING)
 
     @property
@@ -79,7 +84,8 @@ class Number:
 
     @property
     def is_inertial(self) -> bool:
-        """Whether the residuals are linear in it whatever its size: a mass, a centre of mass, an inertia."""
+        """Whether the residuals are linear in it whatever its size: a mass, a centre of mass, an
+        inertia."""
         return self.feature is None and self.what.startswith(("link_", "rotor_", "spline_"))
 
     @property
@@ -113,7 +119,8 @@ class Number:
 
     @property
     def moves_model(self) -> bool:
-        """Whether residuals are made anew at its value: of the arm's numbers, of lags and of gains, not of offsets."""
+        """Whether residuals are made anew at its value: of the arm's numbers, of lags and of gains,
+        not of offsets."""
         if self.feature is not None:
             return self.is_lag or self.is_gain
         return self.is_number

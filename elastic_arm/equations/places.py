@@ -1,4 +1,5 @@
-"""Every effect of a catalogue at every place of an arm where it could show, and where a search for it starts."""
+"""Every effect of a catalogue at every place of an arm where it could show, and where a search for
+it starts."""
 
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import replace
@@ -13,7 +14,9 @@ from elastic_arm.estimation.known_torques import ActingEffect
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.estimation.whitening import WhitenedData
 
-WOUND = 1.2  # of the median deflection of a joint: what its play may be, with encoders' zeros a little apart; convention
+# of the median deflection of a joint: what its play may be, with encoders' zeros a little apart;
+# convention
+WOUND = 1.2
 
 
 def features(equations: ArmEquations, effects: Sequence[Effect]) -> list[Feature]:
@@ -37,9 +40,11 @@ def _possible(feature: Feature) -> bool:
 
 
 def recorded_features(found: Iterable[Feature], motion: Motion) -> list[Feature]:
-    """Return the features without those of sensors that were not recorded; of several channels those that were.
+    """Return the features without those of sensors that were not recorded; of several channels
+    those that were.
 
-    motion: of the recordings: its channels, among q, theta, tau_J and tau_m, may be those of some joints alone.
+    motion: of the recordings: its channels, among q, theta, tau_J and tau_m, may be those of some
+    joints alone.
     """
     kept: dict[tuple[object, ...], Feature] = {}
     for feature in found:
@@ -66,7 +71,8 @@ def recorded_features(found: Iterable[Feature], motion: Motion) -> list[Feature]
 
 
 def _is_repeated(feature: Feature, recorded: Collection[str]) -> bool:
-    """Whether it is what the same effect on the motor side is: a rigid joint has two sides beside a torque sensor."""
+    """Whether it is what the same effect on the motor side is: a rigid joint has two sides beside a
+    torque sensor."""
     one_side = not feature.equations.robot.elastic and "tau_J" not in recorded
     return one_side and feature.choices.get("side") == "link"
 
@@ -82,9 +88,9 @@ def feature_of(instance: EffectInstance, equations: ArmEquations) -> Feature:
 def allowed_values(feature: Feature, parameter: Parameter, data: WhitenedData) -> Parameter:
     """Return a searched parameter with the range that recordings allow.
 
-    Beyond it a law is another one: a drive whose play is wider than it is ever wound transmits no torque, a controller
-    of a dead band that holds most errors does not follow, and a drive that gives less torque than the motion takes on
-    average would not move so.
+    Beyond it a law is another one: a drive whose play is wider than it is ever wound transmits no
+    torque, a controller of a dead band that holds most errors does not follow, and a drive that
+    gives less torque than the motion takes on average would not move so.
 
     feature, parameter: the effect at its place, and which of its numbers.
     """
@@ -110,7 +116,8 @@ def allowed_values(feature: Feature, parameter: Parameter, data: WhitenedData) -
 
 
 def scaling(feature: Feature, acting: Sequence[ActingEffect]) -> Feature:
-    """Return an effect that scales friction with the friction at its place among effects that act; others as given."""
+    """Return an effect that scales friction with the friction at its place among effects that act;
+    others as given."""
     if not feature.effect.scales_friction:
         return feature
     wholes = []

@@ -39,7 +39,8 @@ def calibrated_robot(robot: Robot, parameters: Sequence[Number], values: Array) 
 
 
 def nearest_robot(robot: Robot, parameters: Sequence[Number], values: Array) -> Robot:
-    """Return the arm with its numbers at these values, its links only as far as they are physical bodies.
+    """Return the arm with its numbers at these values, its links only as far as they are physical
+    bodies.
 
     values: (k,) deviations from the description, in units of the priors' standard deviations.
     """

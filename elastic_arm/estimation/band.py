@@ -1,4 +1,5 @@
-"""The band in which residuals are looked at: one zero-phase low pass for every term, then fewer samples."""
+"""The band in which residuals are looked at: one zero-phase low pass for every term, then fewer
+samples."""
 
 from dataclasses import dataclass, field
 from typing import Self
@@ -26,9 +27,11 @@ class Band:
     )
 
     def __post_init__(self) -> None:
-        # 2.5 kept samples a second for each Hz of the band, and 40 at least: fewer make filters of narrow bands long
+        # 2.5 kept samples a second for each Hz of the band, and 40 at least: fewer make filters of
+        # narrow bands long
         step = max(1, int(self.rate / max(2.5 * self.cutoff, 40.0)))
-        # What folds back lands between the band's edge and the new Nyquist frequency, where nobody looks.
+        # What folds back lands between the band's edge and the new Nyquist frequency, where nobody
+        # looks.
         stop = min(self.rate / step - self.cutoff, 2.0 * self.cutoff)
         nyquist = self.rate / 2
         # 70.0 dB; what lies above the band would fold into it
@@ -48,11 +51,13 @@ class Band:
         return self.rate / self.step
 
     def at(self, rate: float) -> Self:
-        """Return the same band of a recording of another rate; clocks that run apart by a little are one rate."""
+        """Return the same band of a recording of another rate; clocks that run apart by a little
+        are one rate."""
         return self if abs(rate / self.rate - 1.0) < ALIKE else type(self)(self.cutoff, rate)
 
     def apply(self, values: Array) -> Array:
-        """Filter and thin columns (N, k) -> (N', k), without the ends that would need samples from outside."""
+        """Filter and thin columns (N, k) -> (N', k), without the ends that would need samples from
+        outside."""
         length = len(self.taps)
         if len(values) < length:
             return np.empty((0, *values.shape[1:]))
@@ -63,7 +68,8 @@ class Band:
             full = upfirdn(self.taps, values, up=1, down=self.step, axis=0)
             return full[first : first + self._kept(len(values))]
         kept, begin = self._kept(len(values)), first * self.step - (length - 1)
-        # 60 taps for each sample of thinning from which spectra of the whole are faster than such products
+        # 60 taps for each sample of thinning from which spectra of the whole are faster than such
+        # products
         if length >= 60 * self.step:
             return self._by_spectra(values[begin:], kept)
         thin = np.empty((kept, values.shape[1]))
@@ -72,9 +78,11 @@ class Band:
         return thin
 
     def _products(self, values: Array, kept: int) -> Array:
-        """Filter and thin columns (N, k) -> (kept, k) from the first sample on, by one product of matrices.
+        """Filter and thin columns (N, k) -> (kept, k) from the first sample on, by one product of
+        matrices.
 
-        The taps are cut into blocks of `step`: each kept sample is a sum of products of blocks of taps and of samples.
+        The taps are cut into blocks of `step`: each kept sample is a sum of products of blocks of
+        taps and of samples.
         """
         blocks = -(-len(self.taps) // self.step)
         taps = np.zeros(blocks * self.step)
@@ -92,7 +100,8 @@ class Band:
         return thin.T
 
     def _by_spectra(self, values: Array, kept: int) -> Array:
-        """Filter columns (N, k) by spectra of all of them, and thin -> (kept, k) from the first whole sample on.
+        """Filter columns (N, k) by spectra of all of them, and thin -> (kept, k) from the first
+        whole sample on.
 
         What wraps around, as products of spectra are circular, spoils only samples before that one.
         """
@@ -111,13 +120,15 @@ class Band:
         return t[first :: self.step][: self._kept(len(t))]
 
     def reached(self, piece: slice) -> slice:
-        """Return the rows that :meth:`apply` gives which a piece of samples acts on; their end may lie beyond all."""
+        """Return the rows that :meth:`apply` gives which a piece of samples acts on; their end may
+        lie beyond all."""
         length, first = len(self.taps), self._first
         start = -(-(piece.start - first - length + 1) // self.step)
         return slice(max(0, start), max(0, (piece.stop - 1 - first) // self.step + 1))
 
     def samples(self, rows: slice) -> slice:
-        """Return samples of which alone :meth:`apply` gives certain rows; their end may lie beyond all."""
+        """Return samples of which alone :meth:`apply` gives certain rows; their end may lie beyond
+        all."""
         return slice(
             rows.start * self.step, (rows.stop - 1) * self.step + self._first + len(self.taps)
         )
@@ -141,7 +152,8 @@ class Band:
 
 @dataclass(frozen=True)
 class LowPass:
-    """A zero-phase low pass without decimation, for looking at a narrower band of what a :class:`Band` kept."""
+    """A zero-phase low pass without decimation, for looking at a narrower band of what a
+    :class:`Band` kept."""
 
     cutoff: float  # upper edge, Hz; beyond twice as much nothing is left
     rate: float  # samples per second

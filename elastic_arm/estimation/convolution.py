@@ -1,6 +1,8 @@
-"""Convolution of long signals with short responses, several responses to one signal at the price of one spectrum.
+"""Convolution of long signals with short responses, several responses to one signal at the price of
+one spectrum.
 
-And circular convolution of signals with what ends at the edge of a band, which leaves few harmonics.
+And circular convolution of signals with what ends at the edge of a band, which leaves few
+harmonics.
 """
 
 from __future__ import annotations
@@ -21,21 +23,24 @@ from elastic_arm.codegen.parallel import threads
 BLOCK_OVER_RESPONSE = 6
 SHORTEST_BLOCK = 4096
 COLUMNS = 16  # filtered at once: what the caches hold
-FEW = 4  # rows in which a column acts, up to which sums of spectra are faster than products of matrices
+# rows in which a column acts, up to which sums of spectra are faster than products of matrices
+FEW = 4
 # Threads pay from this many samples on.
 THREADS_FROM = 30_000
 MOST_THREADS = 2
 
 
 def convolve(signals: Sequence[Array], responses: Array, every: int = 1) -> Array:
-    """Convolve signals with responses and add up, keeping what needs no sample from outside (overlap-save).
+    """Convolve signals with responses and add up, keeping what needs no sample from outside
+    (overlap-save).
 
-    Where one of `every` samples is kept, a signal is taken for so many, of every so-manieth sample each, and so is a
-    response: transforms are shorter, and what is not kept is never made (polyphase decomposition; P. P. Vaidyanathan,
-    Multirate Systems and Filter Banks, 1993).
+    Where one of `every` samples is kept, a signal is taken for so many, of every so-manieth sample
+    each, and so is a response: transforms are shorter, and what is not kept is never made
+    (polyphase decomposition; P. P. Vaidyanathan, Multirate Systems and Filter Banks, 1993).
 
-    signals: I arrays (N, m): columns with the same responses; responses: (O, I, K): the response of output o to
-    signal i, its centre in the middle; every: one of so many samples is kept, the first one first.
+    signals: I arrays (N, m): columns with the same responses; responses: (O, I, K): the response of
+    output o to signal i, its centre in the middle; every: one of so many samples is kept, the first
+    one first.
 
     Returns (O, M, m): M = N - K + 1 samples, or one of `every` of them.
     """
@@ -73,9 +78,10 @@ def convolve(signals: Sequence[Array], responses: Array, every: int = 1) -> Arra
 class Harmonics:
     """Samples of a band as the coefficients of their harmonics, which are fewer than the samples.
 
-    Real and imaginary parts of the harmonics 0 to H - 1, in units in which products of two signals are those of their
-    samples (Parseval). Where samples at the ends do not count, as a circular filter spoils them, products are those of
-    (1 - E'E)^(1/2) c, E giving these samples by coefficients c: c less a part in few directions.
+    Real and imaginary parts of the harmonics 0 to H - 1, in units in which products of two signals
+    are those of their samples (Parseval). Where samples at the ends do not count, as a circular
+    filter spoils them, products are those of (1 - E'E)^(1/2) c, E giving these samples by
+    coefficients c: c less a part in few directions.
     """
 
     samples: int  # N
@@ -107,7 +113,8 @@ class Harmonics:
         return len(self.ends)
 
     def coordinates(self, spectra: NDArray[np.complexfloating]) -> Array:
-        """Return the coordinates (..., 2 H) of signals with spectra (..., H), which are times `scale` already."""
+        """Return the coordinates (..., 2 H) of signals with spectra (..., H), which are times
+        `scale` already."""
         own = np.ascontiguousarray(spectra).view(float)
         return np.asarray(own - ((own @ self.ends) * (1.0 - self.left)) @ self.ends.T)
 
@@ -155,7 +162,8 @@ def filtered_circularly(values: Array, gains: CircularGains) -> Array:
 def circular_gains(gains: NDArray[np.complexfloating], samples: int, edge: int) -> CircularGains:
     """Return gains as :func:`filtered_circularly` takes them.
 
-    gains: (H, R, R) at the first frequencies of `numpy.fft.rfft` of these samples, beyond which there is nothing.
+    gains: (H, R, R) at the first frequencies of `numpy.fft.rfft` of these samples, beyond which
+    there is nothing.
     """
     harmonics = Harmonics.of(samples, len(gains), edge)
     scaled = gains * harmonics.scale[:, None, None]
@@ -189,7 +197,8 @@ def _alike(
 def _phases(signal: Array, early: int, windows: tuple[int, int, int], every: int) -> Array:
     """Return windows (every, m, blocks, size) of what each phase of a signal (N, m) has.
 
-    Phase p has the samples p before each of the `every`-th ones, the first of which is `early` before the signal's.
+    Phase p has the samples p before each of the `every`-th ones, the first of which is `early`
+    before the signal's.
 
     windows: their number, by how much each overlaps the one before, and their size.
     """

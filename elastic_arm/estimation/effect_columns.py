@@ -1,7 +1,8 @@
-"""What each effect of the catalogue would add to the residuals of a recording, as columns of a regression.
+"""What each effect of the catalogue would add to the residuals of a recording, as columns of a
+regression.
 
-A law is taken from the catalogue as an expression: its derivatives by the parameters that act linearly are the columns;
-parameters that do not are arguments of the columns, and searched.
+A law is taken from the catalogue as an expression: its derivatives by the parameters that act
+linearly are the columns; parameters that do not are arguments of the columns, and searched.
 """
 
 from __future__ import annotations
@@ -48,7 +49,8 @@ class Feature:
     joint: str | None
     choices: Mapping[str, Any]
     equations: ArmEquations = field(repr=False)  # of the model that lacks it
-    # the friction that it scales, where it does: effects as their laws, and the values of all their parameters
+    # the friction that it scales, where it does: effects as their laws, and the values of all their
+    # parameters
     friction: tuple[tuple[Feature, tuple[float, ...]], ...] = field(default=(), repr=False)
     # what was compiled of this effect, also for the arm with other numbers
     shared: dict[tuple[type, Any], CompiledColumns] = field(default_factory=dict, repr=False)
@@ -94,7 +96,8 @@ class Feature:
 
     @cached_property
     def sensed(self) -> frozenset[str]:
-        """The channels in which a sensor's effect is seen: what it changes; none for an effect of the arm.
+        """The channels in which a sensor's effect is seen: what it changes; none for an effect of
+        the arm.
 
         A link encoder is seen beside the motor encoder.
         """
@@ -107,7 +110,8 @@ class Feature:
 
     @property
     def read_torque(self) -> str | None:
-        """The torque channel to whose reading it adds at its joint, as a wrong zero does; None for what does not."""
+        """The torque channel to whose reading it adds at its joint, as a wrong zero does; None for
+        what does not."""
         first = next((p.unit for p in self.effect.parameters if p.role is Role.LINEAR), None)
         added = self.joint is not None and first in READINGS
         return next(iter(self.sensed & {"tau_J", "tau_m"}), None) if added else None
@@ -153,7 +157,8 @@ class Feature:
 
     @property
     def bends(self) -> bool:
-        """Whether its columns are the effect to first order alone: its law is not linear in its sizes."""
+        """Whether its columns are the effect to first order alone: its law is not linear in its
+        sizes."""
         return (
             bool(self.linear)
             and self.phase is None
@@ -175,7 +180,8 @@ class Feature:
 
     @property
     def follows_load(self) -> bool:
-        """Whether its law takes the deflection that the load makes, of which the drive carries a part by this law."""
+        """Whether its law takes the deflection that the load makes, of which the drive carries a
+        part by this law."""
         return self._compiled.follows_load
 
     def columns(
@@ -225,7 +231,8 @@ class Feature:
 
     @property
     def by_size(self) -> Feature:
-        """The feature whose columns are derivatives by the sizes: itself, or that of which it is the whole."""
+        """The feature whose columns are derivatives by the sizes: itself, or that of which it is
+        the whole."""
         return self
 
     def at(self, equations: ArmEquations) -> Feature:
@@ -271,7 +278,8 @@ class Whole(Feature):
 
 @dataclass(frozen=True, eq=False)
 class OwnRegressor(Whole):
-    """A whole effect by the regressor of its file: at each value of its parameters the size is known."""
+    """A whole effect by the regressor of its file: at each value of its parameters the size is
+    known."""
 
     @cached_property
     def _regressor(self) -> Regressor:
@@ -356,11 +364,11 @@ def _spread(
 def starting_state(residual: Array, columns: Callable[[float], Array], size: float | None) -> float:
     """Return where internal states begin, by least squares on what a stretch leaves of the model.
 
-    Gauss-Newton steps, beside a constant in each residual. What is left counts as noise, of which few samples are
-    independent; a start is expected near zero.
+    Gauss-Newton steps, beside a constant in each residual. What is left counts as noise, of which
+    few samples are independent; a start is expected near zero.
 
-    residual: (N, R) Nm; columns: start -> columns (N, R, k) with all states beginning there; size: coefficient of
-    the first column; None for the one that fits best.
+    residual: (N, R) Nm; columns: start -> columns (N, R, k) with all states beginning there; size:
+    coefficient of the first column; None for the one that fits best.
     """
     start, prior = 0.0, 0.0
     for width in WIDTHS:
@@ -376,8 +384,8 @@ def starting_state(residual: Array, columns: Callable[[float], Array], size: flo
         power = float(np.sum(change**2))
         if power == 0.0:
             return start
-        # 0.5 is the standard deviation of an internal state, which stays within -1 and 1, where a recording begins
-        # 20.0 samples of a residual's misfit that count as one independent one
+        # 0.5 is the standard deviation of an internal state, which stays within -1 and 1, where a
+        # recording begins 20.0 samples of a residual's misfit that count as one independent one
         prior = 20.0 * float(np.mean(left**2)) / 0.5**2
         step = (float(np.sum(change * left)) - prior * (low + high) / 2) / (power + prior)
         start = float(np.clip((low + high) / 2 + step, -1.0, 1.0))
@@ -385,6 +393,7 @@ def starting_state(residual: Array, columns: Callable[[float], Array], size: flo
 
 
 def _scale(residual: Array, column: Array) -> float:
-    """Return the coefficient of a column (N, R) that fits residuals (N, R) best, beside a constant in each."""
+    """Return the coefficient of a column (N, R) that fits residuals (N, R) best, beside a constant
+    in each."""
     column = column - column.mean(axis=0)
     return float(np.sum(column * residual)) / max(float(np.sum(column**2)), 1e-300)

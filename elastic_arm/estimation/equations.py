@@ -6,20 +6,22 @@ With every channel recorded there are three residuals of each joint, from (1) an
     drive   tau_J - K (theta - q) - D (theta' - q')
     motor   tau_m - (S' q'' + B theta'' + c2) - tau_J
 
-A missing channel cancels from some combinations of them and spoils the others. Of those that remain an
-:class:`EquationSet` takes one of two bases:
+A missing channel cancels from some combinations of them and spoils the others. Of those that remain
+an :class:`EquationSet` takes one of two bases:
 
 direct
-    The rows as they stand where their channels are there, so that each keeps its place in the arm. They share the noise
-    of tau_J, which the covariance of :mod:`.whitening` accounts for.
+    The rows as they stand where their channels are there, so that each keeps its place in the arm.
+    They share the noise of tau_J, which the covariance of :mod:`.whitening` accounts for.
 independent
-    Rows that share no torque sensor, so that each can be weighted by itself: with both encoders the lines of (1),
-    `link - drive` (which holds no torque) and `drive + motor` (tau_m), and the drive's law (tau_J); with the encoders
-    of one side only theta = q, and `link` gives tau_J, `link + motor` tau_m.
+    Rows that share no torque sensor, so that each can be weighted by itself: with both encoders the
+    lines of (1), `link - drive` (which holds no torque) and `drive + motor` (tau_m), and the
+    drive's law (tau_J); with the encoders of one side only theta = q, and `link` gives tau_J, `link
+    + motor` tau_m.
 
-Channels that only some joints have are asked for joint by joint. :meth:`EquationSet.even` gives such joints the same
-names of equations again, for arrays of names times joints: those that a joint lacks are void, null combinations. A
-joint without any torque has none but, by both encoders, that of its link.
+Channels that only some joints have are asked for joint by joint. :meth:`EquationSet.even` gives
+such joints the same names of equations again, for arrays of names times joints: those that a joint
+lacks are void, null combinations. A joint without any torque has none but, by both encoders, that
+of its link.
 """
 
 from __future__ import annotations
@@ -50,22 +52,26 @@ _TORQUE_COEFFICIENTS = np.array([[1, 0], [1, 0], [-1, 1]])
 class Equation:
     """One equation of a joint."""
 
-    # "link", "drive", "motor"; with the encoders of one side only "joint" (up to tau_J) and "whole" (up to tau_m)
+    # "link", "drive", "motor"; with the encoders of one side only "joint" (up to tau_J) and "whole"
+    # (up to tau_m)
     name: str
     combination: tuple[int, int, int]  # coefficients of the residuals link, drive and motor in it
 
     @property
     def torque(self) -> str | None:
-        """Channel that it is an equation for; None where it holds no torque, or the difference of both."""
+        """Channel that it is an equation for; None where it holds no torque, or the difference of
+        both."""
         held = np.array(self.combination) @ _TORQUE_COEFFICIENTS
         found = [name for name, coefficient in zip(TORQUES, held, strict=True) if coefficient]
         return found[0] if len(found) == 1 else None
 
     @property
     def lines(self) -> tuple[int, int, int]:
-        """Coefficients in it of the link's and the motor's line of (1), springs included, and of the spring torque.
+        """Coefficients in it of the link's and the motor's line of (1), springs included, and of
+        the spring torque.
 
-        The lines hold the spring with opposite signs; the residuals hold the torque sensor in its place.
+        The lines hold the spring with opposite signs; the residuals hold the torque sensor in its
+        place.
         """
         link, drive, motor = self.combination
         return link, motor, link + drive - motor
@@ -102,8 +108,9 @@ class EquationSet:
     ) -> EquationSet:
         """Return the residuals themselves as far as their channels were recorded.
 
-        recorded: names among q, theta, tau_J, tau_m: one set for all joints, or a sequence of n sets; elastic:
-        whether the joints have transmissions; without them both encoders read one angle, and nothing winds.
+        recorded: names among q, theta, tau_J, tau_m: one set for all joints, or a sequence of n
+        sets; elastic: whether the joints have transmissions; without them both encoders read one
+        angle, and nothing winds.
 
         Raises an IdentificationError if the channels allow no equation.
         """
@@ -128,10 +135,11 @@ class EquationSet:
     ) -> EquationSet:
         """Return equations whose noises are independent.
 
-        recorded: names among q, theta, tau_J, tau_m: one set for all joints, or a sequence of n sets; elastic:
-        whether the joints have transmissions; without them both encoders read one angle; summed: whether,
-        without joint torque sensors, the motor's row is the sum of both lines of (1), in which no spring is
-        left: torque then sets the scale of every mass, and the spring stands in the link's row alone.
+        recorded: names among q, theta, tau_J, tau_m: one set for all joints, or a sequence of n
+        sets; elastic: whether the joints have transmissions; without them both encoders read one
+        angle; summed: whether, without joint torque sensors, the motor's row is the sum of both
+        lines of (1), in which no spring is left: torque then sets the scale of every mass, and the
+        spring stands in the link's row alone.
 
         Raises an IdentificationError if the channels allow no equation.
         """
@@ -150,8 +158,8 @@ class EquationSet:
     def even(self) -> EquationSet:
         """Return the set with every name for every joint: void where a joint lacks it.
 
-        A joint with the encoders of one side alone has its equations under the names that both sides' have for the same
-        torque: "joint" as "drive", "whole" as "motor".
+        A joint with the encoders of one side alone has its equations under the names that both
+        sides' have for the same torque: "joint" as "drive", "whole" as "motor".
         """
         if len(self.entries) == len(self.sides) * self.n:
             return self
@@ -238,10 +246,11 @@ class EquationSet:
 
     @cached_property
     def apart(self) -> Array:
-        """Combinations (R, R) of the rows of which at most one of each joint holds its torque sensor.
+        """Combinations (R, R) of the rows of which at most one of each joint holds its torque
+        sensor.
 
-        The last row that holds tau_J alone stays, and is taken off the others. How badly the noise of that sensor is
-        known then spoils one row, not what the rows have in common.
+        The last row that holds tau_J alone stays, and is taken off the others. How badly the noise
+        of that sensor is known then spoils one row, not what the rows have in common.
         """
         found = np.eye(self.rows)
         held = (
@@ -278,7 +287,8 @@ def _of_joints(recorded: Channels | Sequence[Channels], n: int) -> list[frozense
         )
     if not any(names & set(TORQUES) for names in found):
         raise IdentificationError(
-            "no torque was recorded: neither tau_J (effort of /joint_states) nor tau_m (effort of /motor_states)",
+            "no torque was recorded: neither tau_J (effort of /joint_states) nor tau_m (effort of"
+            " /motor_states)",
             f"Record a torque, or map a motor current with a channel map; {CONTROLLED}.",
         )
     return found
@@ -288,7 +298,8 @@ def _direct(recorded: frozenset[str], *, elastic: bool) -> dict[str, Equation]:
     """Return the residuals of one joint that hold no missing channel, by name."""
     both = elastic and {"q", "theta"} <= recorded
     if "tau_J" in recorded:
-        # Beside a joint torque sensor the motor's acceleration follows from the link's, as does a rigid link's from it.
+        # Beside a joint torque sensor the motor's acceleration follows from the link's, as does a
+        # rigid link's from it.
         shown = {
             "link": "q" in recorded or not elastic,
             "drive": both,

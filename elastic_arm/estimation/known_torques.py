@@ -1,8 +1,9 @@
-"""The load of each joint, as well as model and encoders know it: what a torque channel's filter acts on.
+"""The load of each joint, as well as model and encoders know it: what a torque channel's filter
+acts on.
 
-A model predicts it from accelerations, of which the noise grows with the square of the frequency; the deflection of the
-drive measures it with noise that is the same at all frequencies. Up to some 10 Hz the model knows it better, above the
-deflection.
+A model predicts it from accelerations, of which the noise grows with the square of the frequency;
+the deflection of the drive measures it with noise that is the same at all frequencies. Up to some
+10 Hz the model knows it better, above the deflection.
 """
 
 from collections.abc import Callable, Sequence
@@ -34,7 +35,8 @@ class ActingEffect:
     known: bool = True  # whether it acts in every set of terms that is compared
 
     def torques(self, signals: Signals) -> tuple[Array, Array, Array, Array]:
-        """Return what it adds to joint torque, motor torque, that of the spring, and beside the read deflection, Nm."""
+        """Return what it adds to joint torque, motor torque, that of the spring, and beside the
+        read deflection, Nm."""
         entries = self.feature.entries(signals, self.searched)
         link, drive, motor = np.split(entries.weighted(self.coefficients), 3, axis=1)
         return link, link + motor, link if self.feature.effect.twist else link - drive, drive
@@ -45,12 +47,15 @@ class KnownTorques:
     """What a model and the effects that act predict along a motion."""
 
     motion: CompletedMotion  # the quiet motion
-    # of that motion, with these torques in the place of the measured ones where laws take the predicted ones
+    # of that motion, with these torques in the place of the measured ones where laws take the
+    # predicted ones
     signals: Signals
     # load, drive: (N, n) Nm, tau_J and tau_m
     load: Array
     drive: Array
-    laws: Array  # (N, n) Nm, what the drives carry beside their springs, at the deflection as the encoders read it
+    # (N, n) Nm, what the drives carry beside their springs, at the deflection as the encoders read
+    # it
+    laws: Array
     shares: tuple[
         tuple[Array, Array], ...
     ] = ()  # (N, n) Nm, what each effect adds to tau_J and tau_m
@@ -66,8 +71,8 @@ def known_torques(
 ) -> KnownTorques:
     """Return what a model and the effects that act predict along a motion.
 
-    acting: effects that are part of the predicted torques; predicted: whether laws take the torques that the model
-    predicts instead of the measured ones.
+    acting: effects that are part of the predicted torques; predicted: whether laws take the torques
+    that the model predicts instead of the measured ones.
     """
     load, drive = predicted_torques(model, motion)
     spring, laws, shares = load, np.zeros_like(load), list[tuple[Array, Array]]()
@@ -88,11 +93,13 @@ def known_torques(
 def loads_of(
     model: Model, acting: Sequence[ActingEffect], standstill: tuple[Array, Array]
 ) -> Loads | None:
-    """Return by what effects that act load the drives beside the model's own torques; None where none does.
+    """Return by what effects that act load the drives beside the model's own torques; None where
+    none does.
 
     standstill: speeds (n,) below which velocities of links and motors have no sign, rad/s.
     """
-    # A regressor of its own, or states, take the motion as a whole; laws of the drive's own are not its load.
+    # A regressor of its own, or states, take the motion as a whole; laws of the drive's own are not
+    # its load.
     laws = [e for e in acting if e.feature.effect.regressor is None and not e.feature.effect.states]
     laws = [e for e in laws if "link" in e.feature.sides and not e.feature.effect.twist]
     if not laws or not model.robot.elastic:
@@ -133,10 +140,11 @@ def inertia_of(model: Model, poses: Array, acting: Sequence[ActingEffect]) -> Ar
 
 
 def wound_under(torque: Array, t: Array, model: Model) -> Array:
-    """Return the deflections (N, n) rad of springs and dampers that carry torques (N, n) Nm at times t (N,) s.
+    """Return the deflections (N, n) rad of springs and dampers that carry torques (N, n) Nm at
+    times t (N,) s.
 
-    The damper lets a deflection lag behind its torque by D / K. A law of the deflection that neglects it, as that of a
-    nonlinear stiffness, would take a part of the damping with it.
+    The damper lets a deflection lag behind its torque by D / K. A law of the deflection that
+    neglects it, as that of a nonlinear stiffness, would take a part of the damping with it.
 
     torque: (N, n) Nm; t: (N,) s.
     """
@@ -150,14 +158,16 @@ def wound_under(torque: Array, t: Array, model: Model) -> Array:
 def true_load(
     model: Model, observation: Observation, known: KnownTorques, f: Array, noise: Array | None
 ) -> tuple[Array, Array]:
-    """Return the load (N, n) Nm of each joint, twice: with as little noise as both ways to know it allow, and clear.
+    """Return the load (N, n) Nm of each joint, twice: with as little noise as both ways to know it
+    allow, and clear.
 
-    The second one has only the frequencies at which it is far above its noise. That noise is in the residuals, too,
-    where torque sensors with more of it do not show it: a law over the load that may do what it likes would follow it.
+    The second one has only the frequencies at which it is far above its noise. That noise is in the
+    residuals, too, where torque sensors with more of it do not show it: a law over the load that
+    may do what it likes would follow it.
 
-    known: what model and effects predict along the quiet motion, its deflections without the noise that shows in
-    their spectra; f, noise: (F,) Hz, and the noise (F, n) of that with angles of the finer encoder of each joint,
-    Nm²; 1 is white noise of 1 Nm a sample.
+    known: what model and effects predict along the quiet motion, its deflections without the noise
+    that shows in their spectra; f, noise: (F,) Hz, and the noise (F, n) of that with angles of the
+    finer encoder of each joint, Nm²; 1 is white noise of 1 Nm a sample.
     """
     assert noise is not None
     motion, load = known.motion, known.load
@@ -166,7 +176,8 @@ def true_load(
     link, motor = (observation.position_spectrum(side, f) * gain for side in ("link", "motor"))
     measured = K**2 * (link + motor)
     wound = K * (motion.theta - motion.q) + D * (motion.dtheta - motion.dq) + known.laws
-    # As far as the deflection shows, the link's angles have the noise of their own encoder, be the motor's the finer.
+    # As far as the deflection shows, the link's angles have the noise of their own encoder, be the
+    # motor's the finer.
     predicted = noise * np.maximum(link / np.maximum(observation.quiet_link_spectrum(f), TINY), 1.0)
     both = (K > 0.0) & link.any(axis=0) & motor.any(axis=0)
     share = np.where(both, measured / np.maximum(measured + predicted, TINY), 1.0)

@@ -16,7 +16,8 @@ from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.noise import StateNoise, noise_filter
 from elastic_arm.recording.sides import Lacking
 
-SENSED = 40.0  # Hz, up to which it follows a joint torque sensor: the widest band in which residuals are looked at
+# Hz, up to which it follows a joint torque sensor: the widest band in which residuals are looked at
+SENSED = 40.0
 PADDING = 500  # samples
 _CHANNELS = ("q", "theta", "tau_J", "tau_m", "r")
 _NO_CHANNELS = ("noise", "every", "span", "before", "lacking")
@@ -37,23 +38,28 @@ class Motion:
     # tau_J, tau_m: (N, n) Nm, passed through the same filter as the motion, or None
     tau_J: Array | None = None
     tau_m: Array | None = None
-    # (N, 3 n, k) columns of laws beyond the model, for link, drive and motor residuals, passed through the same
-    # filter too (a law may jump where the motion does not); None where they are to be evaluated as they stand
+    # (N, 3 n, k) columns of laws beyond the model, for link, drive and motor residuals, passed
+    # through the same filter too (a law may jump where the motion does not); None where they are to
+    # be evaluated as they stand
     laws: Array | None = None
-    # (N, n) where a joint sticks, so that its dry friction may take any value; None where that does not matter
+    # (N, n) where a joint sticks, so that its dry friction may take any value; None where that does
+    # not matter
     stuck: NDArray[np.bool_] | None = None
     noise: StateNoise | None = (
         None  # of positions and their derivatives; None where they are taken for exact
     )
     every: int = 1  # how many samples of the recording each of these stands for
-    # begin and end of the whole recording on the axis of `t`, s; None where it is these samples alone
+    # begin and end of the whole recording on the axis of `t`, s; None where it is these samples
+    # alone
     span: tuple[float, float] | None = None
-    # the motion up to the first sample, where the recording was cut there: internal states of effects go on from it
+    # the motion up to the first sample, where the recording was cut there: internal states of
+    # effects go on from it
     before: Motion | None = None
-    # channels with the index of a joint that lacks them while others have them; there the angle is that of the
-    # joint's other side, and the torque is zero
+    # channels with the index of a joint that lacks them while others have them; there the angle is
+    # that of the joint's other side, and the torque is zero
     lacking: Lacking = frozenset()
-    # (N, n) rad, what controllers follow that made tau_m, passed through the same filter; None where it was measured
+    # (N, n) rad, what controllers follow that made tau_m, passed through the same filter; None
+    # where it was measured
     r: Array | None = None
 
     def __len__(self) -> int:
@@ -73,12 +79,14 @@ class Motion:
         return frozenset(name for name in self.recorded if (name, joint) not in self.lacking)
 
     def follows_link_at(self, joint: int) -> bool:
-        """Whether a motor's motion has to be made of the link's, for an equation of its own beside torque sensors."""
+        """Whether a motor's motion has to be made of the link's, for an equation of its own beside
+        torque sensors."""
         return self.recorded_at(joint) == {"q", "tau_J", "tau_m"}
 
     @property
     def encoders(self) -> Array:
-        """Which encoders angles come from, (2 n, 2 n): from [link, motor] to [q, theta], as :func:`completed` has them.
+        """Which encoders angles come from, (2 n, 2 n): from [link, motor] to [q, theta], as
+        :func:`completed` has them.
 
         An angle that a joint lacks is made of its other one, with whose noise.
         """
@@ -107,7 +115,8 @@ class Motion:
 
 @dataclass(frozen=True)
 class CompletedMotion(Motion):
-    """Motion with every channel, as :func:`completed` makes it: of the same class, its fields typed as present."""
+    """Motion with every channel, as :func:`completed` makes it: of the same class, its fields typed
+    as present."""
 
     q: Array
     dq: Array
@@ -120,7 +129,8 @@ class CompletedMotion(Motion):
     before: CompletedMotion | None = None
 
     def coordinates(self, rate: str = "", *, elastic: bool = True) -> Array:
-        """Return generalized coordinates [q, theta] (N, 2 n) or [q], or their `rate` "d" or "dd"."""
+        """Return generalized coordinates [q, theta] (N, 2 n) or [q], or their `rate` "d" or
+        "dd"."""
         q, theta = getattr(self, rate + "q"), getattr(self, rate + "theta")
         return np.hstack([q, theta]) if elastic else q
 
@@ -131,8 +141,8 @@ Loads = Callable[["CompletedMotion"], Array]
 def completed(motion: Motion, model: Model, loads: Loads | None = None) -> CompletedMotion:
     """Fill in missing channels by what cancels from the usable rows.
 
-    loads: what loads the drives (N, n) Nm along a motion beside the model's own torques, such as a payload; it winds a
-    drive whose deflection no encoder shows.
+    loads: what loads the drives (N, n) Nm along a motion beside the model's own torques, such as a
+    payload; it winds a drive whose deflection no encoder shows.
     """
     K, D = drive_constants(model)
     link, motor = (motion.q, motion.dq, motion.ddq), (motion.theta, motion.dtheta, motion.ddtheta)
@@ -196,14 +206,17 @@ def completed(motion: Motion, model: Model, loads: Loads | None = None) -> Compl
 def with_filtered_deflection(
     motion: Motion, rate: float, f: Array, noise: Array, finer_motors: NDArray[np.bool_]
 ) -> Motion:
-    """Return motion with the coarser encoder of each joint made of the finer one and the deflection, filtered.
+    """Return motion with the coarser encoder of each joint made of the finer one and the
+    deflection, filtered.
 
-    A deflection is little more than the steps of the encoders that it is the difference of. What a drive's laws are
-    made of, first of all laws with a state, then follows the noise: loops of hysteresis come out too large.
+    A deflection is little more than the steps of the encoders that it is the difference of. What a
+    drive's laws are made of, first of all laws with a state, then follows the noise: loops of
+    hysteresis come out too large.
 
-    motion: with both encoders; returned as it is where it lacks one; f: (F,) Hz, as far as the motion reaches;
-    noise: (F, n) in the deflection, rad²; 1 is white noise of one rad a sample. Null where a joint lacks an
-    encoder; finer_motors: (n,) whether the motor's encoder is the finer one.
+    motion: with both encoders; returned as it is where it lacks one; f: (F,) Hz, as far as the
+    motion reaches; noise: (F, n) in the deflection, rad²; 1 is white noise of one rad a sample.
+    Null where a joint lacks an encoder; finer_motors: (n,) whether the motor's encoder is the finer
+    one.
     """
     names = (("q", "theta"), ("dq", "dtheta"), ("ddq", "ddtheta"))
     if any(getattr(motion, name) is None for pair in names for name in pair):
@@ -227,11 +240,12 @@ def with_filtered_deflection(
 def wound_by_load(
     model: Model, motion: CompletedMotion, loads: Loads | None = None
 ) -> CompletedMotion:
-    """Return motion with the drives wound by the load of the model, instead of as the two encoders read.
+    """Return motion with the drives wound by the load of the model, instead of as the two encoders
+    read.
 
-    Where no joint torque is measured, the deflection stands in the residual itself, times the stiffness. Made of it,
-    the columns of effects of the drive would hold the errors of both encoders, and a drive that carries no torque would
-    fit best (errors in variables, Fuller 1987).
+    Where no joint torque is measured, the deflection stands in the residual itself, times the
+    stiffness. Made of it, the columns of effects of the drive would hold the errors of both
+    encoders, and a drive that carries no torque would fit best (errors in variables, Fuller 1987).
     """
     theta, dtheta, ddtheta = motion.theta, motion.dtheta, motion.ddtheta
     motor_side = Motion(
@@ -241,10 +255,11 @@ def wound_by_load(
 
 
 def _deflection(model: Model, t: Array, load: Array, cutoff: float) -> tuple[Array, Array, Array]:
-    """Deflection of the drives (N, n), and two derivatives, under a load; it stands in for an encoder that is missing.
+    """Deflection of the drives (N, n), and two derivatives, under a load; it stands in for an
+    encoder that is missing.
 
-    t: (N,) s; load: (N, n) Nm: what the arm would be if it were stiff, which hardly depends on the deflection at
-    low frequencies, or what joint torque sensors measure.
+    t: (N,) s; load: (N, n) Nm: what the arm would be if it were stiff, which hardly depends on the
+    deflection at low frequencies, or what joint torque sensors measure.
     """
     K, D = drive_constants(model)
     padded = np.pad(load, ((PADDING, PADDING), (0, 0)), mode="reflect")
@@ -257,7 +272,8 @@ def _deflection(model: Model, t: Array, load: Array, cutoff: float) -> tuple[Arr
 
 
 def drive_constants(model: Model) -> tuple[Array, Array]:
-    """Return K (n,) Nm/rad and D (n,) Nm s/rad of the model; nothing for an arm without transmissions."""
+    """Return K (n,) Nm/rad and D (n,) Nm s/rad of the model; nothing for an arm without
+    transmissions."""
     drives = [spring for spring in model.bodies.springs if spring.against is not None]
     if not drives:
         return np.zeros(model.n), np.zeros(model.n)
@@ -267,7 +283,8 @@ def drive_constants(model: Model) -> tuple[Array, Array]:
 
 
 def rates_of(t: Array, values: Array) -> Array:
-    """Return the time derivatives (N, …) of signals (N, …) at their own instants t (N,), by cubic splines."""
+    """Return the time derivatives (N, …) of signals (N, …) at their own instants t (N,), by cubic
+    splines."""
     spline = scipy.interpolate.CubicSpline(t, values)
     # At an instant the derivative is a coefficient of the piece that begins there.
     return np.concatenate([spline.c[2], spline(t[-1:], 1)])

@@ -1,9 +1,9 @@
 """Process intensity and encoder noise, estimated from the recording by maximum likelihood.
 
-The motion of a joint is modelled as an integrated Wiener process: its fourth derivative is white. Position and
-velocity channels see it through white noise of their own. The likelihood of the intensities follows from the
-innovations of the steady-state Kalman filter; the smoother that belongs to the estimate is
-:class:`elastic_arm.estimation.smoother.Smoother`.
+The motion of a joint is modelled as an integrated Wiener process: its fourth derivative is white.
+Position and velocity channels see it through white noise of their own. The likelihood of the
+intensities follows from the innovations of the steady-state Kalman filter; the smoother that
+belongs to the estimate is :class:`elastic_arm.estimation.smoother.Smoother`.
 """
 
 from __future__ import annotations
@@ -24,7 +24,8 @@ from elastic_arm.recording.inspection.torque_spectrum import without_line
 ORDER = 4
 # Samples until the filter has settled, whose innovations do not count.
 SETTLING = 8 * ORDER
-# Above an eighth of the sample rate the sampled process is no longer like the continuous one of the design.
+# Above an eighth of the sample rate the sampled process is no longer like the continuous one of the
+# design.
 HIGHEST_CUTOFF = np.pi / 4
 # A filter slower than this would cut into the motion of an arm.
 LOWEST_CUTOFF_HZ = 4.0
@@ -32,17 +33,19 @@ LOWEST_CUTOFF_HZ = 4.0
 LONGEST_PIECE = 4096
 # And from which its spectrum is taken.
 LONGEST_SPECTRUM = 65536
-# The filter's cutoff over the highest frequency at which the motion stands out of the noise: its response is then
-# within 1e-3 of one wherever there is motion.
+# The filter's cutoff over the highest frequency at which the motion stands out of the noise: its
+# response is then within 1e-3 of one wherever there is motion.
 CUTOFF_OVER_BAND = 2.5
-# A wider filter does no harm while the noise of the acceleration stays below this share of the acceleration.
+# A wider filter does no harm while the noise of the acceleration stays below this share of the
+# acceleration.
 QUIET = 1e-5
 # Spectra are taken over windows of this many seconds; their side lobes lie 1e-15 below the motion.
 SPECTRUM_SECONDS = 4.0
 KAISER_BETA = 26.0
 LEAST_STEP = 1e-3  # of an encoder's noise: two samples that differ by less hold one code
 CHANCE = 0.01  # with which the averaged power of noise alone passes for signal at any frequency
-ROUGH = 1.5  # how much more power an encoder's steps have at some frequencies than white noise of their size
+# how much more power an encoder's steps have at some frequencies than white noise of their size
+ROUGH = 1.5
 WIENER_SECONDS = (
     2.0  # of the windows for the spectrum of a signal to be filtered, and of its filter
 )
@@ -57,8 +60,9 @@ class SideNoise:
     cutoff: float  # where the motion's spectrum crosses the noise's, rad/s
     position_std: Array  # (n,) rad
     velocity_std: Array | None  # (n,) rad/s, or None where no velocity was recorded
-    # white_position, white_velocity: (n,) rad, rad/s: as much of the two as is white, up to the highest frequencies.
-    # What else stands in the two is motion that the model of it cannot follow, no noise.
+    # white_position, white_velocity: (n,) rad, rad/s: as much of the two as is white, up to the
+    # highest frequencies. What else stands in the two is motion that the model of it cannot follow,
+    # no noise.
     white_position: Array
     white_velocity: Array | None
     slow: tuple[
@@ -70,8 +74,8 @@ class SideNoise:
 class StateNoise:
     """What the encoders' noise leaves in a smoothed motion."""
 
-    # link, motor: (n, 3, 3) covariance of position, velocity and acceleration of each joint, rad, rad/s, rad/s²; None
-    # for a side that was not recorded
+    # link, motor: (n, 3, 3) covariance of position, velocity and acceleration of each joint, rad,
+    # rad/s, rad/s²; None for a side that was not recorded
     link: Array | None
     motor: Array | None
 
@@ -81,10 +85,9 @@ def estimate_noise(position: Array, velocity: Array | None, rate: float) -> Side
 
     position, velocity: (N, n) rad, rad/s on a regular grid.
 
-    Notes
-    -----
-    Cutoff and the ratio of the two noises are common to the joints of a side (they share encoders of a kind), the
-    noise level is each joint's own and concentrated out of the likelihood.
+    Notes ----- Cutoff and the ratio of the two noises are common to the joints of a side (they
+    share encoders of a kind), the noise level is each joint's own and concentrated out of the
+    likelihood.
     """
     if len(position) <= SETTLING:
         raise IdentificationError(
@@ -140,10 +143,12 @@ def estimate_noise(position: Array, velocity: Array | None, rate: float) -> Side
 
 
 class Telegraph(NamedTuple):
-    """Noise of encoders that round an angle that nearly stands: the reading goes to and fro between two steps.
+    """Noise of encoders that round an angle that nearly stands: the reading goes to and fro between
+    two steps.
 
-    While an angle moves, rounding makes white noise, of power a. Where it stands, the noise is as strong, and slow: its
-    spectrum is c / (f² + f0²), the integral of which is the white noise's times the share of the time that it stands.
+    While an angle moves, rounding makes white noise, of power a. Where it stands, the noise is as
+    strong, and slow: its spectrum is c / (f² + f0²), the integral of which is the white noise's
+    times the share of the time that it stands.
     """
 
     # a, c, f0: (n,) over white noise of the encoder's standard deviation; Hz², Hz
@@ -153,9 +158,11 @@ class Telegraph(NamedTuple):
 
     @staticmethod
     def of(position: Array, step: Array, side: SideNoise, rate: float) -> Telegraph:
-        """Return the noise of encoders; white where they are finer than their noise, or never stand.
+        """Return the noise of encoders; white where they are finer than their noise, or never
+        stand.
 
-        position: (N, n) rad on a regular grid; step: (n,) rad, 0 where they are finer than their noise.
+        position: (N, n) rad on a regular grid; step: (n,) rad, 0 where they are finer than their
+        noise.
         """
         # What stands moves by less than two steps in a period of the motion's highest frequency.
         later = max(1, round(2 * np.pi * rate / side.cutoff))
@@ -169,9 +176,11 @@ class Telegraph(NamedTuple):
 
 
 def _quiet(position: Array, std: Array, rate: float) -> float:
-    """Return the cutoff, rad/s, up to which the noise of the acceleration stays a small share of the acceleration.
+    """Return the cutoff, rad/s, up to which the noise of the acceleration stays a small share of
+    the acceleration.
 
-    White noise of density std²/rate through w² up to the cutoff w_c has the variance std² w_c⁵ / (5 pi rate).
+    White noise of density std²/rate through w² up to the cutoff w_c has the variance std² w_c⁵ / (5
+    pi rate).
     """
     w = 2 * np.pi * np.fft.rfftfreq(len(position), 1.0 / rate)
     # The acceleration of the slow part alone: above 10 Hz the noise of the positions would speak.
@@ -186,7 +195,8 @@ def _quiet(position: Array, std: Array, rate: float) -> float:
 
 @dataclass(frozen=True)
 class _Spectrum:
-    """Power densities (F, n) of a channel's joints at frequencies (F,), Hz, averaged over some windows."""
+    """Power densities (F, n) of a channel's joints at frequencies (F,), Hz, averaged over some
+    windows."""
 
     rate: float
     frequency: Array
@@ -194,7 +204,8 @@ class _Spectrum:
     windows: int
 
     def band(self, std: Array) -> float:
-        """Return the highest frequency, Hz, at which some joint stands out of white noise of `std` (n,)."""
+        """Return the highest frequency, Hz, at which some joint stands out of white noise of `std`
+        (n,)."""
         # Overlapping windows are not independent: count two of three.
         freedom = 2 * max(1, round(self.windows / 1.5))
         threshold = scipy.stats.chi2.ppf(1.0 - 1e-3 / self.power.size, freedom) / freedom
@@ -202,10 +213,11 @@ class _Spectrum:
         return float(self.frequency[np.max(np.flatnonzero(out), initial=0)])
 
     def slow(self, std: Array, above: float) -> tuple[Array, Array]:
-        """Return the powers a, c (n,) of noise with the spectrum a + c / f², over white noise of `std` (n,).
+        """Return the powers a, c (n,) of noise with the spectrum a + c / f², over white noise of
+        `std` (n,).
 
-        Of medians over third octaves from where the motion ends: structures ring at some frequencies, and rounding of a
-        steady motion has lines.
+        Of medians over third octaves from where the motion ends: structures ring at some
+        frequencies, and rounding of a steady motion has lines.
         """
         edges = np.geomspace(
             above,
@@ -236,7 +248,8 @@ class _Spectrum:
 
 def _spectrum(values: Array, rate: float) -> _Spectrum:
     length = min(len(values), round(SPECTRUM_SECONDS * rate))
-    # Windows of one joint lie together: through all joints at once they would be taken number by number.
+    # Windows of one joint lie together: through all joints at once they would be taken number by
+    # number.
     columns = np.ascontiguousarray(values.T)
     frequency, power = scipy.signal.welch(columns, rate, ("kaiser", KAISER_BETA), length)
     return _Spectrum(rate, frequency, power.T, max(1, 2 * (len(values) // length) - 1))
@@ -258,7 +271,8 @@ def _crossing(cutoff: float, ratio: float | None) -> float:
 
 
 def _liveliest(position: Array, longest: int) -> slice:
-    """Return the piece of the recording, of at most `longest` samples, in which the joints move most."""
+    """Return the piece of the recording, of at most `longest` samples, in which the joints move
+    most."""
     n_samples = len(position)
     if n_samples <= longest:
         return slice(0, n_samples)
@@ -270,10 +284,11 @@ def _liveliest(position: Array, longest: int) -> slice:
 
 
 def _concentrated(observed: Array, cutoff: float, ratio: float | None) -> tuple[Array, Array]:
-    """Return -2 log likelihood, with the noise level concentrated out, and that level's square, per joint (n,).
+    """Return -2 log likelihood, with the noise level concentrated out, and that level's square, per
+    joint (n,).
 
-    observed: (channels, n, N) position and, if recorded, velocity over the rate; cutoff, ratio: of the filter, rad
-    per sample; noise of the velocity over that of the position.
+    observed: (channels, n, N) position and, if recorded, velocity over the rate; cutoff, ratio: of
+    the filter, rad per sample; noise of the velocity over that of the position.
     """
     gain, predict, s = _steady_state(cutoff, ratio)
     innovations = _innovations(observed, predict, gain, _observation(cutoff, ratio))[..., SETTLING:]
@@ -295,7 +310,8 @@ def _observation(cutoff: float, ratio: float | None) -> Array:
 def _steady_state(cutoff: float, ratio: float | None) -> tuple[Array, Array, Array]:
     """Return gain K, transition F and innovation covariance for unit position noise.
 
-    The states are scaled by powers of the cutoff (rad per sample), which keeps the Riccati equation well conditioned.
+    The states are scaled by powers of the cutoff (rad per sample), which keeps the Riccati equation
+    well conditioned.
     """
     i = np.arange(ORDER)
     up = i[None, :] - i[:, None]
@@ -313,7 +329,8 @@ def _steady_state(cutoff: float, ratio: float | None) -> tuple[Array, Array, Arr
 
 
 def _innovations(y: Array, transition: Array, gain: Array, c: Array) -> Array:
-    """Run the steady-state filter over all samples, in modal form: one first-order recursion a mode."""
+    """Run the steady-state filter over all samples, in modal form: one first-order recursion a
+    mode."""
     values, vectors = np.linalg.eig(transition - transition @ gain @ c)
     inverse = np.linalg.inv(vectors)
     channels, joints, samples = y.shape
@@ -321,7 +338,8 @@ def _innovations(y: Array, transition: Array, gain: Array, c: Array) -> Array:
     first[0] = y[0, :, 0]
     if channels == 2:
         first[1] = y[1, :, 0] / c[1, 1]
-    # Modes come as conjugate pairs: one of a pair is run, and the real part of its share counts twice.
+    # Modes come as conjugate pairs: one of a pair is run, and the real part of its share counts
+    # twice.
     run = np.flatnonzero(values.imag >= 0.0)
     shares = (c @ vectors)[:, run] * np.where(values[run].imag > 0.0, 2.0, 1.0)
     modal = ((inverse @ transition @ gain)[run] @ y.reshape(channels, -1)).reshape(
@@ -340,7 +358,8 @@ def _innovations(y: Array, transition: Array, gain: Array, c: Array) -> Array:
 def encoder_steps(position: Array | None, noise: Array | None) -> Array:
     """Return the steps (n,) rad of one side's encoders; zero where they are finer than their noise.
 
-    position: (N, n) rad, as recorded; None where the side was not; noise: (n,) rad, standard deviation of a sample.
+    position: (N, n) rad, as recorded; None where the side was not; noise: (n,) rad, standard
+    deviation of a sample.
     """
     if position is None or noise is None:
         return np.zeros(1)
@@ -352,13 +371,14 @@ def encoder_steps(position: Array | None, noise: Array | None) -> Array:
 
 
 def noise_filter(values: Array, rate: float, f: Array, noise: Array) -> Callable[[Array], Array]:
-    """Return the filter without lag, (N,) -> (N,), that takes off a signal what is noise above its own frequencies.
+    """Return the filter without lag, (N,) -> (N,), that takes off a signal what is noise above its
+    own frequencies.
 
-    Each frequency is reduced to its share of signal, or to the largest share above it: what moves slowly, in a few
-    lines, is not thinned out between them.
+    Each frequency is reduced to its share of signal, or to the largest share above it: what moves
+    slowly, in a few lines, is not thinned out between them.
 
-    values, rate, f, noise: as of :func:`wiener_filter`. Nothing is taken off a signal that outweighs its noise up
-    to the highest `f`.
+    values, rate, f, noise: as of :func:`wiener_filter`. Nothing is taken off a signal that
+    outweighs its noise up to the highest `f`.
     """
     window = min(len(values), round(WIENER_SECONDS * rate))
     at, power = scipy.signal.welch(values, rate, nperseg=window)
@@ -371,7 +391,8 @@ def noise_filter(values: Array, rate: float, f: Array, noise: Array) -> Callable
     # What is a little more than the noise expected, up to the highest frequency, is noise, too.
     expected *= level if 1.0 < level < ROUGH else 1.0
     share = 1.0 - expected / np.maximum(mean, 1e-300)
-    # 1.5 bins that the window of a spectrum correlates: its equivalent noise bandwidth (Harris 1978)
+    # 1.5 bins that the window of a spectrum correlates: its equivalent noise bandwidth (Harris
+    # 1978)
     averaged = max(1.0, (2 * len(values) // window - 1) * bins / 1.5)
     least = 1.0 - 1.0 / float(
         scipy.stats.gamma.isf(CHANCE / len(mean), averaged, scale=1.0 / averaged)
@@ -391,12 +412,12 @@ def noise_filter(values: Array, rate: float, f: Array, noise: Array) -> Callable
 def wiener_filter(values: Array, rate: float, f: Array, noise: Array) -> Callable[[float], Array]:
     """Return `least` -> a signal in noise (N,) with each frequency reduced to its share of signal.
 
-    Frequencies with less power than `least` times the noise are taken off. The coefficient of a regression on the
-    result is not biased by the noise (regression calibration; Carroll et al., Measurement Error in Nonlinear Models,
-    2006, section 4).
+    Frequencies with less power than `least` times the noise are taken off. The coefficient of a
+    regression on the result is not biased by the noise (regression calibration; Carroll et al.,
+    Measurement Error in Nonlinear Models, 2006, section 4).
 
-    values: (N,) of any unit; f: (F,) Hz, ascending; what lies above is taken off; noise: (F,) in it, in units
-    squared; 1 is white noise of one unit a sample.
+    values: (N,) of any unit; f: (F,) Hz, ascending; what lies above is taken off; noise: (F,) in
+    it, in units squared; 1 is white noise of one unit a sample.
     """
     half = min(len(values), round(WIENER_SECONDS * rate)) // 2
     at, power = scipy.signal.welch(values, rate, nperseg=2 * half, detrend=without_line)
@@ -414,7 +435,8 @@ def wiener_filter(values: Array, rate: float, f: Array, noise: Array) -> Callabl
 def reduced_to(values: Array, rate: float, f: Array, share: Array) -> Array:
     """Return a signal (N,) with each frequency reduced to a share of it, without lag.
 
-    values: (N,) of any unit; f, share: (F,) Hz, ascending, and the shares there; what lies above is taken off.
+    values: (N,) of any unit; f, share: (F,) Hz, ascending, and the shares there; what lies above is
+    taken off.
     """
     half = min(len(values), round(WIENER_SECONDS * rate)) // 2
     at = np.fft.rfftfreq(2 * half, 1.0 / rate)

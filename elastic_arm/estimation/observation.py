@@ -1,7 +1,8 @@
 """From a recording to smoothed motion and the noise of every channel.
 
-The derivative stage is identification's: grid, noise and smoother are the same, only the smoother's cutoff is set wide
-here, because the gap's own band (:mod:`.band`) follows it and takes the same share from every term.
+The derivative stage is identification's: grid, noise and smoother are the same, only the smoother's
+cutoff is set wide here, because the gap's own band (:mod:`.band`) follows it and takes the same
+share from every term.
 """
 
 from __future__ import annotations
@@ -42,17 +43,19 @@ CHANNELS = {
 }
 
 SHORTEST = 2.0  # s
-# s without samples, up to which the motion is bridged: laws with a memory go on, and no row within is looked at.
+# s without samples, up to which the motion is bridged: laws with a memory go on, and no row within
+# is looked at.
 BRIDGED = 0.5
 NARROWEST_BAND = 1.0  # Hz; the motion of an arm is slower than that nowhere
-# Of a torque's rms: noise of one that was low-passed, within its band, and of a drive by which a torque is made, where
-# nothing shows it; convention.
+# Of a torque's rms: noise of one that was low-passed, within its band, and of a drive by which a
+# torque is made, where nothing shows it; convention.
 ORDINARY_NOISE = 0.005
 
 
 @dataclass(frozen=True)
 class ChannelNoise:
-    """White noise of the channels, standard deviations per sample, (n,) each; None where not recorded."""
+    """White noise of the channels, standard deviations per sample, (n,) each; None where not
+    recorded."""
 
     # q, theta: rad
     q: Array | None
@@ -93,16 +96,18 @@ class Observation:
     gains: Mapping[str, Array] = field(
         default_factory=dict
     )  # "tau_J", "tau_m" -> (n,), by which torques were divided
-    # (n,) rad/s within which dry friction turns over; as sharply as the velocity's noise lets it be seen when None
+    # (n,) rad/s within which dry friction turns over; as sharply as the velocity's noise lets it be
+    # seen when None
     turning: Array | None = None
-    # index of a joint -> controller that made its motor torque, which has the noise of its encoder: as described, and
-    # at present
+    # index of a joint -> controller that made its motor torque, which has the noise of its encoder:
+    # as described, and at present
     made_by: Mapping[int, JointController] = field(default_factory=dict)
     driven_by: Mapping[int, JointController] = field(default_factory=dict)
     holes: Array = field(
         default_factory=lambda: np.empty((0, 2))
     )  # s, from when to when nothing was recorded
-    # equation (LINK, DRIVE or MOTOR), joint, and from when to when (s) a torque acts there that is none of the arm's
+    # equation (LINK, DRIVE or MOTOR), joint, and from when to when (s) a torque acts there that is
+    # none of the arm's
     events: tuple[tuple[int, int, float, float], ...] = ()
     _splines: dict[tuple[int, str], list[CubicSpline]] = field(
         default_factory=dict, init=False, repr=False, compare=False
@@ -121,11 +126,13 @@ class Observation:
     def corrected(
         self, lags: Mapping[str, Array], gains: Mapping[str, Array], robot: Robot | None = None
     ) -> Observation:
-        """Return it with late channels moved back to the time at which they were true, and torques without gain.
+        """Return it with late channels moved back to the time at which they were true, and torques
+        without gain.
 
-        lags: channel ("link_encoder", "joint_torque", "motor_torque", "command") -> (n,) s; gains: "tau_J", "tau_m" ->
-        (n,), recorded / true. Commands are moved to when the drives had them. Torques that were made of them are those
-        of the robot's controllers, within the limits that they were made with.
+        lags: channel ("link_encoder", "joint_torque", "motor_torque", "command") -> (n,) s; gains:
+        "tau_J", "tau_m" -> (n,), recorded / true. Commands are moved to when the drives had them.
+        Torques that were made of them are those of the robot's controllers, within the limits that
+        they were made with.
         """
         now = {
             i: replace(
@@ -175,7 +182,8 @@ class Observation:
         return replace(found, noise=replace(self.noise, **noise))
 
     def _splines_of(self, motion: Motion, name: str) -> list[CubicSpline]:
-        """Return a spline through each joint's samples of a channel; a calibration moves the same ones many times."""
+        """Return a spline through each joint's samples of a channel; a calibration moves the same
+        ones many times."""
         key = (id(motion), name)
         if key not in self._splines:
             self._splines[key] = [
@@ -184,7 +192,8 @@ class Observation:
         return self._splines[key]
 
     def position_spectrum(self, side: str, f: Array) -> Array:
-        """Noise of the smoothed position of "link" or "motor" at f (F,) Hz: (F, n), 1 = white of 1 rad a sample."""
+        """Noise of the smoothed position of "link" or "motor" at f (F,) Hz: (F, n), 1 = white of 1
+        rad a sample."""
         position, velocity, crossover = {
             "link": (self.noise.q, self.noise.dq, self.smoother.link_crossover),
             "motor": (self.noise.theta, self.noise.dtheta, self.smoother.motor_crossover),
@@ -205,24 +214,27 @@ class Observation:
         return gain * ((share * position) ** 2 + (rest * velocity) ** 2)
 
     def angle_spectra(self, f: Array) -> list[Array]:
-        """Noise of the angles of links and of motors, (F, n), by whichever encoder: see :meth:`position_spectrum`."""
+        """Noise of the angles of links and of motors, (F, n), by whichever encoder: see
+        :meth:`position_spectrum`."""
         spectra = np.hstack([self.position_spectrum(side, f) for side in ("link", "motor")])
         return np.split(spectra @ self.pieces[0].encoders.T, 2, axis=1)
 
     def torque_spectrum(self, channel: str, f: Array, n: int) -> Array:
         """Noise of a smoothed torque channel at f (F,): (F, n), 1 = white of 1 Nm a sample.
 
-        channel: "tau_J" or "tau_m"; without noise where it was not recorded; f, n: (F,) Hz, and number of
-        joints.
+        channel: "tau_J" or "tau_m"; without noise where it was not recorded; f, n: (F,) Hz, and
+        number of joints.
         """
         std = {"tau_J": self.noise.tau_J, "tau_m": self.noise.tau_m}[channel]
         return self.gain(f)[:, None] ** 2 * (np.zeros(n) if std is None else std**2)
 
     def impedance(self, f: Array, n: int) -> NDArray[np.complex128]:
-        """Return kp + s kd (F, n) of the controllers that made motor torques, by the angle that they are made of.
+        """Return kp + s kd (F, n) of the controllers that made motor torques, by the angle that
+        they are made of.
 
-        The gains are those at present, but kd in its described ratio to kp: what a joint's friction makes of the noise
-        of its angle is no part of the noise either, and kd would explain what friction does.
+        The gains are those at present, but kd in its described ratio to kp: what a joint's friction
+        makes of the noise of its angle is no part of the noise either, and kd would explain what
+        friction does.
         """
         found = np.zeros((len(f), n), np.complex128)
         for i, controller in self.made_by.items():
@@ -231,7 +243,8 @@ class Observation:
         return found * self.scale(n)
 
     def scale(self, n: int) -> Array:
-        """Return the present gains (n,) of controllers over the described ones, of the error of the angle if any."""
+        """Return the present gains (n,) of controllers over the described ones, of the error of the
+        angle if any."""
         found = np.ones(n)
         for i, controller in self.made_by.items():
             now, stated = (
@@ -242,7 +255,8 @@ class Observation:
         return found
 
     def made(self, motion: Motion) -> dict[str, Array]:
-        """Return "kp" and "kd" of the controllers that made motor torques, and what else they make, "fed", (N, n)."""
+        """Return "kp" and "kd" of the controllers that made motor torques, and what else they make,
+        "fed", (N, n)."""
         if motion.r is None or motion.tau_m is None:
             return {}
         kp, kd, fed = np.zeros((3, *motion.r.shape))
@@ -271,7 +285,8 @@ class Observation:
         return with_filtered_deflection(quiet, self.rate, f, noise, self._finer_motors)
 
     def quiet_link_spectrum(self, f: Array) -> Array:
-        """Noise of the quiet motion's link angles at f (F,) Hz: (F, n), that of the finer encoder of a joint's two."""
+        """Noise of the quiet motion's link angles at f (F,) Hz: (F, n), that of the finer encoder
+        of a joint's two."""
         link, motor = self.angle_spectra(f)
         return np.where(self._finer_motors, motor, link) * self.quiet_gain(f)[:, None] ** 2
 
@@ -301,7 +316,8 @@ class Observation:
 
 
 def _followed(controller: JointController, motion: Motion, i: int) -> Array:
-    """Return the torque (N,) Nm that the controller of joint i makes of errors of angle and rate, within its limit."""
+    """Return the torque (N,) Nm that the controller of joint i makes of errors of angle and rate,
+    within its limit."""
     angle, rate = (motion.q, motion.dq) if motion.theta is None else (motion.theta, motion.dtheta)
     assert motion.r is not None and angle is not None and rate is not None
     (kp, kd, _), r, limit = (
@@ -315,7 +331,8 @@ def _followed(controller: JointController, motion: Motion, i: int) -> Array:
 
 
 def _bridged(samples: Samples, clock: Clock) -> tuple[list[Grid], Array]:
-    """Return samples on a grid across holes, and from when to when (k, 2) s are those in which an arm may do much."""
+    """Return samples on a grid across holes, and from when to when (k, 2) s are those in which an
+    arm may do much."""
     placed = clock.place(samples, max(clock.longest_hole, int(BRIDGED * clock.rate)))
     apart = np.diff(samples.t)
     unknown = np.flatnonzero(
@@ -368,17 +385,20 @@ def observe(recording: Recording, band: float | None = None) -> Observation:
         if longest.theta is None
         else estimate_noise(longest.theta, longest.dtheta, longest.rate)
     )
-    # 2.2 is the smoother's cutoff over the band: 0.2 % of a term is taken at the band's edge, from all alike
+    # 2.2 is the smoother's cutoff over the band: 0.2 % of a term is taken at the band's edge, from
+    # all alike
     cutoff = min(2 * np.pi * 2.2 * band, HIGHEST_CUTOFF * clock.rate)
     designed = Smoother.from_noise(clock.rate, link, motor, recording.n)
-    # The crossovers are those of the wide band: what is negligible in a narrow one is not in this one.
+    # The crossovers are those of the wide band: what is negligible in a narrow one is not in this
+    # one.
     wide_link, wide_motor = (
         None if side is None else replace(side, cutoff=cutoff) for side in (link, motor)
     )
     crossing = Smoother.from_noise(clock.rate, wide_link, wide_motor, recording.n)
     every = 1.0 if samples.read is None else float(np.median(np.diff(samples.read))) * clock.rate
     read_band = np.inf if samples.read is None else widest_band(clock.rate / every)
-    # Readings that do not follow the motion are compared singly; smoothed less, it would fold into their band.
+    # Readings that do not follow the motion are compared singly; smoothed less, it would fold into
+    # their band.
     read = samples.read if read_band < designed.cutoff / (2 * np.pi) else None
     smoother = Smoother(clock.rate, cutoff, crossing.link_crossover, crossing.motor_crossover)
     smoother = smoother if read is None else replace(smoother, cutoff=min(cutoff, designed.cutoff))
@@ -419,15 +439,16 @@ def observe(recording: Recording, band: float | None = None) -> Observation:
     noise = ChannelNoise(
         **{name: _of_recorded(level, name, samples.lacking) for name, level in levels.items()}
     )
-    # Above the frequency where noise outweighs motion, accelerations are noise, and the same that the residuals hold:
-    # a column made of it would be correlated with them.
+    # Above the frequency where noise outweighs motion, accelerations are noise, and the same that
+    # the residuals hold: a column made of it would be correlated with them.
     calm = replace(smoother, cutoff=min(smoother.cutoff, designed.cutoff))
     quiet = pieces if calm == smoother else tuple(calm(extended(grid, calm.lag)) for grid in grids)
     said = [*([clock.note] if clock.note else []), *left_out(placed, grids)]
     if len(holes):
         longest_hole = 1e3 * float(np.ptp(holes, axis=1).max())
         said.append(
-            f"holes of up to {longest_hole:.0f} ms are bridged, and nothing is taken from them: {len(holes)}"
+            f"holes of up to {longest_hole:.0f} ms are bridged, and nothing is taken from them:"
+            f" {len(holes)}"
         )
     notes = (*recording.notes, *samples.notes, *(f"{where}: {words}" for words in said))
     span = (0.0, float(samples.t[-1]))
@@ -465,10 +486,11 @@ def observe(recording: Recording, band: float | None = None) -> Observation:
 def _with_low_pass(
     level: Array | None, torque: Array | None, spectrum: TorqueSpectrum | None, rate: float
 ) -> Array | None:
-    """Return the noise (n,) of a torque channel: of what was low-passed, that of an ordinary sensor within its band.
+    """Return the noise (n,) of a torque channel: of what was low-passed, that of an ordinary sensor
+    within its band.
 
-    level: (n,) Nm a sample, from frequencies at which a torque that was low-passed holds nothing; torque: (N, n)
-    Nm; spectrum: of the channel, if it is long enough to have one.
+    level: (n,) Nm a sample, from frequencies at which a torque that was low-passed holds nothing;
+    torque: (N, n) Nm; spectrum: of the channel, if it is long enough to have one.
     """
     if level is None or torque is None or spectrum is None or not spectrum.low_passed.any():
         return level
@@ -478,7 +500,8 @@ def _with_low_pass(
 
 
 def _of_recorded(level: Array | None, name: str, lacking: Lacking) -> Array | None:
-    """Return noise (n,) of a channel, none where its joint lacks it: what stands there is another channel."""
+    """Return noise (n,) of a channel, none where its joint lacks it: what stands there is another
+    channel."""
     if level is None or not lacking:
         return level
     there = [(name.removeprefix("d"), joint) not in lacking for joint in range(len(level))]
@@ -488,12 +511,14 @@ def _of_recorded(level: Array | None, name: str, lacking: Lacking) -> Array | No
 def continued(
     first: Observation, rest: Observation, offset: float
 ) -> tuple[Observation, Observation]:
-    """Return the parts of a recording that was cut in two as what they are: one motion that goes on.
+    """Return the parts of a recording that was cut in two as what they are: one motion that goes
+    on.
 
     offset: s from the first sample of `first` to that of `rest`.
     """
     end = offset + max(piece.span[1] for piece in rest.pieces if piece.span)
-    # 5.0 sample intervals between two parts of a recording up to which its motion counts as going on
+    # 5.0 sample intervals between two parts of a recording up to which its motion counts as going
+    # on
     unbroken = offset - first.quiet[-1].t[-1] + rest.quiet[0].t[0] < 5.0 / rest.rate
 
     def placed(motion: Motion, begin: float, before: Motion | None = None) -> Motion:
@@ -518,7 +543,8 @@ def widest_band(rate: float) -> float:
 
 
 def torque_noise(grids: Sequence[Grid], channel: str) -> Array | None:
-    """Standard deviation (n,) of a torque channel's white noise, from its spectrum above the motion.
+    """Standard deviation (n,) of a torque channel's white noise, from its spectrum above the
+    motion.
 
     The median over frequency leaves single lines (ripple, mains) aside.
     """
@@ -528,7 +554,8 @@ def torque_noise(grids: Sequence[Grid], channel: str) -> Array | None:
     for grid in grids:
         values = getattr(grid, channel)
         taper = np.hanning(len(values) - 4)[:, None]
-        # Fourth differences keep the motion's spectrum from leaking upward; their response is divided out.
+        # Fourth differences keep the motion's spectrum from leaking upward; their response is
+        # divided out.
         spectrum = np.abs(np.fft.rfft(np.diff(values, 4, axis=0) * taper, axis=0)) ** 2 / np.sum(
             taper**2
         )

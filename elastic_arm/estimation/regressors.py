@@ -1,7 +1,8 @@
-"""From effects to columns of a regression: the one compiler of laws, for identification and diagnosis.
+"""From effects to columns of a regression: the one compiler of laws, for identification and
+diagnosis.
 
-A law is an expression. Its derivatives by the parameters that act linearly are columns of the residuals link, drive and
-motor; parameters that do not act linearly are arguments of the columns.
+A law is an expression. Its derivatives by the parameters that act linearly are columns of the
+residuals link, drive and motor; parameters that do not act linearly are arguments of the columns.
 """
 
 from __future__ import annotations
@@ -56,11 +57,12 @@ class Signals(MotionSignals):
     ) -> Signals:
         """Take the signals from motion over a stretch of time.
 
-        standstill: (n,) rad/s for link and motor side, below which a velocity has no sign; elastic: whether the
-        arm has transmissions; x is then [q, theta], otherwise [q]; cutoff: Hz up to which accelerations are
-        motion rather than noise; predicted: whether torques are those that the model predicts; smoother: what
-        the residuals have passed, where it takes a part of their band: signs pass it, too; made: "kp",
-        "kd", "fed" (N, n) of the controllers, where torques are made of commands.
+        standstill: (n,) rad/s for link and motor side, below which a velocity has no sign; elastic:
+        whether the arm has transmissions; x is then [q, theta], otherwise [q]; cutoff: Hz up to
+        which accelerations are motion rather than noise; predicted: whether torques are those that
+        the model predicts; smoother: what the residuals have passed, where it takes a part of their
+        band: signs pass it, too; made: "kp", "kd", "fed" (N, n) of the controllers, where torques
+        are made of commands.
         """
         rates = [rates_of(motion.t, torque) for torque in (motion.tau_J, motion.tau_m)]
         before = None
@@ -81,23 +83,26 @@ class Signals(MotionSignals):
     def of_samples(
         motion: CompletedMotion, standstill: tuple[Array, Array], *, elastic: bool = True
     ) -> Signals:
-        """Take the signals from samples that need not follow one another: the rates of torques are zero.
+        """Take the signals from samples that need not follow one another: the rates of torques are
+        zero.
 
-        standstill: (n,) rad/s for link and motor side, below which a velocity has no sign; elastic: whether the
-        arm has transmissions; x is then [q, theta], otherwise [q].
+        standstill: (n,) rad/s for link and motor side, below which a velocity has no sign; elastic:
+        whether the arm has transmissions; x is then [q, theta], otherwise [q].
         """
         rates = [np.zeros_like(motion.tau_J), np.zeros_like(motion.tau_m)]
         return Signals(motion.t, _values(motion, standstill, rates, elastic=elastic))
 
     @cached_property
     def arrays(self) -> list[Array]:
-        """The arguments in the order of :data:`INPUTS`; without friction and command where none was given."""
+        """The arguments in the order of :data:`INPUTS`; without friction and command where none was
+        given."""
         none = np.zeros_like(self.values["tau_J"])
         return [self.values.get(name, none) for name in INPUTS]
 
     @cached_property
     def between(self) -> Array:
-        """The arguments side by side (N', …) in the middle of each step, from where the motion is known."""
+        """The arguments side by side (N', …) in the middle of each step, from where the motion is
+        known."""
         stacked = np.hstack(self.arrays)
         if self.before is not None:
             stacked = np.vstack([np.hstack(self.before.arrays), stacked])
@@ -105,7 +110,8 @@ class Signals(MotionSignals):
         return stacked
 
     def wound_by(self, deflection: Array) -> Signals:
-        """Return the signals with deflections (N, n) rad of springs under the load, which laws may take."""
+        """Return the signals with deflections (N, n) rad of springs under the load, which laws may
+        take."""
         return replace(
             self, values={**self.values, "wound": deflection, "loaded": np.ones((len(self.t), 1))}
         )
@@ -115,15 +121,16 @@ class Signals(MotionSignals):
     ) -> Signals:
         """Return the signals with what regressors of whole effects take besides.
 
-        load, drive, clear: (N, n) Nm, as of :attr:`model_torques`; noise: variances (n,) of the recorded
-        torques' white noise, Nm², by name.
+        load, drive, clear: (N, n) Nm, as of :attr:`model_torques`; noise: variances (n,) of the
+        recorded torques' white noise, Nm², by name.
         """
         return replace(
             self, model_torques={"tau_J": load, "tau_m": drive, "clear": clear}, torque_noise=noise
         )
 
     def curved(self, k: int) -> Signals:
-        """Return the signals with L sin(k pi t / L), L the length of the recording, in the place of the time t."""
+        """Return the signals with L sin(k pi t / L), L the length of the recording, in the place of
+        the time t."""
         share = self.values["progress"] + 0.5
         # t / share is L, and sin(k pi share) / share finite where both vanish.
         return replace(
@@ -211,8 +218,8 @@ class Term:
     choices: Mapping[str, Any]  # what was chosen of the effect's choices, by name
     # parameters by which the law is differentiated; without any the law itself is the one column
     linear: Sequence[Parameter]
-    # values of `linear` and of parameters that are neither linear nor searched, by name: one set of columns for each
-    # point
+    # values of `linear` and of parameters that are neither linear nor searched, by name: one set of
+    # columns for each point
     points: Sequence[Mapping[str, Any]]
     searched: Sequence[Parameter] = ()  # parameters that are arguments of the columns
 
@@ -220,9 +227,9 @@ class Term:
 class CompiledColumns:
     """Compiled columns of effects.
 
-    terms: the effects; several of them only without internal states; engine: "numpy" for many effects that are
-    evaluated a few times; entries that are null with the arm's numbers are left out. None for code that is compiled
-    once for all arms of a shape and runs over long recordings.
+    terms: the effects; several of them only without internal states; engine: "numpy" for many
+    effects that are evaluated a few times; entries that are null with the arm's numbers are left
+    out. None for code that is compiled once for all arms of a shape and runs over long recordings.
     """
 
     def __init__(
@@ -270,7 +277,8 @@ class CompiledColumns:
         self._compile(columns, symbols, argument, state, engine)
 
     def at(self, equations: ArmEquations) -> CompiledColumns | None:
-        """Return them for the same arm with other numbers; None where these stand in what was compiled."""
+        """Return them for the same arm with other numbers; None where these stand in what was
+        compiled."""
         left_out = self._equations.nominal == 0.0
         if self._moved_states or equations.nominal[left_out].any():
             return None
@@ -341,7 +349,8 @@ def _stacked(symbols: Mapping[str, ca.SX], name: str) -> ca.SX:
 
 
 def _derivatives(term: Term, contribution: Contribution, numbers: Mapping[str, ca.SX]) -> ca.SX:
-    """Return the derivatives (3 n, k) of one effect by its linear parameters; the effect itself without any."""
+    """Return the derivatives (3 n, k) of one effect by its linear parameters; the effect itself
+    without any."""
     rows = ca.vertcat(contribution.link, contribution.drive, contribution.motor)
     return (
         ca.jacobian(rows, ca.vertcat(*(numbers[p.name] for p in term.linear)))
@@ -372,7 +381,8 @@ def _recursion(
     argument: ca.SX,
     equations: ArmEquations,
 ) -> Recursion:
-    """Return one step of the internal states: exact where their rate is linear in them over the step."""
+    """Return one step of the internal states: exact where their rate is linear in them over the
+    step."""
     z = ca.vertcat(*states.values())
     rate = ca.vertcat(*(contribution.rates[name] for name in states))
     rate = ca.substitute(rate, equations.Psi, ca.DM(equations.nominal))

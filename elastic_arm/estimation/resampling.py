@@ -1,8 +1,8 @@
 """Samples brought to a regular time grid: holes, gaps and jittered stamps.
 
-A smoother with steady-state gains needs regular samples. Short holes are bridged, long ones part the recording into
-pieces. Stamps that jitter are either the truth (the sensor was read at those times) or only late words about samples
-taken regularly; the smoothness of the motion decides which.
+A smoother with steady-state gains needs regular samples. Short holes are bridged, long ones part
+the recording into pieces. Stamps that jitter are either the truth (the sensor was read at those
+times) or only late words about samples taken regularly; the smoothness of the motion decides which.
 """
 
 from __future__ import annotations
@@ -42,7 +42,8 @@ LONGEST_HOLE = 4
 # Or up to so many seconds of them: half a period of 40 Hz, up to which residuals are looked at.
 LONGEST_HOLE_SECONDS = 0.0125
 POINTS = 6
-# A piece of fewer samples is left out, and as many on either side carry the motion across a long hole.
+# A piece of fewer samples is left out, and as many on either side carry the motion across a long
+# hole.
 SHORTEST = 2 * POINTS
 # Samples beyond a point that it takes to interpolate there, and one for rounding.
 AROUND = SHORTEST + 1
@@ -107,10 +108,11 @@ class Clock:
 
     @staticmethod
     def of(samples: Samples, source: str = "the recording") -> Clock:
-        """Find the rate, and the mode by the evidence in the recording where `samples.clock` does not give it.
+        """Find the rate, and the mode by the evidence in the recording where `samples.clock` does
+        not give it.
 
-        Raises an IdentificationError if there are too few samples, time does not advance, or no arm is recorded
-        at such a rate.
+        Raises an IdentificationError if there are too few samples, time does not advance, or no arm
+        is recorded at such a rate.
         """
         if len(samples) < 2 * POINTS:
             raise IdentificationError(
@@ -133,7 +135,8 @@ class Clock:
             )
         mode, note = _mode(samples, k, rate, jitter)
         if mode == "stamps" and wanders(jitter, rate):
-            # Whatever is missing: points as dense as the samples, and alike in recordings of one source.
+            # Whatever is missing: points as dense as the samples, and alike in recordings of one
+            # source.
             rate = 1.0 / bunched(samples.t)
         return Clock(rate, mode, note, missing)
 
@@ -161,8 +164,8 @@ class Segment(NamedTuple):
 class Placing:
     """Places samples as they come: the points do not depend on how the samples are cut.
 
-    A point is made once the samples on both sides of it are there, from samples as they were recorded, on a grid that
-    begins with the first sample of its piece.
+    A point is made once the samples on both sides of it are there, from samples as they were
+    recorded, on a grid that begins with the first sample of its piece.
     """
 
     def __init__(self, clock: Clock, longest: int | None = None) -> None:
@@ -172,7 +175,8 @@ class Placing:
         self._begin()
 
     def add(self, samples: Samples | None, last: bool = False) -> Iterator[Segment]:
-        """Take later samples; yield the points that they complete, all of them when there will be no others."""
+        """Take later samples; yield the points that they complete, all of them when there will be
+        no others."""
         held = [each for each in (self._kept, samples) if each is not None]
         if not held:
             return
@@ -252,7 +256,8 @@ class Placing:
 
 
 def read_at(t: Array, read: Array | None) -> NDArray[np.intp]:
-    """Return which of regular times t (N,) are those at which torques were read; all where none are given."""
+    """Return which of regular times t (N,) are those at which torques were read; all where none are
+    given."""
     if read is None:
         return np.arange(len(t))
     k = np.rint((read - t[0]) / (t[1] - t[0])).astype(np.intp)
@@ -260,11 +265,14 @@ def read_at(t: Array, read: Array | None) -> NDArray[np.intp]:
 
 
 def interpolate(known: Array, values: Array, wanted: Array, step: float) -> Array:
-    """Interpolate columns (N, n), known at increasing times, by the polynomial through the six nearest points.
+    """Interpolate columns (N, n), known at increasing times, by the polynomial through the six
+    nearest points.
 
-    Across a hole it is that of least squares through more on either side, the more are missing: noise does not grow.
+    Across a hole it is that of least squares through more on either side, the more are missing:
+    noise does not grow.
 
-    known: (N,) increasing times; values: (N, n) at these times; wanted: (M,) times; step: between samples.
+    known: (N,) increasing times; values: (N, n) at these times; wanted: (M,) times; step: between
+    samples.
     """
     first = np.clip(np.searchsorted(known, wanted) - POINTS // 2, 0, len(known) - POINTS)
     index = first[:, None] + np.arange(POINTS)
@@ -345,12 +353,16 @@ def _mode(samples: Samples, k: NDArray[np.int64], rate: float, jitter: Array) ->
     wanted = t[0] + np.arange(POINTS, len(t) - POINTS) / rate
     stamped = _roughness(interpolate(t, position[piece], wanted[wanted < t[-1]], 1.0 / rate))
     mode = "stamps" if stamped < 0.8 * regular else "regular"
-    why = f"the motion does not tell, its roughness is {stamped:.2g} by stamps and {regular:.2g} without"
+    why = (
+        f"the motion does not tell, its roughness is {stamped:.2g} by stamps and {regular:.2g}"
+        " without"
+    )
     return mode, f"{size}; taken for {mode}: {why} (--clock overrules it)"
 
 
 def _roughness(position: Array) -> float:
-    """Return a robust size of what a smooth motion does not have: its sixth differences; infinite without any."""
+    """Return a robust size of what a smooth motion does not have: its sixth differences; infinite
+    without any."""
     rough = np.abs(np.diff(position, 6, axis=0))
     if not len(rough):
         return np.inf
@@ -359,15 +371,16 @@ def _roughness(position: Array) -> float:
 
 
 def extended(grid: Grid, count: int) -> Grid:
-    """Continue a stretch at both ends by its mirror image, through the point for angles, so that smoothing keeps its
-    length: internal states need the motion from the first sample on. The rows made of it are dropped.
+    """Continue a stretch at both ends by its mirror image, through the point for angles, so that
+    smoothing keeps its length: internal states need the motion from the first sample on. The rows
+    made of it are dropped.
 
     Raises an IdentificationError if the stretch is shorter than that.
     """
     if len(grid) <= count:
         raise IdentificationError(
-            f"{len(grid)} samples without a gap at {grid.rate:.3g} Hz are too few for the smoother, which needs more "
-            f"than {count}",
+            f"{len(grid)} samples without a gap at {grid.rate:.3g} Hz are too few for the smoother,"
+            f" which needs more than {count}",
             "Record longer, or more samples a second.",
         )
     channels = {}

@@ -1,6 +1,7 @@
 """Residuals of a recording: what the measured torques exceed the model by, three a joint.
 
-Rows are ordered equation by equation: [link of all joints, drive of all joints, motor of all joints].
+Rows are ordered equation by equation: [link of all joints, drive of all joints, motor of all
+joints].
 """
 
 from __future__ import annotations
@@ -26,11 +27,13 @@ from elastic_arm.estimation.resampling import read_at
 from elastic_arm.recording.standstill import STANDS
 
 SLOWEST = 5e-4  # rad/s: slower than this a velocity has no sign, whatever the noise
-SLOW = 0.005  # of a joint's highest speed, below which it sticks if it is as slow for as long as STICKING
+# of a joint's highest speed, below which it sticks if it is as slow for as long as STICKING
+SLOW = 0.005
 UNTOLD = 3.0  # standard deviations of the noise within which a velocity is not told from none
 STICKING = 0.01  # s; a reversal without sticking is shorter but for accelerations below 0.5 rad/s²
-# Mean square of what is left where a joint sticks over that elsewhere, from which friction's law fails there.
-# Convention: where the law holds, few rows that are noise give up to 2.4; true sticking gave 6.
+# Mean square of what is left where a joint sticks over that elsewhere, from which friction's law
+# fails there. Convention: where the law holds, few rows that are noise give up to 2.4; true
+# sticking gave 6.
 FAILS = 4.0
 NO_HOLES = np.empty((0, 2))
 BESIDE, JITTER = (
@@ -53,14 +56,16 @@ def raw_residuals(model: Model, motion: CompletedMotion) -> Array:
     K, D = drive_constants(model)
     spring = K * (motion.theta - motion.q) + D * (motion.dtheta - motion.dq)
     left = model.inverse_dynamics(*(motion.coordinates(rate) for rate in ("", "d", "dd")))
-    # The left side of (1) holds the spring in both rows; the residuals have the sensor's torque in its place.
+    # The left side of (1) holds the spring in both rows; the residuals have the sensor's torque in
+    # its place.
     link = motion.tau_J - (left[:, :n] + spring)
     motor = motion.tau_m - (left[:, n : 2 * n] - spring) - motion.tau_J
     return np.hstack([link, motion.tau_J - spring, motor])
 
 
 def armatures(model: Model) -> Array:
-    """Return the armatures (n,) kg m² of an arm without transmissions; zero where its description states none."""
+    """Return the armatures (n,) kg m² of an arm without transmissions; zero where its description
+    states none."""
     found = np.zeros(model.n)
     for spin in model.bodies.spins:
         found[spin.gears[0][0]] += model.Psi[spin.parameter]
@@ -68,7 +73,8 @@ def armatures(model: Model) -> Array:
 
 
 def predicted_torques(model: Model, motion: CompletedMotion) -> tuple[Array, Array]:
-    """Return the joint torque and the motor torque (N, n) that the model predicts for a motion, Nm."""
+    """Return the joint torque and the motor torque (N, n) that the model predicts for a motion,
+    Nm."""
     n, raw = model.n, raw_residuals(model, motion)
     load = motion.tau_J - raw[:, :n]
     return load, motion.tau_m - motion.tau_J - raw[:, 2 * n :] + load
@@ -88,7 +94,8 @@ class Stretch:
     read: NDArray[np.intp] | None = None
 
     def in_band(self, values: Array) -> Array:
-        """Return columns (N, k) at the recording's rate in the band, known when torques were, (N', k)."""
+        """Return columns (N, k) at the recording's rate in the band, known when torques were, (N',
+        k)."""
         if self.read is not None and values.shape[1]:
             values = CubicSpline(self.read, values[self.read])(np.arange(len(values)))
         return np.asarray(self.band.apply(values)[self.kept])
@@ -140,8 +147,9 @@ class FreeTorque:
     basis: Array | None = (
         None  # orthonormal (instants, m); None where it can be anything at all of these instants
     )
-    # Rows beside these instants that hold no such torque, and (m, instants + beside) what they and the instants
-    # estimate of the torque: least squares by the noise, which goes on from the rows beside.
+    # Rows beside these instants that hold no such torque, and (m, instants + beside) what they and
+    # the instants estimate of the torque: least squares by the noise, which goes on from the rows
+    # beside.
     beside: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, dtype=int))
     estimate: Array | None = None
 
@@ -160,14 +168,15 @@ class FreeTorques:
 
         y' = y - B (B' C^-1 B)^-1 B' C^-1 y        B what they can be, C the covariance of the row's noise
 
-    While a joint sticks, its dry friction takes any value. While an encoder hardly moves, it holds one code, and its
-    error is no noise but one value, which turns up in the torques of spring and inertia. Where nothing was recorded,
-    nothing is known, nor what acts during an event. Their prior variance is infinite: they are projected out of
-    residuals and columns alike.
+    While a joint sticks, its dry friction takes any value. While an encoder hardly moves, it holds
+    one code, and its error is no noise but one value, which turns up in the torques of spring and
+    inertia. Where nothing was recorded, nothing is known, nor what acts during an event. Their
+    prior variance is infinite: they are projected out of residuals and columns alike.
     """
 
     found: tuple[FreeTorque, ...] = ()  # all of them
-    # those worked out, by what they depend on beside the band, and their estimates by row and rows beside, too
+    # those worked out, by what they depend on beside the band, and their estimates by row and rows
+    # beside, too
     bases: Mapping[FreeTimes, Array] = field(default_factory=dict, repr=False)
     estimates: Mapping[tuple[FreeTimes, int, bytes], Array] = field(
         default_factory=dict, repr=False
@@ -190,11 +199,12 @@ class FreeTorques:
     ) -> FreeTorques:
         """Return what is removed of a stretch.
 
-        band: its filter carries what happens at some time over to rows around; steps: "link", "motor" -> (n,)
-        rad, steps of the encoders; holes: (k, 2) s, from when to when nothing was recorded; events: those of an
-        :class:`.Observation`; friction: whether the friction of a joint that sticks is removed; standing: (n,) rad/s,
-        below which a joint sticks; near: those of the same stretch with other numbers of the arm, in the same band:
-        most bases are the same. Steps and standing are zero for joints that never move; noise: (lags, R)
+        band: its filter carries what happens at some time over to rows around; steps: "link",
+        "motor" -> (n,) rad, steps of the encoders; holes: (k, 2) s, from when to when nothing was
+        recorded; events: those of an :class:`.Observation`; friction: whether the friction of a
+        joint that sticks is removed; standing: (n,) rad/s, below which a joint sticks; near: those
+        of the same stretch with other numbers of the arm, in the same band: most bases are the
+        same. Steps and standing are zero for joints that never move; noise: (lags, R)
         autocovariance of the rows' noise, None where it is white.
         """
         t, dq, dtheta = stretch.quiet.t, stretch.quiet.dq, stretch.quiet.dtheta
@@ -250,10 +260,12 @@ class FreeTorques:
         return out
 
     def shares(self, count: int, rows: int, band: Band) -> Array:
-        """Return the share (N', R) of the power of noise in the band that is left of so many rows."""
+        """Return the share (N', R) of the power of noise in the band that is left of so many
+        rows."""
         left = np.ones((count, rows))
         for free in self.found:
-            # Of a basis in the band; the band holds fewer independent values than there are instants.
+            # Of a basis in the band; the band holds fewer independent values than there are
+            # instants.
             taken = 1.0 if free.basis is None else np.sum(free.basis**2, axis=1)
             left[free.instants, free.row] -= taken * band.kept_rate / (2.0 * band.cutoff)
         return np.maximum(left, 0.0)
@@ -267,9 +279,11 @@ class FreeTorques:
 
 
 def standing_speed(fastest: Array | float, noise: Array | float) -> Array:
-    """Return the speed (n,) rad/s below which joints stand, by the fastest that they turn and their velocity's noise.
+    """Return the speed (n,) rad/s below which joints stand, by the fastest that they turn and their
+    velocity's noise.
 
-    `noise` is a standard deviation. Where the sign of a velocity is not known, that of the dry friction is not.
+    `noise` is a standard deviation. Where the sign of a velocity is not known, that of the dry
+    friction is not.
     """
     return np.maximum(np.maximum(SLOW * fastest, STANDS), UNTOLD * noise)
 
@@ -277,8 +291,8 @@ def standing_speed(fastest: Array | float, noise: Array | float) -> Array:
 def sticking(t: Array, velocity: Array, standing: Array, around: float = 0.0) -> NDArray[np.bool_]:
     """Return where joints stick, (N, n): slower than `standing` (n,) rad/s for as long as STICKING.
 
-    t: (N,) s, at one rate, that of the recording: of fewer instants a reversal seems to last longer; velocity: (N,
-    n) rad/s, of the motors where there are such.
+    t: (N,) s, at one rate, that of the recording: of fewer instants a reversal seems to last
+    longer; velocity: (N, n) rad/s, of the motors where there are such.
     """
     if len(t) < 2:
         return np.zeros(velocity.shape, dtype=bool)
@@ -316,8 +330,8 @@ def _courses(
 ) -> list[tuple[slice, FreeTimes | None]]:
     """Return in which rows a torque at certain times (N,) shows, and of which times' basis it is.
 
-    None where it can be anything: in rows that no other time reaches. when: (N,) the times; bases: orthonormal
-    (instants, m) of other times of this stretch; those found are added.
+    None where it can be anything: in rows that no other time reaches. when: (N,) the times; bases:
+    orthonormal (instants, m) of other times of this stretch; those found are added.
     """
     step = float(stretch.quiet.t[1] - stretch.quiet.t[0])
     if not when.any():
@@ -354,7 +368,8 @@ def _basis(times: FreeTimes, band: Band) -> Array:
 def _estimate(basis: Array, rows: slice, beside: NDArray[np.intp], noise: Array) -> Array:
     """Return (m, rows + beside) what rows estimate of a torque that is in some of them.
 
-    Noise of encoders grows with its frequency. Cut off at an instant it would be noise of all frequencies.
+    Noise of encoders grows with its frequency. Cut off at an instant it would be noise of all
+    frequencies.
 
     basis: (rows, m) of the torque; noise: (lags,) autocovariance of the rows' noise.
     """
@@ -370,7 +385,8 @@ def _estimate(basis: Array, rows: slice, beside: NDArray[np.intp], noise: Array)
 def _clusters(pieces: Sequence[tuple[slice]], band: Band) -> Iterator[tuple[list[slice], slice]]:
     """Yield pieces of samples that reach common rows of the band, with these rows.
 
-    Of a long piece the ends alone, as its inner rows hold nothing else: these come without any piece.
+    Of a long piece the ends alone, as its inner rows hold nothing else: these come without any
+    piece.
     """
     half = len(band.taps) // 2 + 1
     group: list[slice] = []
@@ -392,9 +408,11 @@ def _clusters(pieces: Sequence[tuple[slice]], band: Band) -> Iterator[tuple[list
 
 
 def _polynomials(length: int, first: int, piece: slice, step: float, band: Band) -> Array:
-    """Return Legendre polynomials (length, m) of samples from `first` on over a piece, null outside.
+    """Return Legendre polynomials (length, m) of samples from `first` on over a piece, null
+    outside.
 
-    They are as many as the rows resolve: polynomials of this degree follow any wave up to half the kept rate.
+    They are as many as the rows resolve: polynomials of this degree follow any wave up to half the
+    kept rate.
     """
     count = piece.stop - piece.start
     degree = min(count - 1, 2 + int(0.5 * np.pi * band.kept_rate * count * step))

@@ -1,8 +1,9 @@
 """Long recordings: of all motion, the segments that tell most of the arm.
 
-A segment's worth is what it adds to the information of the others, ln |1 + sum of C'C / s²| (D-optimality): C are the
-columns of the equations of motion, times what each number of the description is usually off by, and of each joint's
-friction. Standstill counts for nothing, and a motion that was there already for little.
+A segment's worth is what it adds to the information of the others, ln |1 + sum of C'C / s²|
+(D-optimality): C are the columns of the equations of motion, times what each number of the
+description is usually off by, and of each joint's friction. Standstill counts for nothing, and a
+motion that was there already for little.
 """
 
 from collections.abc import Sequence
@@ -22,17 +23,18 @@ from elastic_arm.recording.standstill import STANDS, moving_spans, standing_note
 from elastic_arm.recording.timebase.clocks import HOLE, rates_of
 from elastic_arm.robot import Robot
 
-# s of motion that are taken of one recording of three joints, and less in proportion to more: a diagnosis takes 2 GB
-# beside as much, and an identification two minutes (benchmarks/bench_day.py); deviations fall with its root alone.
+# s of motion that are taken of one recording of three joints, and less in proportion to more: a
+# diagnosis takes 2 GB beside as much, and an identification two minutes (benchmarks/bench_day.py);
+# deviations fall with its root alone.
 DIAGNOSED, IDENTIFIED = 60.0, 600.0
 SEGMENT = 10.0  # s; several swings of an arm
 RATE = 50.0  # Hz at which a motion is looked at, and s over which its derivatives are taken
 WINDOW = 0.2
-# What numbers of a description are off by, of themselves (evidence/priors.py: masses 0.06, springs 0.15), and the
-# friction of a joint, Nm, at 1 rad/s too.
+# What numbers of a description are off by, of themselves (evidence/priors.py: masses 0.06, springs
+# 0.15), and the friction of a joint, Nm, at 1 rad/s too.
 USUAL, FRICTION = 0.1, 5.0
-# Errors of a torque: noise, Nm, and what the model misses, of the torque itself. A jump of an encoder, whose torque
-# would be absurd, so tells no more than any other sample.
+# Errors of a torque: noise, Nm, and what the model misses, of the torque itself. A jump of an
+# encoder, whose torque would be absurd, so tells no more than any other sample.
 NOISE, MISSED = 1.0, 0.02
 
 
@@ -47,7 +49,8 @@ def in_parts(recording: Recording, least: int = 2) -> list[Recording]:
 
 
 def of_one_rate(recording: Recording, lasting: float) -> list[Recording]:
-    """Return the parts of a recording between changes of its rate, so many s or more: each has noise of its own."""
+    """Return the parts of a recording between changes of its rate, so many s or more: each has
+    noise of its own."""
     samples = recording.samples()
     found = rates_of(samples.t, lasting)
     if len(found) < 2:
@@ -56,7 +59,10 @@ def of_one_rate(recording: Recording, lasting: float) -> list[Recording]:
     rates = ", ".join(
         f"{rate:.4g} Hz from {begin:.1f} s" for begin, (_, rate) in zip(begins, found, strict=True)
     )
-    words = f"{recording.source or 'the recording'}: the rate changes, parts of one rate count singly: {rates}"
+    words = (
+        f"{recording.source or 'the recording'}: the rate changes, parts of one rate count singly:"
+        f" {rates}"
+    )
     parts = _cut(replace(recording, notes=(*recording.notes, words)), [0.0, *begins[1:]])
     return [part for part in parts if moves(part)] or [recording]
 
@@ -165,7 +171,8 @@ class MostTelling:
         return [self._segments[k] for k in sorted(kept)]
 
     def recording(self) -> Recording:
-        """Return what was taken, as one recording with holes; its notes say how much of it that is."""
+        """Return what was taken, as one recording with holes; its notes say how much of it that
+        is."""
         assert self._first is not None and self._last is not None
         if not self._segments:
             return self._first  # without motion, as whoever asks for it will say
@@ -175,14 +182,15 @@ class MostTelling:
         notes = list(self._last.notes)
         if self.whole - self.recorded > 1.0:
             notes.append(
-                f"{source}: nothing was recorded in {self.whole - self.recorded:.0f} of {self.whole:.0f} s"
+                f"{source}: nothing was recorded in {self.whole - self.recorded:.0f} of"
+                f" {self.whole:.0f} s"
             )
         if self.recorded - self.moving > 1.0:
             notes.append(standing_note(source, self.recorded - self.moving, self.whole))
         if self.moving - seconds > 1.0:
             notes.append(
-                f"{source}: the {seconds:.0f} s that tell most are taken of {self.moving:.0f} s of motion "
-                "(--motion takes more)"
+                f"{source}: the {seconds:.0f} s that tell most are taken of {self.moving:.0f} s of"
+                " motion (--motion takes more)"
             )
         return replace(found, currents=self._last.currents, notes=tuple(notes))
 

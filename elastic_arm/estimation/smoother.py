@@ -1,10 +1,12 @@
-"""Accelerations without finite differences: a steady-state smoother that all terms of an equation pass alike.
+"""Accelerations without finite differences: a steady-state smoother that all terms of an equation
+pass alike.
 
-The smoother is the Wiener smoother of an integrated Wiener process (white fourth derivative) seen through white noise.
-Its response from position to position is H = 1 / (1 + (w/w_c)^8), without phase. Where a velocity channel exists, the
-position channel serves below the frequency w_x = (velocity noise)/(position noise) and the velocity channel above it,
-in such a way that consistent channels see H all the same. Every channel of every joint passes the one H, and so do the
-torques: an equation stays an equation.
+The smoother is the Wiener smoother of an integrated Wiener process (white fourth derivative) seen
+through white noise. Its response from position to position is H = 1 / (1 + (w/w_c)^8), without
+phase. Where a velocity channel exists, the position channel serves below the frequency w_x =
+(velocity noise)/(position noise) and the velocity channel above it, in such a way that consistent
+channels see H all the same. Every channel of every joint passes the one H, and so do the torques:
+an equation stays an equation.
 """
 
 from __future__ import annotations
@@ -32,16 +34,17 @@ FINER = 8
 TAIL = 1e-11
 # Noise of an acceleration that no arm's motion notices, rad/s²: positions alone serve then.
 NEGLIGIBLE = 1e-3
-# So many samples in a period of the cutoff show what the smoother lets through, all but 1e-4 of its noise.
+# So many samples in a period of the cutoff show what the smoother lets through, all but 1e-4 of its
+# noise.
 SAMPLES_A_PERIOD = 6.0
 MOST_THINNING = 64
 # Long recordings are smoothed in runs of this many samples, which stay in the cache.
 RUN = 32768
 TOGETHER = 4  # columns filtered at once: what the caches hold
-# A smoother loses what lies within its lag of the ends of a piece, and laws that pass it twice lose twice that. Where
-# this is more than a share `LOST` of the piece, and the joints move there as fast as `MOVING` of their rms speed (at
-# rest they carry any torque up to their dry friction), the piece is continued by its mirror image, of which samples may
-# hold the share `FOREIGN`. Conventions.
+# A smoother loses what lies within its lag of the ends of a piece, and laws that pass it twice lose
+# twice that. Where this is more than a share `LOST` of the piece, and the joints move there as fast
+# as `MOVING` of their rms speed (at rest they carry any torque up to their dry friction), the piece
+# is continued by its mirror image, of which samples may hold the share `FOREIGN`. Conventions.
 FOREIGN, LOST, MOVING = 1e-4, 0.05, 0.3
 
 
@@ -51,7 +54,8 @@ class Smoother:
 
     rate: float  # samples per second
     cutoff: float  # w_c, rad/s, common to all channels
-    # link_crossover, motor_crossover: (n,) w_x of each joint, rad/s; infinite where the positions alone serve
+    # link_crossover, motor_crossover: (n,) w_x of each joint, rad/s; infinite where the positions
+    # alone serve
     link_crossover: Array
     motor_crossover: Array
     # link_noise, motor_noise: of the encoders; None where it is not known or there is no such side
@@ -95,7 +99,8 @@ class Smoother:
         return 2 ** max(0, int(np.log2(share)))
 
     def __call__(self, grid: Grid, every: int = 1) -> Motion:
-        """Smooth a regular piece, and keep one of `every` samples; `lag` samples are lost at each end."""
+        """Smooth a regular piece, and keep one of `every` samples; `lag` samples are lost at each
+        end."""
         lag = self.lag
         self._require(len(grid))
         q = self._side(grid.q, grid.dq, self.link_crossover, every)
@@ -117,7 +122,8 @@ class Smoother:
         )
 
     def filter(self, values: Array, every: int = 1) -> Array:
-        """Pass columns (N, m) through H, and keep one of `every` samples; `lag` samples are lost at each end."""
+        """Pass columns (N, m) through H, and keep one of `every` samples; `lag` samples are lost at
+        each end."""
         self._require(len(values))
         response = _even_taps(self.cutoff / self.rate, self.lag)[None, None]
         out = np.zeros((-(-(len(values) - 2 * self.lag) // every), values.shape[1]))
@@ -131,15 +137,18 @@ class Smoother:
     def sign(self, t: Array, velocity: Array, standstill: Array) -> Array:
         """Return the sign (N, n) of a velocity as smoothed residuals hold it.
 
-        A jump is between two samples and has no band: the sign is taken at finer steps, and passes the smoother there.
+        A jump is between two samples and has no band: the sign is taken at finer steps, and passes
+        the smoother there.
 
-        t, velocity: (N,) s and (N, n) rad/s; standstill: (n,) rad/s, below which a velocity has no sign.
+        t, velocity: (N,) s and (N, n) rad/s; standstill: (n,) rad/s, below which a velocity has no
+        sign.
         """
         fine = np.linspace(t[0], t[-1], (len(t) - 1) * FINER + 1)
         return self.thinned(np.tanh(CubicSpline(t, velocity)(fine) / standstill), FINER)
 
     def thinned(self, values: Array, finer: int) -> Array:
-        """Pass values (N, m) at `finer` times the rate through H, and keep one of `finer`; the ends are continued."""
+        """Pass values (N, m) at `finer` times the rate through H, and keep one of `finer`; the ends
+        are continued."""
         lag = self.lag * finer
         taps = _even_taps(self.cutoff / (self.rate * finer), lag)
         return oaconvolve(
@@ -149,8 +158,8 @@ class Smoother:
     def _require(self, samples: int) -> None:
         if samples <= 2 * self.lag:
             raise IdentificationError(
-                f"a piece of {samples / self.rate:.2f} s is too short for the smoother, which needs more than "
-                f"{2 * self.lag / self.rate:.2f} s",
+                f"a piece of {samples / self.rate:.2f} s is too short for the smoother, which needs"
+                f" more than {2 * self.lag / self.rate:.2f} s",
                 "Record longer without gaps.",
             )
 
@@ -174,7 +183,8 @@ class Smoother:
         return [out[0], out[1] * self.rate, out[2] * self.rate**2]
 
     def _covariances(self, noise: SideNoise | None, crossover: Array) -> Array | None:
-        """Return covariances (n, 3, 3) of position, velocity and acceleration from a side's white noise."""
+        """Return covariances (n, 3, 3) of position, velocity and acceleration from a side's white
+        noise."""
         if noise is None:
             return None
         unit = self.rate ** np.arange(3.0)
@@ -187,7 +197,8 @@ class Smoother:
         return found * np.outer(unit, unit)
 
     def _taps(self, crossover: float) -> tuple[Array, Array]:
-        """Return taps on position and on velocity (rad per sample), (3, 2 lag + 1) each, for derivatives 0, 1, 2."""
+        """Return taps on position and on velocity (rad per sample), (3, 2 lag + 1) each, for
+        derivatives 0, 1, 2."""
         return _taps(self.cutoff / self.rate, crossover / self.rate, self.lag)
 
 
@@ -222,12 +233,14 @@ def design_smoother(grids: list[Grid], n: int) -> Smoother:
 def _crossover(side: SideNoise | None, cutoff: float, rate: float, n: int) -> Array:
     if side is None or side.velocity_std is None:
         return np.full(n, np.inf)
-    # A slower crossover would lengthen the lag for frequencies at which the positions are good enough.
+    # A slower crossover would lengthen the lag for frequencies at which the positions are good
+    # enough.
     slowest = cutoff * np.sin(np.pi / (2 * ORDER))
     ratio = np.maximum(side.velocity_std / np.maximum(side.position_std, 1e-300), slowest)
-    # Far beyond the band the velocities would have no say. And where positions are good enough, they had better have
-    # none: under a torque held from sample to sample a velocity at the samples is not quite that of the motion in the
-    # band, which biases what hangs on the difference of two accelerations.
+    # Far beyond the band the velocities would have no say. And where positions are good enough,
+    # they had better have none: under a torque held from sample to sample a velocity at the samples
+    # is not quite that of the motion in the band, which biases what hangs on the difference of two
+    # accelerations.
     acceleration_noise = side.position_std * cutoff**2.5 / np.sqrt(5 * np.pi * rate)
     return np.where((ratio > 100 * cutoff) | (acceleration_noise < NEGLIGIBLE), np.inf, ratio)
 

@@ -1,7 +1,8 @@
 """The noise of the residuals, and residuals and columns of regressors whitened by it.
 
-Whitened rows have white noise of variance one, whatever the channels' noise and however the equations share it. So half
-their sum of squares is a negative log-likelihood, and its excess over the number of rows measures lack of fit.
+Whitened rows have white noise of variance one, whatever the channels' noise and however the
+equations share it. So half their sum of squares is a negative log-likelihood, and its excess over
+the number of rows measures lack of fit.
 """
 
 from __future__ import annotations
@@ -51,8 +52,9 @@ from elastic_arm.recording.inspection.stuck_channels import STILL
 
 EDGE = 10  # rows at the ends of a stretch that the whitening, being circular, spoils
 NOISE_FREQUENCIES = 400
-# Part of its noise that each equation is given on its own. Otherwise differences of equations would be exact where
-# shared noise cancels (a torque sensor's; an encoder's at a drive's resonance), and rounding would look like physics.
+# Part of its noise that each equation is given on its own. Otherwise differences of equations would
+# be exact where shared noise cancels (a torque sensor's; an encoder's at a drive's resonance), and
+# rounding would look like physics.
 FLOOR = 0.1
 
 
@@ -60,7 +62,8 @@ FLOOR = 0.1
 class NoiseModel:
     """Joint noise of all usable rows over frequency, from the noise of the channels.
 
-    The noise of tau_J is common to the three equations (+, +, -), that of an encoder to those it enters.
+    The noise of tau_J is common to the three equations (+, +, -), that of an encoder to those it
+    enters.
     """
 
     f: Array  # (F,) Hz, equally spaced from 0 to half the kept rate
@@ -68,7 +71,8 @@ class NoiseModel:
         np.complex128
     ]  # (F, R, R) complex, Nm²; white noise of 1 Nm a sample is the identity
     rate: float  # samples per second of the recording
-    # (R, R) combinations of the rows that are made independent, in their order (:attr:`.EquationSet.apart`)
+    # (R, R) combinations of the rows that are made independent, in their order
+    # (:attr:`.EquationSet.apart`)
     apart: Array
     # (F, n) of the load that the model predicts for the quiet motion, Nm², in units as `covariance`
     load: Array | None = None
@@ -87,7 +91,8 @@ class NoiseModel:
         return np.asarray(self.measure - np.linalg.slogdet(self.covariance)[1])
 
     def autocovariance(self, band: Band) -> Array:
-        """Return that of the rows (lags, R), Nm², at the band's kept rate; beyond the band as at its edge."""
+        """Return that of the rows (lags, R), Nm², at the band's kept rate; beyond the band as at
+        its edge."""
         power = np.real(np.einsum("frr->fr", self.covariance))
         edge = int(np.searchsorted(self.f, band.cutoff))
         power[edge:] = power[edge - 1]
@@ -101,7 +106,8 @@ class NoiseModel:
         return np.sqrt(trapezoid(density, self.f, axis=0) * 2.0 / self.rate)
 
     def whitener(self, f: NDArray[Any]) -> NDArray[np.complex128]:
-        """Return W (F', R, R) with W covariance W^H = 1 at f (F',) Hz within the band; worked out once for each f."""
+        """Return W (F', R, R) with W covariance W^H = 1 at f (F',) Hz within the band; worked out
+        once for each f."""
         key = f.tobytes()
         if key not in self._whiteners:
             covariance = self.covariance[
@@ -114,7 +120,8 @@ class NoiseModel:
         return self._whiteners[key]
 
     def whitening_gains(self, count: int, band: Band) -> CircularGains:
-        """Return what :func:`filtered_circularly` whitens so many rows of a band with; worked out once."""
+        """Return what :func:`filtered_circularly` whitens so many rows of a band with; worked out
+        once."""
         if count not in self._gains:
             f = np.fft.rfftfreq(count, 1 / band.kept_rate)
             self._gains[count] = circular_gains(
@@ -133,8 +140,9 @@ def noise_models(
 ) -> list[NoiseModel]:
     """Propagate the channels' noise into the usable residuals, for several floors.
 
-    equations, band: usable equations, and where they are looked at; floors: shares of the torque noise that each
-    equation gets besides, 0 for the noise itself; acting: effects of which loads have inertia, too.
+    equations, band: usable equations, and where they are looked at; floors: shares of the torque
+    noise that each equation gets besides, 0 for the noise itself; acting: effects of which loads
+    have inertia, too.
     """
     n, f = equations.n, np.linspace(0.0, band.kept_rate / 2, NOISE_FREQUENCIES)
     speed2 = (2 * np.pi * f[:, None, None]) ** 2
@@ -148,7 +156,8 @@ def noise_models(
     poses = _inertias(model, observation, acting)
     # What a joint lacks is made of its other encoder, with whose noise.
     made = block_diag(np.eye(2 * n), observation.pieces[0].encoders)
-    # Rows link, drive, motor of the full three; columns tau_J, tau_m, q, theta. First what is the same at all poses.
+    # Rows link, drive, motor of the full three; columns tau_J, tau_m, q, theta. First what is the
+    # same at all poses.
     still = np.block([[one, zero, none], [one, zero, none], [-one, one, none]])
     wound = np.block([[none, none], [none, one, -one], [none, none]])
     # A torque that a controller makes has the noise of the angle that it follows.
@@ -175,8 +184,9 @@ def noise_models(
     level = largest * 2.0 ** np.ceil(np.log2(np.maximum(noise / largest, 1e-9)))
     accelerations = (2 * np.pi * f[:, None]) ** 4 * observation.quiet_link_spectrum(f)
     load = accelerations @ np.mean([M**2 for M, _, _ in poses], axis=0)
-    # In z are torques as recorded, before they were divided by their gains, and one of two encoders: the other is the
-    # motion. Where a controller makes the torque of angles, z has both of them and no torque.
+    # In z are torques as recorded, before they were divided by their gains, and one of two
+    # encoders: the other is the motion. Where a controller makes the torque of angles, z has both
+    # of them and no torque.
     follows = np.isin(np.arange(n), list(observation.made_by))
     gains = [1.0 / observation.gains.get(c, np.ones(n)) for c in ("tau_J", "tau_m")]
     shown = np.concatenate(
@@ -199,7 +209,8 @@ def noise_models(
 def _inertias(
     model: Model, observation: Observation, acting: Sequence[ActingEffect] = ()
 ) -> list[tuple[Array, Array, Array]]:
-    """Return M, S, B at poses along the motion: the way of the encoders' noise changes with the pose."""
+    """Return M, S, B at poses along the motion: the way of the encoders' noise changes with the
+    pose."""
     n = model.n
     motion = max(observation.pieces, key=len)
     position = motion.q if motion.q is not None else motion.theta
@@ -216,7 +227,8 @@ def _inertias(
 
 @dataclass(frozen=True)
 class Part:
-    """One stretch with what is needed to make columns for it, and the number of its recording among the data's.
+    """One stretch with what is needed to make columns for it, and the number of its recording among
+    the data's.
 
     The shares are what each effect that acts adds to tau_J and tau_m, (N, n) Nm.
     """
@@ -229,7 +241,8 @@ class Part:
     shares: tuple[tuple[Array, Array], ...] = ()
 
     def gain(self, feature: Feature) -> float:
-        """Return by what the torque was divided to whose reading an effect adds; 1 for any other effect."""
+        """Return by what the torque was divided to whose reading an effect adds; 1 for any other
+        effect."""
         channel = feature.read_torque
         if channel is None or channel not in self.gains:
             return 1.0
@@ -241,10 +254,10 @@ class Part:
 class WhitenedData:
     """All stretches of one or several recordings.
 
-    layout, band: usable equations, and where they are looked at; predicted: whether the laws of effects take the
-    torques that the model predicts instead of the measured ones; sticking_removed: whether what a joint's friction
-    may be while it sticks is removed; acting: effects that are part of the predicted torques; near: the same
-    recordings beside other numbers of the arm.
+    layout, band: usable equations, and where they are looked at; predicted: whether the laws of
+    effects take the torques that the model predicts instead of the measured ones; sticking_removed:
+    whether what a joint's friction may be while it sticks is removed; acting: effects that are part
+    of the predicted torques; near: the same recordings beside other numbers of the arm.
     """
 
     def __init__(
@@ -273,7 +286,8 @@ class WhitenedData:
             standstill = _standstill(observation, untold)
             standing = np.where(moves, standing_speed(fastest, untold[1]), 0.0)
             steps = {side: np.where(moves, step, 0.0) for side, step in observation.steps.items()}
-            # Laws need not pass a smoother whose response at the edge of the band is more than 0.99.
+            # Laws need not pass a smoother whose response at the edge of the band is more than
+            # 0.99.
             limits = (
                 observation.smoother
                 if observation.gain(np.array([band.cutoff]))[0] < 0.99
@@ -317,22 +331,24 @@ class WhitenedData:
                 self._free.append(free)
         if not self.parts:
             raise DiagnosisError(
-                f"too little motion is left of {', '.join(o.source or 'the recording' for o in observations)} "
-                "after filtering",
+                "too little motion is left of"
+                f" {', '.join(o.source or 'the recording' for o in observations)} after filtering",
                 "Record longer without gaps",
             )
         self.y = self.weighted([part.stretch.values for part in self.parts])
         self.white = self.whiten([y[:, :, None] for y in self.y])[:, 0]
 
     def weighted(self, columns: Sequence[Array], *, in_place: bool = False) -> list[Array]:
-        """Return columns (N', R, …) of all stretches without torques that no law states, perhaps in the same."""
+        """Return columns (N', R, …) of all stretches without torques that no law states, perhaps in
+        the same."""
         return [
             free.remove(values, in_place=in_place)
             for values, free in zip(columns, self._free, strict=True)
         ]
 
     def shares(self) -> list[Array]:
-        """Return which share of the noise's power is left (N', R) of each stretch without those torques."""
+        """Return which share of the noise's power is left (N', R) of each stretch without those
+        torques."""
         each = zip(self.parts, self._free, self.y, strict=True)
         return [free.shares(len(y), y.shape[1], part.stretch.band) for part, free, y in each]
 
@@ -357,7 +373,8 @@ class WhitenedData:
         return columns if gain == 1.0 else columns / gain
 
     def _start(self, k: int, feature: Feature, searched: Sequence[float]) -> float:
-        """Return where the internal states of an effect begin in stretch k, where the motion before is not known."""
+        """Return where the internal states of an effect begin in stretch k, where the motion before
+        is not known."""
         part = self.parts[k]
         if not feature.effect.states or part.signals.before is not None:
             return 0.0
@@ -366,7 +383,8 @@ class WhitenedData:
         return starting_state(self.y[k], columns, size)
 
     def in_band(self, part: Part, columns: Array | Entries) -> Array:
-        """Carry columns (N, 3 n, k) at the recording's rate over to the usable equations in the band, (N', R, k)."""
+        """Carry columns (N, 3 n, k) at the recording's rate over to the usable equations in the
+        band, (N', R, k)."""
         entries = columns if isinstance(columns, Entries) else Entries.of(columns)
         # Fewer samples first: filter and combination commute.
         thin = Entries(
@@ -375,9 +393,11 @@ class WhitenedData:
         return self.layout.combine(thin.dense())
 
     def whiten(self, columns: Sequence[Array]) -> Array:
-        """Whiten columns (N', R, k) of all stretches: (rows, k), all rows of the first residual first, slow ones first.
+        """Whiten columns (N', R, k) of all stretches: (rows, k), all rows of the first residual
+        first, slow ones first.
 
-        Rows are harmonics. Equations are made independent in their order: null before the first in which it shows.
+        Rows are harmonics. Equations are made independent in their order: null before the first in
+        which it shows.
         """
         white = [
             filtered_circularly(values, part.noise.whitening_gains(len(values), part.stretch.band))
@@ -407,7 +427,8 @@ class WhitenedData:
 
     @property
     def density(self) -> float:
-        """Ln of the density of the recorded values over that of the whitened rows: it depends on the linearisation."""
+        """Ln of the density of the recorded values over that of the whitened rows: it depends on
+        the linearisation."""
         found = 0.0
         for part, own in zip(self.parts, self.harmonics, strict=True):
             f = frequencies(own, part.stretch.band.kept_rate)
@@ -422,7 +443,8 @@ class WhitenedData:
 
 
 def _moving(observations: Sequence[Observation]) -> tuple[NDArray[np.bool_], Array]:
-    """Return which joints (n,) move anywhere, and their highest speeds (n,) rad/s, by the motors where there are such.
+    """Return which joints (n,) move anywhere, and their highest speeds (n,) rad/s, by the motors
+    where there are such.
 
     All that is known of the torque of one that does not is what it is at rest.
     """

@@ -1,4 +1,5 @@
-"""A size of its own in each recording: what a term adds beside its common size, as a term like any other."""
+"""A size of its own in each recording: what a term adds beside its common size, as a term like any
+other."""
 
 from collections.abc import Iterator
 
@@ -19,7 +20,8 @@ def change_key(term: Term) -> Key:
 
 
 def change_of(linear: Linearisation, term: Term) -> Term:
-    """Return what a term adds in each recording beside its common size: fitted ones first, then those that judge.
+    """Return what a term adds in each recording beside its common size: fitted ones first, then
+    those that judge.
 
     Where a size is not the same in all recordings, it is another one in those that judge, too.
     """
@@ -50,7 +52,8 @@ def change_of(linear: Linearisation, term: Term) -> Term:
 
 
 def bends(term: Term) -> bool:
-    """Whether a term is an effect whose sizes are among its nonlinear numbers, by steps of their unit."""
+    """Whether a term is an effect whose sizes are among its nonlinear numbers, by steps of their
+    unit."""
     if term.kind != "effect" or term.linear or not term.tangents:
         return False
     return term.feature.by_size.bends and not any(

@@ -2,12 +2,16 @@
 
     s(S) = ln p(y, S) with the residuals linearised about the posterior of S itself
 
-A search at the linearisation of one set meets others with scores that are as good as that linearisation. So
+A search at the linearisation of one set meets others with scores that are as good as that
+linearisation. So
 
-1. the best known set is expanded: a search from it, at its own linearisation, gives a path of better and better sets;
-2. the last set of the path is linearised about itself. Where it is better there, it is the best known set;
+1. the best known set is expanded: a search from it, at its own linearisation, gives a path of
+  better and better sets;
+2. the last set of the path is linearised about itself. Where it is better there, it is the best
+  known set;
 3. where it is not, the step was too long: the set half way along the path is tried;
-4. a set from which no path leads to a better one is expanded by more expensive moves. The search ends when there are
+4. a set from which no path leads to a better one is expanded by more expensive moves. The search
+  ends when there are
    none left.
 
 A set that was linearised about itself keeps that score wherever it is met again.
@@ -52,9 +56,10 @@ Path = Sequence[Scored]
 class Frontier:
     """The sets that were linearised about themselves, and the best of them.
 
-    linearise: returns a set at its own linearisation, from one that was met at that of a node; expand: returns a path
-    that begins with the node's own set; depths: number of kinds of moves, the more expensive ones last; is_over:
-    whether the search is to end with the best set that it has.
+    linearise: returns a set at its own linearisation, from one that was met at that of a node;
+    expand: returns a path that begins with the node's own set; depths: number of kinds of moves,
+    the more expensive ones last; is_over: whether the search is to end with the best set that it
+    has.
     """
 
     best: Node
@@ -77,7 +82,8 @@ class Frontier:
         return self.best
 
     def follow(self, path: Path) -> bool:
-        """Return whether a set on a path is better than the best at its own linearisation; it is the best then."""
+        """Return whether a set on a path is better than the best at its own linearisation; it is
+        the best then."""
         start = self.best
         last = len(path) - 1
         while last > 0 and not self.is_over():

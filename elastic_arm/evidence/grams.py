@@ -73,7 +73,8 @@ class Bands:
         self.place, self.octave = np.divmod(self.used, octaves)
 
     def side_by_side(self, each: Sequence[Array]) -> Array:
-        """Return columns (rows, k) of several side by side; each column stands in memory as a whole."""
+        """Return columns (rows, k) of several side by side; each column stands in memory as a
+        whole."""
         found = each[0].T if len(each) == 1 else np.concatenate([one.T for one in each])
         return np.ascontiguousarray(found).T
 
@@ -91,7 +92,8 @@ class Bands:
 class Grams:
     """Products of the residual, the numbers' columns and those of terms.
 
-    y, N: (rows,) and (rows, K) whitened residual and columns of the numbers; basis: (K, k) combinations of these.
+    y, N: (rows,) and (rows, K) whitened residual and columns of the numbers; basis: (K, k)
+    combinations of these.
     """
 
     def __init__(self, y: Array, N: Array, bands: Bands, basis: Array) -> None:
@@ -114,13 +116,15 @@ class Grams:
         self._made.clear()
 
     def columns(self, term: Term) -> Array:
-        """Return the columns (rows, [1 +] k) of a term in the order of the bands, its offset first where it has one."""
+        """Return the columns (rows, [1 +] k) of a term in the order of the bands, its offset first
+        where it has one."""
         if term.ident not in self._columns:
             self._columns[term.ident] = self.bands.side_by_side(term.parts)
         return self._columns[term.ident]
 
     def less(self, term: Term, lacking: Sequence[Term]) -> Term:
-        """Return a term without some shares of its columns: the same, where it moves none of their numbers."""
+        """Return a term without some shares of its columns: the same, where it moves none of their
+        numbers."""
         lacking = [
             share for share in lacking if term.kind == "number" and term.what[share.what].any()
         ]
@@ -165,14 +169,16 @@ class Grams:
             self._pairs[term.ident, o.ident] = own.transpose(0, 2, 1)
 
     def with_numbers(self, term: Term, lacking: Sequence[Term]) -> Array:
-        """Return the products (B, k, m) of the numbers' columns, less some shares of theirs, with a term's columns."""
+        """Return the products (B, k, m) of the numbers' columns, less some shares of theirs, with a
+        term's columns."""
         found = self.with_base(term)[:, 1:]
         for share in lacking:
             found = found - self.basis[share.what].T @ self.pair(share, term)
         return found
 
     def _numbers(self, lacking: Sequence[Term]) -> tuple[Array, Array]:
-        """Return the lower half of the products of the numbers' columns, less some shares of theirs, and with y."""
+        """Return the lower half of the products of the numbers' columns, less some shares of
+        theirs, and with y."""
         key = tuple(share.ident for share in lacking)
         if not key:
             return self._base_half, self.G0[:, 0, 1:]
@@ -191,9 +197,11 @@ class Grams:
         return self._lacking[key]
 
     def of(self, terms: Sequence[Term], lacking: Sequence[Term] = ()) -> Products:
-        """Return the products of a set: coefficients of the numbers first, then of the terms in order.
+        """Return the products of a set: coefficients of the numbers first, then of the terms in
+        order.
 
-        lacking: shares of the numbers' columns that are not there: of effects that the set leaves out.
+        lacking: shares of the numbers' columns that are not there: of effects that the set leaves
+        out.
         """
         (half, base), yy = self._numbers(lacking), self.G0[:, 0, 0]
         terms = [self.less(t, lacking) for t in terms]
@@ -212,7 +220,8 @@ class Grams:
                 self.with_base(t)[:, 0, first:]
                 - sum(self.pair(o, t)[:, 0, first:] for o in offsets)
             )
-        # Sets differ by a term or two: the rows of those before are what they were in a set made lately.
+        # Sets differ by a term or two: the rows of those before are what they were in a set made
+        # lately.
         idents = (tuple(share.ident for share in lacking), *(t.ident for t in terms))
         near = max(self._made, key=lambda known: _shared(known, idents), default=())
         begin = max(_shared(near, idents) - 1, 0)

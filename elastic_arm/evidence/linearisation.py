@@ -2,7 +2,8 @@
 
     r(nu, beta) = r(nu_0) - N (nu - nu_0) - X(theta) beta
 
-Late channels are moved back in time and torques divided by their gains, so that what is left of them acts linearly.
+Late channels are moved back in time and torques divided by their gains, so that what is left of
+them acts linearly.
 """
 
 from __future__ import annotations
@@ -37,7 +38,8 @@ from elastic_arm.evidence.term import Term
 
 
 class Motions(NamedTuple):
-    """What depends on the motion alone: data, columns of the inertial numbers, and by how much channels were moved."""
+    """What depends on the motion alone: data, columns of the inertial numbers, and by how much
+    channels were moved."""
 
     data: WhitenedData
     inertial: list[Array]
@@ -111,7 +113,8 @@ class Linearisation:
 
     @cached_property
     def inertial(self) -> list[Array]:
-        """Columns (N', R, K) of the inertial numbers of each stretch, which depend on the motion alone."""
+        """Columns (N', R, K) of the inertial numbers of each stretch, which depend on the motion
+        alone."""
         near = self.near
         if near is not None and near.late.keys() == self.late.keys():
             moved = max(
@@ -172,7 +175,8 @@ class Linearisation:
         return self.data.whiten(self.data.plain(feature, theta))
 
     def allowed(self, feature: Feature) -> list[Parameter]:
-        """Return the parameter of each nonlinear number, with the range that the recordings allow."""
+        """Return the parameter of each nonlinear number, with the range that the recordings
+        allow."""
         key = feature.key, feature.fixed  # an effect as a whole has other numbers
         if key not in self._allowed:
             own = [allowed_values(feature, p, self.data) for p in feature.searched]

@@ -1,4 +1,5 @@
-"""The data of a diagnosis at one linearisation: fits of sets of terms, and what each further term would gain."""
+"""The data of a diagnosis at one linearisation: fits of sets of terms, and what each further term
+would gain."""
 
 from __future__ import annotations
 
@@ -33,9 +34,11 @@ SCREENS, PRODUCTS, FITS = (
     100,
     500,
 )  # screens, products with all terms and fits that are kept; memory
-EXACT = 0.1  # factor of the trust below which the numbers of a description lie where it has them; numerical
+# factor of the trust below which the numbers of a description lie where it has them; numerical
+EXACT = 0.1
 LOOKED_AT = 30  # terms of which first-order gains are made well; numerical
-# Of sensors, only a simulation's description says how they are; details of how a law is met are in no description.
+# Of sensors, only a simulation's description says how they are; details of how a law is met are in
+# no description.
 KINDS = "arm", "sensor", "detail"
 UNTOLD = 1e-3  # of a prior's precision: what data tell no more of, they tell nothing of; numerical
 
@@ -66,8 +69,8 @@ class Fit:
     def compared_with(self, other: Fit) -> Fit:
         """Return the fit with a score that compares with that of a fit at another linearisation.
 
-        Linearisations predict different noise, so that the same recorded values have different densities. Where the
-        other fit leaves less than its noise, these differ by as much less.
+        Linearisations predict different noise, so that the same recorded values have different
+        densities. Where the other fit leaves less than its noise, these differ by as much less.
         """
         share = float(np.sum(other.found.left / other.found.v) / len(self.model.y))
         return replace(
@@ -137,7 +140,8 @@ class Fit:
         )
 
     def rows(self, term: Term) -> Array:
-        """Return the coefficients (k, p) of a term by the fit's: of one that changes, its mean over fitted ones."""
+        """Return the coefficients (k, p) of a term by the fit's: of one that changes, its mean over
+        fitted ones."""
         found = np.zeros((term.count, len(self.found.x)))
         found[:, self.slices[term.ident]] = np.eye(term.count)
         for change in (t for t in self.optional if t.kind == "change" and t.what == term.key):
@@ -152,7 +156,8 @@ class Fit:
         return self.found.x[self.slices[term.ident]]
 
     def beta(self, term: Term) -> Array:
-        """Return the coefficients (k,) of a term; of one that changes between recordings, with their mean change."""
+        """Return the coefficients (k,) of a term; of one that changes between recordings, with
+        their mean change."""
         return self.rows(term) @ self.found.x
 
     def correlation(self, one: Term, other: Term) -> float:
@@ -162,7 +167,8 @@ class Fit:
         return float(np.max(np.abs(S[a, b]) / np.outer(std[a], std[b]), initial=0.0))
 
     def gain_of_scale(self, term: Term, scale: float) -> float:
-        """Return what a term would gain, nats, if its size had a prior of another scale, at the same noise."""
+        """Return what a term would gain, nats, if its size had a prior of another scale, at the
+        same noise."""
         return self._gain_of_width(term, scale / term.scale)
 
     def gain_of_size(self, law: Term, size: float) -> float:
@@ -170,7 +176,8 @@ class Fit:
         return self._gain_of_width(law, size / float(law.std[0]))
 
     def _gain_of_width(self, term: Term, ratio: float) -> float:
-        """Return what a term gains, nats, where the prior of its linear coefficients is wider by a ratio."""
+        """Return what a term gains, nats, where the prior of its linear coefficients is wider by a
+        ratio."""
         own = slice(self.slices[term.ident].start, self.slices[term.ident].start + term.linear)
         P = term.std[: term.linear] ** -2.0
         more = P * (ratio**-2.0 - 1.0)
@@ -196,7 +203,8 @@ class Screen:
         self.X = bands.side_by_side(
             [part for t in self.terms for part in t.parts] or [grams.base[:, :0]]
         )
-        # The same memory holds the terms' columns: rows of one linearisation are in the order of its bands.
+        # The same memory holds the terms' columns: rows of one linearisation are in the order of
+        # its bands.
         self.terms = [
             replace(
                 t,
@@ -245,7 +253,8 @@ class Screen:
         return np.concatenate([np.arange(self.at[t], self.at[t + 1]) for t in among])
 
     def _beside(self, fit: Fit, columns: NDArray[np.intp] | slice) -> tuple[list[Array], Array]:
-        """Return the products (B, p', c) of a fit's columns with those of terms, and of what it leaves (B, c)."""
+        """Return the products (B, p', c) of a fit's columns with those of terms, and of what it
+        leaves (B, c)."""
         numbers, left, at = self.with_base[:, 1:, columns], self.with_base[:, 0, columns], 0
         lacking = fit.model.lacking(fit.terms)
         for share in lacking:
@@ -265,9 +274,11 @@ class Screen:
         return pieces, left
 
     def beside(self, fit: Fit) -> tuple[Array, Array]:
-        """Return the products (c, c) of the columns of all terms and of these with the residual (c,) beside a fit.
+        """Return the products (c, c) of the columns of all terms and of these with the residual
+        (c,) beside a fit.
 
-        What the fit's coefficients can take is taken off (a Schur complement), at the noise of the fit.
+        What the fit's coefficients can take is taken off (a Schur complement), at the noise of the
+        fit.
         """
         w = 1.0 / fit.found.v
         pieces, left = self._beside(fit, slice(None))
@@ -276,7 +287,8 @@ class Screen:
         return own - C.T @ fit.found.S @ C, w @ left
 
     def related(self, fit: Fit, term: Term) -> set[int]:
-        """Return the terms that could stand for a term of a fit, by the correlation of their coefficients."""
+        """Return the terms that could stand for a term of a fit, by the correlation of their
+        coefficients."""
         if not self.terms:
             return set()
         if self._whole is None or self._whole[0] is not fit:
@@ -291,7 +303,8 @@ class Screen:
         return set(np.repeat(np.arange(len(self.terms)), self.sizes)[alike.any(axis=0)].tolist())
 
     def gains(self, fit: Fit, among: Iterable[int] | None = None) -> Array:
-        """Return what each term would gain beside a fit (T,) nats, its prior odds paid, and pick sizes of laws.
+        """Return what each term would gain beside a fit (T,) nats, its prior odds paid, and pick
+        sizes of laws.
 
         What the noise gains that it makes smaller is counted of the terms that could gain most.
 
@@ -362,7 +375,8 @@ class Screen:
 
     @staticmethod
     def _quieter(fit: Fit, less: Array) -> Array:
-        """Return what noise gains (T,) that is as much smaller as terms take off the squares of each band (B, T)."""
+        """Return what noise gains (T,) that is as much smaller as terms take off the squares of
+        each band (B, T)."""
         n, v, left = fit.model.bands.n[:, None], fit.found.v[:, None], fit.found.left[:, None]
         now = np.maximum(left - less, 1e-9)
         quiet = np.maximum(np.where(v > 1.0, now / n, 1.0), 1.0)
@@ -372,7 +386,8 @@ class Screen:
         )
 
     def term(self, t: int) -> Term:
-        """Return a term as :meth:`gains` found it best, with columns of its own: a set that holds it outlives these."""
+        """Return a term as :meth:`gains` found it best, with columns of its own: a set that holds
+        it outlives these."""
         term = self.terms[t]
         offset = None if term.offset is None else term.offset.copy()
         term = replace(term, columns=term.columns.copy(order="K"), offset=offset)
@@ -385,11 +400,13 @@ class Screen:
 class LinearModel:
     """The data at one linearisation."""
 
-    # y, N: (rows,), (rows, K) whitened residual, and columns of the numbers for one standard deviation each
+    # y, N: (rows,), (rows, K) whitened residual, and columns of the numbers for one standard
+    # deviation each
     y: Array
     N: Array
     bands: Bands  # of the rows
-    mean: Array  # (K,) prior means of the numbers' coefficients, whose standard deviation is the trust
+    # (K,) prior means of the numbers' coefficients, whose standard deviation is the trust
+    mean: Array
     kinds: NDArray[np.intp]  # (K,) of which kind they are (:data:`KINDS`)
     moving: NDArray[
         np.bool_
@@ -399,7 +416,8 @@ class LinearModel:
         Term, ...
     ] = ()  # what other terms add to columns of the numbers (:attr:`.Linearisation.shares`)
     name: str = ""  # the trust in the description
-    density: float = 0.0  # ln of the density of what was recorded over that of the rows (:attr:`.WhitenedData.density`)
+    # ln of the density of what was recorded over that of the rows (:attr:`.WhitenedData.density`)
+    density: float = 0.0
     fitted_rows: NDArray[np.bool_] | None = (
         None  # (rows,) of recordings that are fitted; None for all
     )
@@ -416,9 +434,11 @@ class LinearModel:
 
     @cached_property
     def basis(self) -> tuple[Array, NDArray[np.intp]]:
-        """Combinations (K, k) of the numbers that the data tell anything of, and of which kind they are.
+        """Combinations (K, k) of the numbers that the data tell anything of, and of which kind they
+        are.
 
-        Priors of equal width stay so in any orthonormal basis; of the rest the posterior is the prior.
+        Priors of equal width stay so in any orthonormal basis; of the rest the posterior is the
+        prior.
         """
         found, kinds = [], []
         for kind in np.unique(self.kinds):
@@ -529,7 +549,8 @@ Gains = tuple[Array, Array, list[float | None]]
 
 
 def _first_order(model: LinearModel, terms: Sequence[Term], G: Array, b: Array) -> Gains:
-    """Return what terms of one column gain (T,) with the scale that gains most, their sizes (T, 1), and the scales."""
+    """Return what terms of one column gain (T,) with the scale that gains most, their sizes (T, 1),
+    and the scales."""
     G, b = np.maximum(G[:, 0, 0], 0.0), b[:, 0]
     price = np.array([t.price + model.doubt(t) for t in terms])
     fixed = np.array([t.offset is not None for t in terms])
@@ -566,7 +587,8 @@ def _several(model: LinearModel, terms: Sequence[Term], G: Array, b: Array) -> G
     def at(size: float) -> Array:
         return 0.5 * np.sum(z**2 / (e + size**-2.0) - np.log1p(e * size * size), axis=1)
 
-    # The size of a law is averaged over, as its prior is not stated; the scale of an effect is chosen.
+    # The size of a law is averaged over, as its prior is not stated; the scale of an effect is
+    # chosen.
     of_laws, of_effects = np.stack([at(a) for a in SIZES]), np.stack([at(s) for s in SCALES])
     size = np.where(laws, SIZES[np.argmax(of_laws, axis=0)], SCALES[np.argmax(of_effects, axis=0)])
     gain = np.where(

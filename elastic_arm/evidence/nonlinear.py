@@ -1,8 +1,8 @@
 """Nonlinear numbers of laws, by Gauss and Newton on the Gram matrices.
 
-About theta_0 a law is X(theta_0) beta + beta_0 dX/dtheta (theta - theta_0): its derivatives are further columns, whose
-coefficients have the prior of theta over its range. So the evidence of a set is Laplace's, and sizes are as uncertain
-as the nonlinear numbers make them.
+About theta_0 a law is X(theta_0) beta + beta_0 dX/dtheta (theta - theta_0): its derivatives are
+further columns, whose coefficients have the prior of theta over its range. So the evidence of a set
+is Laplace's, and sizes are as uncertain as the nonlinear numbers make them.
 """
 
 from collections.abc import Sequence
@@ -23,7 +23,8 @@ from elastic_arm.evidence.term import Term
 STEP = 1e-3  # of derivatives, in the coordinates of the numbers over their ranges; numerical
 STEPS = 6  # of Gauss and Newton
 LONGEST = 0.25  # of a range, of one step
-# Values of one number over its range, those of them that are fitted, and values between two of them; numerical.
+# Values of one number over its range, those of them that are fitted, and values between two of
+# them; numerical.
 SCANNED, DECIDED, EVALUATIONS = 25, 5, 8
 TINY = 1e-12  # numerical
 NEVER = -1e30  # score of what is out of bounds; numerical
@@ -107,7 +108,8 @@ def tangent_term(linear: Linearisation, term: Term, theta: Sequence[float], size
 
 
 def start_of(term: Term, fit: Fit) -> tuple[Feature, tuple[float, ...], float]:
-    """Return feature, nonlinear numbers and size from which a term is refined, by a fit that holds it."""
+    """Return feature, nonlinear numbers and size from which a term is refined, by a fit that holds
+    it."""
     feature = term.feature
     assert feature is not None
     beta = fit.beta(term)
@@ -141,7 +143,8 @@ def refined(
     *,
     scan: bool,
 ) -> tuple[Term, Fit]:
-    """Return a term with its nonlinear numbers where they are most probable beside others, and the fit of all.
+    """Return a term with its nonlinear numbers where they are most probable beside others, and the
+    fit of all.
 
     scan: whether one number is looked for over all its range first.
     """
@@ -186,7 +189,8 @@ def refined(
 def placed_anew(
     linear: Linearisation, model: LinearModel, term: Term, others: Sequence[Term]
 ) -> Term:
-    """Return the term of a law of second degree in several numbers where these are most probable beside others."""
+    """Return the term of a law of second degree in several numbers where these are most probable
+    beside others."""
     theta, size = _placed(linear, model, term, model.fit(others), term.theta)
     return tangent_term(linear, term, theta, size)
 
@@ -194,12 +198,15 @@ def placed_anew(
 def _placed(
     linear: Linearisation, model: LinearModel, term: Term, near: Fit, relaxed: tuple[float, ...]
 ) -> tuple[tuple[float, ...], float]:
-    """Return several nonlinear numbers and the size that are most probable beside a fit, at its noise.
+    """Return several nonlinear numbers and the size that are most probable beside a fit, at its
+    noise.
 
-    The law is of second degree in the numbers, so that its column is V m(theta), m their monomials. What is left of
-    the products of V beside the fit (a Schur complement) gives the gain of any theta.
+    The law is of second degree in the numbers, so that its column is V m(theta), m their monomials.
+    What is left of the products of V beside the fit (a Schur complement) gives the gain of any
+    theta.
 
-    relaxed: numbers of the law that is linear in all monomials, from which the search starts, as from elsewhere.
+    relaxed: numbers of the law that is linear in all monomials, from which the search starts, as
+    from elsewhere.
     """
     ranges = np.array([(p.low, p.high) for p in components(term.feature)])
     V = relaxed_columns(linear.columns, term.feature)
@@ -239,8 +246,9 @@ def _scanned(
 ) -> tuple[tuple[float, ...], float]:
     """Return the one nonlinear number and the size that are most probable, by a scan of its range.
 
-    Far from its optimum a law leaves so much that its slow part counts as noise, and derivatives see its edges alone.
-    What each value would gain beside the others proposes; the fits of the best ones decide.
+    Far from its optimum a law leaves so much that its slow part counts as noise, and derivatives
+    see its edges alone. What each value would gain beside the others proposes; the fits of the best
+    ones decide.
     """
     feature, (p,) = term.feature, linear.allowed(term.feature)
     low, high = axis(p)

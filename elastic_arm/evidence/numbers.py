@@ -1,4 +1,5 @@
-"""Which numbers of an arm and its sensors are uncertain, each with its prior: nu ~ N(0, (tau std)²)."""
+"""Which numbers of an arm and its sensors are uncertain, each with its prior: nu ~ N(0, (tau
+std)²)."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
@@ -15,11 +16,12 @@ from elastic_arm.evidence.priors import OFFSET_SHARE, PRESLIDING_SHARE, ZERO_AS_
 from elastic_arm.robot import Joint, Robot
 
 LEAST_SCALE = 1e-9  # numerical; of roots of sums of squares of torques and accelerations
-# Largest logarithm of the ratio of a stiffness or damping, and largest relative error of a torque channel's gain, about
-# which the model is made; numerical.
+# Largest logarithm of the ratio of a stiffness or damping, and largest relative error of a torque
+# channel's gain, about which the model is made; numerical.
 LARGEST_SCALE, LARGEST_RATIO = 3.0, 0.75
-# rad/s: the width of the sign function about which dry friction turns over. Of it, the pairs of widths between which it
-# does, and a width within which it does so early or late; they span what gradual sign functions have in common.
+# rad/s: the width of the sign function about which dry friction turns over. Of it, the pairs of
+# widths between which it does, and a width within which it does so early or late; they span what
+# gradual sign functions have in common.
 TURNING = 2e-3
 WIDTHS = ((0.25, 1.0), (1.0, 4.0), (1.0,))
 
@@ -36,12 +38,13 @@ def numbers_of(
 ) -> tuple[Number, ...]:
     """Return the numbers of an arm and of its sensors that have a prior.
 
-    features: effects of sensors and of the arm's numbers at every place; sensors' without a prior in their file are
-    left out; priors: of the arm's numbers, and those of sensors that differ from their files; pieces: the motion,
-    from which the scale of a motor inertia follows that is not described; largest: (n,) torques of the joints, Nm:
-    zeros and presliding are a share of them at most; turning: (n,) speeds within which dry friction was found to
-    turn over, rad/s; None where they were not looked for; sides: of the equations: with one of them alone, how
-    friction turns over is the same on both sides of a drive.
+    features: effects of sensors and of the arm's numbers at every place; sensors' without a prior
+    in their file are left out; priors: of the arm's numbers, and those of sensors that differ from
+    their files; pieces: the motion, from which the scale of a motor inertia follows that is not
+    described; largest: (n,) torques of the joints, Nm: zeros and presliding are a share of them at
+    most; turning: (n,) speeds within which dry friction was found to turn over, rad/s; None where
+    they were not looked for; sides: of the equations: with one of them alone, how friction turns
+    over is the same on both sides of a drive.
     """
     found: list[Number] = []
     features, inertias = tuple(features), _motor_inertias(pieces)
@@ -104,7 +107,8 @@ def numbers_of(
 
 
 def _turnovers(joint: Joint, turning: float, std: float, sides: Sequence[str]) -> Iterator[Number]:
-    """Yield how dry friction of a joint turns over on each side, from the speed (rad/s) at which that was found."""
+    """Yield how dry friction of a joint turns over on each side, from the speed (rad/s) at which
+    that was found."""
     apart = joint.transmission is not None and {"link", "motor"} <= set(sides)
     width = max(turning, TURNING)
     for side in ("link", "motor") if apart else ("motor",):
@@ -122,10 +126,11 @@ def _turnovers(joint: Joint, turning: float, std: float, sides: Sequence[str]) -
 
 
 def _motor_inertias(pieces: Sequence[Motion]) -> Array | None:
-    """Return the motor inertias (n,) kg m² that alone would need all the motor torque; None where none was recorded.
+    """Return the motor inertias (n,) kg m² that alone would need all the motor torque; None where
+    none was recorded.
 
-    A description of links alone gives no idea of what their motors' inertia is: with gears it may be a hundred times
-    that of a wrist.
+    A description of links alone gives no idea of what their motors' inertia is: with gears it may
+    be a hundred times that of a wrist.
     """
     squares: Array = np.zeros((2, 1))
     for piece in pieces:
@@ -140,7 +145,8 @@ def _motor_inertias(pieces: Sequence[Motion]) -> Array | None:
 
 
 def unreferenced(number: Number) -> Number:
-    """Return it with the prior of an arm without joint torque sensors: no known torque has set its encoders' zeros."""
+    """Return it with the prior of an arm without joint torque sensors: no known torque has set its
+    encoders' zeros."""
     own, zero = number.feature, number.unit in ("rad", "m")
     if own is None or "q" not in own.sensed or not zero:
         return number
@@ -148,7 +154,8 @@ def unreferenced(number: Number) -> Number:
 
 
 def of_each_recording(numbers: Sequence[Number], count: int, share: float) -> tuple[Number, ...]:
-    """Return by how much the zeros of sensors are others in each of some recordings than in the first.
+    """Return by how much the zeros of sensors are others in each of some recordings than in the
+    first.
 
     share: standard deviation over that of the zero itself.
     """

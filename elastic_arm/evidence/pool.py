@@ -1,4 +1,5 @@
-"""What could be in the data: effects of the catalogue at every place, numbers that are far off, laws without a form."""
+"""What could be in the data: effects of the catalogue at every place, numbers that are far off,
+laws without a form."""
 
 from collections.abc import Callable, Sequence, Set
 from dataclasses import replace
@@ -27,9 +28,11 @@ COEFFICIENTS = np.concatenate(
 
 
 def coefficient_range(parameter: Parameter) -> tuple[float, float, float]:
-    """Return the standard deviation of the coefficient of a linear parameter's column, and its bounds.
+    """Return the standard deviation of the coefficient of a linear parameter's column, and its
+    bounds.
 
-    The range of the file is the deviation; a size that physics gives a sign has no other, and a ratio is positive.
+    The range of the file is the deviation; a size that physics gives a sign has no other, and a
+    ratio is positive.
     """
     if parameter.from_coefficient is not None:
         values = np.array([parameter.value_of(float(c)) for c in COEFFICIENTS])
@@ -124,9 +127,11 @@ def effect_terms(linear: Linearisation, features: Sequence[Feature]) -> list[Ter
 
 
 def _relaxed(columns: Columns, feature: Feature, largest: float) -> Term:
-    """Return a term linear in size times all monomials of the nonlinear numbers, in which the law is a polynomial.
+    """Return a term linear in size times all monomials of the nonlinear numbers, in which the law
+    is a polynomial.
 
-    It holds what the law can do and more: what it gains is proposed, and the law at its best numbers decides.
+    It holds what the law can do and more: what it gains is proposed, and the law at its best
+    numbers decides.
     """
     (std,), (low,), (high,) = linear_prior(feature, largest)
     reach = np.array(
@@ -167,7 +172,8 @@ def starting_points(feature: Feature, linear: Linearisation) -> list[tuple[float
 
 
 def _middle(feature: Feature) -> tuple[float, ...] | None:
-    """Return the middle of the range of numbers of several components; None where there are none."""
+    """Return the middle of the range of numbers of several components; None where there are
+    none."""
     components = [p for p in feature.searched for _ in range(p.size)]
     several = len(components) > len(feature.searched)
     return tuple((p.low + p.high) / 2 for p in components) if several else None
@@ -184,7 +190,8 @@ def _spread(parameter: Parameter, count: int) -> list[float]:
 
 
 def number_terms(parameters: Sequence[Number], N: Array, far: Set[str]) -> list[Term]:
-    """Return the terms of numbers of the arm and its sensors that are far off, by their ordinary columns.
+    """Return the terms of numbers of the arm and its sensors that are far off, by their ordinary
+    columns.
 
     N: (rows, k) whitened columns for one standard deviation each.
     """
@@ -220,7 +227,8 @@ def number_terms(parameters: Sequence[Number], N: Array, far: Set[str]) -> list[
 
 
 def _number(parameter: Number, N: Array, key: Key, moves: Array) -> Term:
-    """Return the term of numbers that move by (K, k) for each coefficient, the first of them a parameter."""
+    """Return the term of numbers that move by (K, k) for each coefficient, the first of them a
+    parameter."""
     count = moves.shape[1]
     low = np.full(count, -np.inf)
     least = parameter.cause.linear[0].above if parameter.cause is not None else -np.inf
@@ -256,7 +264,8 @@ def sized(term: Term, size: float) -> Term:
 
 
 def monomials(points: Array) -> Array:
-    """Return all monomials (M, m) up to the second degree of k numbers (M, k): one, the numbers, their products."""
+    """Return all monomials (M, m) up to the second degree of k numbers (M, k): one, the numbers,
+    their products."""
     first, second = np.triu_indices(points.shape[1])
     return np.hstack([np.ones((len(points), 1)), points, points[:, first] * points[:, second]])
 

@@ -6,8 +6,8 @@ With H_b, b_b, c_b the products of band b, prior N(m, P^-1) and noise powers v_b
     ln p = -1/2 sum_b (n_b ln v_b + rss_b / v_b) - 1/2 |x - m|²_P + 1/2 ln |P| - 1/2 ln |A| - 1/2 sum_{v_b > 1} ln n_b
     v_b  = max(1, rss_b / (n_b - tr(A^-1 H_b) / v_b))                                   (MacKay 1992)
 
-at the places whose noise is worth a spectrum of its own, and 1 elsewhere, so that what nobody explains is noise and
-bends nothing. Truncated priors multiply by the mass of the posterior within
+at the places whose noise is worth a spectrum of its own, and 1 elsewhere, so that what nobody
+explains is noise and bends nothing. Truncated priors multiply by the mass of the posterior within
 the bounds over that of the prior.
 """
 
@@ -60,8 +60,8 @@ def posterior(
 ) -> Posterior:
     """Return the posterior of a set of terms.
 
-    n: (B,) rows of each band; place, coloured: (B,) place of each band, and ln of the prior odds that the noise of
-    a place has a spectrum of its own; start: (B,) noise powers to start from.
+    n: (B,) rows of each band; place, coloured: (B,) place of each band, and ln of the prior odds
+    that the noise of a place has a spectrum of its own; start: (B,) noise powers to start from.
     """
     half, b, yy = products
     P, (row, column) = prior.std**-2.0, np.tril_indices(b.shape[1])
@@ -103,7 +103,8 @@ def posterior(
 
 
 def _solve(A: Array, rhs: Array, P: Array, mean: Array) -> tuple[Array, Array, float]:
-    """Return mean, lower half of the covariance and ln |A|, the prior added; A is given by its lower half."""
+    """Return mean, lower half of the covariance and ln |A|, the prior added; A is given by its
+    lower half."""
     diagonal = np.einsum("ii->i", A)
     diagonal += P
     diagonal *= 1.0 + JITTER

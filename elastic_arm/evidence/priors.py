@@ -1,7 +1,9 @@
-"""Every number of the diagnosis that decides: priors, and bounds of the search, each with unit and source.
+"""Every number of the diagnosis that decides: priors, and bounds of the search, each with unit and
+source.
 
-What is found is what is most probable under them (:mod:`.posterior`). How far the numbers of a description are
-ordinarily off may be stated in a file (:func:`read_priors`); what sensors do is stated in the files of their effects.
+What is found is what is most probable under them (:mod:`.posterior`). How far the numbers of a
+description are ordinarily off may be stated in a file (:func:`read_priors`); what sensors do is
+stated in the files of their effects.
 """
 
 from __future__ import annotations
@@ -25,7 +27,8 @@ class Trust(NamedTuple):
     coloured: float  # prior odds that the noise of a place has a spectrum of its own
 
 
-# A simulation is as measured, an identified arm as calibrated, drawings and catalogues are as built; convention.
+# A simulation is as measured, an identified arm as calibrated, drawings and catalogues are as
+# built; convention.
 TRUST = {
     "as measured": Trust(1e-5, 0.3, 1e-3),
     "as calibrated": Trust(0.2, 0.3, 0.1),
@@ -33,12 +36,18 @@ TRUST = {
     "rough": Trust(4.0, 0.1, 0.1),
 }
 MEASURED, BUILT = "as measured", "as built"  # the kinds of trust from which a search starts
-USUAL = 9.0  # prior odds of what every real drive has, friction, where a description states none: but for a simulation
-ODDS = 1e-2  # that an effect is there or a number is far off: of a hundred sound arms, one has a false cause
-FORMLESS = 1e-3  # odds of a law without a form over those of an effect: the catalogue has what arms mostly have
+# prior odds of what every real drive has, friction, where a description states none: but for a
+# simulation
+USUAL = 9.0
+# that an effect is there or a number is far off: of a hundred sound arms, one has a false cause
+ODDS = 1e-2
+# odds of a law without a form over those of an effect: the catalogue has what arms mostly have
+FORMLESS = 1e-3
 SCALES = np.array([1.0, 0.1, 0.01, 1e-3, 1e-4])  # of a size's range: effects are of all sizes
-WIDE = 30.0  # standard deviation of a number that is far off, in ordinary ones: hardly any prior; convention
-STATED = 0.3  # relative standard deviation of a stated effect: friction changes so with temperature and wear
+# standard deviation of a number that is far off, in ordinary ones: hardly any prior; convention
+WIDE = 30.0
+# relative standard deviation of a stated effect: friction changes so with temperature and wear
+STATED = 0.3
 SIZES = np.array(
     [0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0]
 )  # Nm; of laws without a form, joints of every kind
@@ -51,23 +60,31 @@ OFFSET_SHARE, PRESLIDING_SHARE = (
     0.1,
 )  # of a joint's largest torque: its zero, its friction below the least speed
 EVENT = 1e-6  # prior odds of an event in a recording: as of an effect
-LARGER = 1e8  # range of the power of an event over the ordinary one of a residual: from noise to all that an arm carries
+# range of the power of an event over the ordinary one of a residual: from noise to all that an arm
+# carries
+LARGER = 1e8
 CHANGED = 1e-2  # prior odds that a size is not the same in all recordings of one arm
-STEP = 0.1  # prior odds that one of an arm's numbers steps in a history, shared by them; asked where it may have
+# prior odds that one of an arm's numbers steps in a history, shared by them; asked where it may
+# have
+STEP = 0.1
 SCATTER = (
     0.01  # relative, of a size from recording to recording: friction changes by about 1 % a kelvin
 )
-UNSURE = 0.9  # probability that a size is wrong where something is unknown: of 23 causes at such joints 21 were
+# probability that a size is wrong where something is unknown: of 23 causes at such joints 21 were
+UNSURE = 0.9
 MOTION = 8.0  # Hz; above, what is left is the encoders'
-NOISY = 2.0  # power that a place may keep over its sensors' noise, in that noise: how badly a noise is known
+# power that a place may keep over its sensors' noise, in that noise: how badly a noise is known
+NOISY = 2.0
 LISTED = 0.01  # probability of an alternative that is listed (contract)
-# Proposals that are evaluated in full: of terms that are added or exchanged, and where two of them change.
+# Proposals that are evaluated in full: of terms that are added or exchanged, and where two of them
+# change.
 TRIED, TRIED_OF_TWO = 5, 2
 SHORT = (
     0.3  # share of what a move needs that its first-order gain must reach to be evaluated in full
 )
 WORTH = 1.0  # nats of a move that is taken: less is an alternative
-COMPARED = 100.0  # nats up to which scores at different linearisations compare, as those of one set at several show
+# nats up to which scores at different linearisations compare, as those of one set at several show
+COMPARED = 100.0
 RELATED = 0.1  # correlation of two terms from which one may stand for both
 MOST = 24  # terms of a set
 FIRST = 4  # effects of an arm that is exactly as described, at the first look
@@ -82,8 +99,9 @@ Deviation = Annotated[Number, Field(gt=0.0, allow_inf_nan=False, strict=False)]
 class Priors(BaseModel):
     """Standard deviations of what a description states of an arm, relative where no unit is given.
 
-    CAD masses leave out cables, grease and covers; catalogues of harmonic drives state stiffness to about 30 % and give
-    no damping. What sensors do is stated in the files of their effects; `sensors` overrules it, by the effect's id.
+    CAD masses leave out cables, grease and covers; catalogues of harmonic drives state stiffness to
+    about 30 % and give no damping. What sensors do is stated in the files of their effects;
+    `sensors` overrules it, by the effect's id.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -95,7 +113,8 @@ class Priors(BaseModel):
     rotor: Deviation = 0.06
     stiffness: Deviation = 0.15
     damping: Deviation = 0.40
-    # Of a zero between recordings, over that of the zero itself: what it was set wrong by, each start repeats nearly.
+    # Of a zero between recordings, over that of the zero itself: what it was set wrong by, each
+    # start repeats nearly.
     between_recordings: Deviation = 0.3
     presliding: Deviation = (
         2.0  # Nm; dry friction turns over gradually, below a speed that nobody states
@@ -105,8 +124,9 @@ class Priors(BaseModel):
         0.15  # of a torque channel that is a current; of magnets, by motor and temperature
     )
 
-    # Of a controller that torques are made by: of all its gains, by a servo's supply and magnets; and of kd beside kp:
-    # firmware holds both as numbers, the winding's resistance changes the back-EMF that counts as kd by some percent.
+    # Of a controller that torques are made by: of all its gains, by a servo's supply and magnets;
+    # and of kd beside kp: firmware holds both as numbers, the winding's resistance changes the
+    # back-EMF that counts as kd by some percent.
     controller: Deviation = 0.20
     gain_ratio: Deviation = 0.03
 
@@ -124,7 +144,8 @@ def read_priors(path: str | Path, sensors: Iterable[str]) -> Priors:
 
     sensors: ids of the effects of sensors that have a prior.
 
-    Raises a DiagnosisError if the file cannot be read, or holds an unknown key or what is no standard deviation.
+    Raises a DiagnosisError if the file cannot be read, or holds an unknown key or what is no
+    standard deviation.
     """
     content, known = read_fields(path, DiagnosisError, REMEDY), sorted(sensors)
     try:

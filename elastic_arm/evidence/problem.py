@@ -1,4 +1,5 @@
-"""What is to be explained: recordings, equations, the numbers that may be off, and effects that are known."""
+"""What is to be explained: recordings, equations, the numbers that may be off, and effects that are
+known."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -58,7 +59,8 @@ class Problem:
         return range(first), range(second) if self.held_back else range(first, first + second)
 
     def part(self, which: int) -> Observations:
-        """Return the recordings of a part: fitted, judging, or all of them, the fitted ones first."""
+        """Return the recordings of a part: fitted, judging, or all of them, the fitted ones
+        first."""
         return sum(self.observed, ()) if which == ALL else self.observed[which]
 
     def numbered(self, which: int) -> list[int]:
@@ -76,7 +78,8 @@ class Problem:
 
     @cached_property
     def known(self) -> tuple[tuple[Feature, EffectInstance], ...]:
-        """Known effects at their places on the arm as it is described, those of the description first."""
+        """Known effects at their places on the arm as it is described, those of the description
+        first."""
         equations = ArmEquations(self.robot, self.model)
         return tuple(
             (feature_of(instance, equations), instance) for instance in (*self.stated, *self.given)
@@ -102,9 +105,11 @@ def uncertain_numbers(
     priors: Priors,
     held_back: bool,
 ) -> tuple[tuple[Number, ...], Array]:
-    """Return the numbers of an arm and its recorded channels that may be off, and the derivative of Psi by them.
+    """Return the numbers of an arm and its recorded channels that may be off, and the derivative of
+    Psi by them.
 
-    effects: of sensors, of the arm's numbers and of warming friction; those of the first and the last have priors.
+    effects: of sensors, of the arm's numbers and of warming friction; those of the first and the
+    last have priors.
     """
     equations = ArmEquations(robot, model)
     friction = [feature_of(instance, equations) for instance in known]

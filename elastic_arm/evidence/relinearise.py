@@ -1,4 +1,5 @@
-"""Select, linearise beside the selection, until nothing changes; no step knows what came before it."""
+"""Select, linearise beside the selection, until nothing changes; no step knows what came before
+it."""
 
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
@@ -61,7 +62,8 @@ class Explanation:
 
     @cached_property
     def settled(self) -> Linearisation:
-        """The linearisation at the numbers of the most probable set, which may have been met beside another."""
+        """The linearisation at the numbers of the most probable set, which may have been met beside
+        another."""
         return _moved(self.linear, self.sized) if _far(self.sized) else self.linear
 
 
@@ -70,7 +72,8 @@ class Shared:
     """What searches at several linearisations share."""
 
     thetas: Thetas = field(default_factory=dict)  # where nonlinear numbers were most probable
-    # What may be added, of the last linearisations, and laws without a form, of the last: they take most of the memory.
+    # What may be added, of the last linearisations, and laws without a form, of the last: they take
+    # most of the memory.
     screens: dict[Linearisation, Screen] = field(default_factory=dict)
     laws: dict[Linearisation, Screen] = field(default_factory=dict)
     watch: Watch = field(default_factory=Watch)
@@ -79,7 +82,8 @@ class Shared:
 def explain(problem: Problem, *, refit: bool, watch: Watch | None = None) -> Explanation:
     """Return the most probable explanation of all recordings.
 
-    refit: whether the description cannot be as measured; watch: who is told of the stages, and may end the search.
+    refit: whether the description cannot be as measured; watch: who is told of the stages, and may
+    end the search.
     """
     watch = watch or Watch()
     watch.say("ordinary numbers")
@@ -121,7 +125,8 @@ def explain(problem: Problem, *, refit: bool, watch: Watch | None = None) -> Exp
     best = frontier.run()
     tried: set[frozenset[Key]] = set()
     for _ in range(0 if watch.is_over() else ELSEWHERE):
-        # Exchanged at this linearisation, a set whose numbers lie elsewhere is judged by columns that are not its own.
+        # Exchanged at this linearisation, a set whose numbers lie elsewhere is judged by columns
+        # that are not its own.
         other = _elsewhere(best.found, tried)
         if other is None:
             break
@@ -137,10 +142,11 @@ def explain(problem: Problem, *, refit: bool, watch: Watch | None = None) -> Exp
 
 
 def _about_itself(linear: Linearisation, fit: Fit) -> tuple[Linearisation, Fit]:
-    """Return a set linearised about its own numbers, from those that it has at another linearisation.
+    """Return a set linearised about its own numbers, from those that it has at another
+    linearisation.
 
-    Gauss and Newton: numbers of the arm and nonlinear numbers of effects move together. A step that loses much was
-    too long.
+    Gauss and Newton: numbers of the arm and nonlinear numbers of effects move together. A step that
+    loses much was too long.
     """
     trust = fit.model.name
     best: tuple[Linearisation, Fit] | None = None
@@ -152,7 +158,8 @@ def _about_itself(linear: Linearisation, fit: Fit) -> tuple[Linearisation, Fit]:
         if gain < -COMPARED and share == 1.0:
             share = SHORTER
             continue
-        # A score counts where the numbers lie, so that a lower one nearer to them is the better known.
+        # A score counts where the numbers lie, so that a lower one nearer to them is the better
+        # known.
         best = there, own
         linear, fit, share = there, own, 1.0
         if abs(gain) < WORTH:
@@ -162,7 +169,8 @@ def _about_itself(linear: Linearisation, fit: Fit) -> tuple[Linearisation, Fit]:
 
 
 def _known(node: Node, scores: Mapping[Any, float], log: Sequence[str]) -> Explanation:
-    """Return the explanation at the best node: sets that were linearised about themselves have that score."""
+    """Return the explanation at the best node: sets that were linearised about themselves have that
+    score."""
     found: Explanation = node.found
     met = found.search.met
     for keys, fit in met.items():
@@ -177,8 +185,9 @@ def _begun(
     described: Linearisation, refit: bool, shared: Shared
 ) -> tuple[Explanation, list[Explanation]]:
     """Return the most probable of several starts, with the steps of all, and the other ones."""
-    # Where the description is exact, all that is left is an effect. Where it is off everywhere, there is less to
-    # mistake for one where its numbers lie beside what every drive has; but beside a large effect they lie far off.
+    # Where the description is exact, all that is left is an effect. Where it is off everywhere,
+    # there is less to mistake for one where its numbers lie beside what every drive has; but beside
+    # a large effect they lie far off.
     usual = linear_model(described, BUILT).fit(_usual_terms(described))
     built = _settled(described, usual if usual.optional else None, BUILT)
     terms = _again(usual, built)
@@ -217,7 +226,8 @@ def _stated(problem: Problem) -> tuple[ActingEffect, ...]:
 
 
 def _elsewhere(found: Explanation, tried: Set[frozenset[Key]]) -> Fit | None:
-    """Return the likeliest set with a number more than an ordinary deviation from where the best one has it."""
+    """Return the likeliest set with a number more than an ordinary deviation from where the best
+    one has it."""
     moving = _moving(found.linear.problem)
     sets = (
         fit
@@ -230,7 +240,8 @@ def _elsewhere(found: Explanation, tried: Set[frozenset[Key]]) -> Fit | None:
 
 
 def _settled(linear: Linearisation, before: Fit | None, trust: str) -> Linearisation:
-    """Return the linearisation where the numbers are most probable beside a set, by Gauss and Newton."""
+    """Return the linearisation where the numbers are most probable beside a set, by Gauss and
+    Newton."""
     if before is not None and _apart(linear, before):
         linear = _moved(linear, before)
     best: tuple[Linearisation, Fit] | None = None
@@ -257,13 +268,15 @@ def _moving(problem: Problem) -> NDArray[np.bool_]:
 
 
 def _apart(linear: Linearisation, fit: Fit, numbers: Array | float = 0.0) -> bool:
-    """Whether a fit needs a linearisation of its own: for its numbers, or for the effects that act in its torques."""
+    """Whether a fit needs a linearisation of its own: for its numbers, or for the effects that act
+    in its torques."""
     acting = {one.feature.key for one in linear.acting}
     return _far(fit, numbers) or {one.feature.key for one in _acting(fit)} != acting
 
 
 def _far(fit: Fit, numbers: Array | float = 0.0) -> bool:
-    """Whether one of a fit's numbers is further from others, or from the linearisation, than its deviation."""
+    """Whether one of a fit's numbers is further from others, or from the linearisation, than its
+    deviation."""
     steps = np.abs(fit.numbers - numbers) / np.sqrt(np.diag(fit.number_covariance))
     return bool(np.max(steps[fit.model.moving], initial=0.0) > 1.0)
 
@@ -327,14 +340,15 @@ def _explained(
 ) -> Explanation:
     """Return the most probable set at a linearisation, from one to start from.
 
-    most: terms that it may have more than the start; refused: scores of sets at their own linearisations, as they
-    compare with those at this one.
+    most: terms that it may have more than the start; refused: scores of sets at their own
+    linearisations, as they compare with those at this one.
     """
     trusts = {name: one for name, one in TRUST.items() if not (refit and name == MEASURED)}
     model, log = linear_model(linear, trust), []
     screens = _screens(linear, model, shared, laws=moves == ALL)
     terms = start
-    # The trust in the description that is most probable beside the set, and the set beside it, until both stay.
+    # The trust in the description that is most probable beside the set, and the set beside it,
+    # until both stay.
     tried: dict[str, Search] = {}
     path: list[Fit] = []
     while trust not in tried:
@@ -372,7 +386,8 @@ def pool_of(linear: Linearisation) -> list[Term]:
 
 
 def _chosen_among(terms: Sequence[Term], usual: Set[Key] = frozenset()) -> list[Term]:
-    """Return terms of which each effect is as likely, and each of its places; what is usual is at each of them."""
+    """Return terms of which each effect is as likely, and each of its places; what is usual is at
+    each of them."""
     places: dict[str, set[Key]] = {}
     for t in terms:
         places.setdefault(t.key[0], set()).add(t.key)
@@ -384,7 +399,8 @@ def _chosen_among(terms: Sequence[Term], usual: Set[Key] = frozenset()) -> list[
 
 
 def known_terms(linear: Linearisation) -> tuple[list[Term], list[Term]]:
-    """Return the terms of known effects, and those by which stated ones may be far off; made once."""
+    """Return the terms of known effects, and those by which stated ones may be far off; made
+    once."""
     if "known" not in linear.cache:
         linear.cache["known"] = _known_terms(linear)
     known: tuple[list[Term], list[Term]] = linear.cache["known"]
@@ -461,7 +477,8 @@ def theta_of(term: Term, fit: Fit) -> tuple[float, ...]:
 
 
 def _acting(fit: Fit) -> tuple[ActingEffect, ...]:
-    """Return the effects of a fit that act in the true torques: neither those of sensors nor those of controllers."""
+    """Return the effects of a fit that act in the true torques: neither those of sensors nor those
+    of controllers."""
     beside = (SensorEffect, ControllerEffect)
     acting = [
         t

@@ -1,7 +1,8 @@
 """The most probable sets of terms: moves over sets, each judged by the one score.
 
-Add, drop, exchange, two for one, one for two, a size on another scale. What a further term would gain at the noise of
-the present fit proposes; the score of the whole set decides. All sets met are kept: probabilities are sums over them.
+Add, drop, exchange, two for one, one for two, a size on another scale. What a further term would
+gain at the noise of the present fit proposes; the score of the whole set decides. All sets met are
+kept: probabilities are sums over them.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -54,7 +55,8 @@ class Search:
     linear: Linearisation
     model: LinearModel
     screens: Sequence[Screen]
-    # where one nonlinear number was most probable beside another set, by key of its term; what is found is added
+    # where one nonlinear number was most probable beside another set, by key of its term; what is
+    # found is added
     thetas: Thetas = field(default_factory=dict)
     refused: Mapping[frozenset[Key], float] = field(
         default_factory=dict
@@ -71,9 +73,11 @@ class Search:
     )  # better and better sets, the last one the most probable
 
     def run(self, start: Sequence[Term] = (), *, moves: int = ALL, most: int = MOST) -> Fit:
-        """Return the most probable set met on the way from one to start from; the way is kept in `path`.
+        """Return the most probable set met on the way from one to start from; the way is kept in
+        `path`.
 
-        moves: as many kinds as :data:`ADDED`, :data:`SIMPLE` or :data:`ALL`; most: steps of the way.
+        moves: as many kinds as :data:`ADDED`, :data:`SIMPLE` or :data:`ALL`; most: steps of the
+        way.
         """
         best = self._keep(self.model.fit(start))
         self.path = [best]
@@ -106,7 +110,8 @@ class Search:
     ) -> list[Term]:
         """Return the terms that would gain most beside a fit, one of each key.
 
-        At the noise of the fit a term gains less than beside its own: as little as a share of what is needed is tried.
+        At the noise of the fit a term gains less than beside its own: as little as a share of what
+        is needed is tried.
         """
         gained = [
             (gain, screen, t)
@@ -131,11 +136,13 @@ class Search:
         return Instead(fit.keys, [set.intersection(*each) for each in related])
 
     def _with(self, terms: Sequence[Term], more: Term, near: Fit) -> Fit:
-        """Return the fit of a set with one more term, its numbers and its scale where they are most probable."""
+        """Return the fit of a set with one more term, its numbers and its scale where they are most
+        probable."""
         return self._scaled(self._placed(terms, more, near), more.key)
 
     def _scaled(self, fit: Fit, key: Key) -> Fit:
-        """Return a fit with the size of a term on the scale on which it is most probable beside the others."""
+        """Return a fit with the size of a term on the scale on which it is most probable beside the
+        others."""
         for t in (t for t in fit.optional if t.key == key and t.is_scaled):
             gains = [fit.gain_of_scale(t, scale) for scale in SCALES]
             if max(gains) > WORTH:
@@ -146,14 +153,16 @@ class Search:
         return fit
 
     def _placed(self, terms: Sequence[Term], more: Term, near: Fit) -> Fit:
-        """Return the fit of a set with one more term, its nonlinear numbers where they are most probable."""
+        """Return the fit of a set with one more term, its nonlinear numbers where they are most
+        probable."""
         if not is_open(more):
             return self._keep(self.model.fit([*terms, more], near))
         key = (more.key, frozenset(t.ident for t in terms))
         if key not in self._refined:
             start, theta = more, self.thetas.get(more.key)
             if theta is not None and more.feature.count == 1:
-                # Near where it was most probable beside another set, or on the grid: its range was scanned once.
+                # Near where it was most probable beside another set, or on the grid: its range was
+                # scanned once.
                 columns = self.linear.columns(more.feature, theta)
                 there = replace(
                     more, columns=columns, theta=theta, grid=0.0, ident=(*more.ident, theta)
@@ -176,7 +185,8 @@ class Search:
         return fit
 
     def _let_go(self, best: Fit) -> None:
-        """Drop sets that are next to impossible beside the best: each holds a covariance, or all data of elsewhere."""
+        """Drop sets that are next to impossible beside the best: each holds a covariance, or all
+        data of elsewhere."""
         self.met = {
             keys: fit
             for keys, fit in self.met.items()
@@ -191,7 +201,8 @@ class Search:
             yield self._resized(fit)
 
     def _resized(self, fit: Fit) -> Fit:
-        """Return a fit with each law without a form at the size that is most probable beside the others."""
+        """Return a fit with each law without a form at the size that is most probable beside the
+        others."""
         for t in [t for t in fit.optional if t.kind == "law"]:
             gains = [fit.gain_of_size(t, float(size)) for size in SIZES]
             if max(gains) > WORTH:
@@ -220,7 +231,8 @@ class Search:
                         yield self._with(one.optional, more, one)
 
     def _scanned(self, fit: Fit) -> Iterator[Fit]:
-        """Yield fits with one nonlinear number looked for over all its range: it was found beside other terms."""
+        """Yield fits with one nonlinear number looked for over all its range: it was found beside
+        other terms."""
         for t, less in self._left_out(fit):
             key = (t.key, frozenset(u.ident for u in less.optional))
             if is_open(t) and len(t.theta) == 1 and key not in self._looked:
@@ -253,7 +265,8 @@ class Search:
         return [(t, self._keep(self._without(fit, t))) for t in fit.optional]
 
     def _without(self, fit: Fit, *terms: Term) -> Fit:
-        """Return the fit of a set without some of its terms; laws without a form take the size they then have."""
+        """Return the fit of a set without some of its terms; laws without a form take the size they
+        then have."""
         return self._resized(self._keep(self.model.fit(without(fit, *terms), fit)))
 
     def probabilities(self) -> dict[frozenset[Key], float]:

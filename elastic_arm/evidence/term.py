@@ -1,7 +1,8 @@
-"""What may be in the data: y = N nu + sum over terms of (offset + X beta) + e, beta ~ N(mean, std²) within bounds.
+"""What may be in the data: y = N nu + sum over terms of (offset + X beta) + e, beta ~ N(mean, std²)
+within bounds.
 
-A law of the catalogue, a number of the arm or a sensor that is far off, and a law without a form are the same thing
-with another prior and another word in the report.
+A law of the catalogue, a number of the arm or a sensor that is far off, and a law without a form
+are the same thing with another prior and another word in the report.
 """
 
 from __future__ import annotations
@@ -23,7 +24,8 @@ Ident = tuple[Any, ...]
 class Term:
     """One thing that may be in the data."""
 
-    key: Key  # effect, joint and choices; two terms of one key are the same thing at other nonlinear numbers
+    # effect, joint and choices; two terms of one key are the same thing at other nonlinear numbers
+    key: Key
     kind: str  # "effect", "number" (of the arm or a sensor, far off) or "law" (without a form)
     columns: Array  # (rows, k) whitened
     # std, mean, low, high: (k,) of the prior of the coefficients: Gaussian, truncated
@@ -43,8 +45,10 @@ class Term:
     size: float = 1.0  # coefficient of the law at which its tangents were taken
     scale: float = 1.0  # factor on the range of the size, whose prior it is
     is_scaled: bool = False  # whether it was chosen among others
-    trusted: bool = False  # whether the trust in the description scales its prior: of what the description states
-    what: Any = None  # of a law without a form: the law. Of numbers: (K, k) how nu moves with the coefficients.
+    # whether the trust in the description scales its prior: of what the description states
+    trusted: bool = False
+    # of a law without a form: the law. Of numbers: (K, k) how nu moves with the coefficients.
+    what: Any = None
     fitted: int = 0  # of a change between recordings: how many are fitted, which come first
     ident: Ident = ()
 

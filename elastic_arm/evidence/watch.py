@@ -17,7 +17,8 @@ def _never() -> bool:
 class Watch:
     """Who watches a search.
 
-    say: takes a line at each stage; is_over: whether the search is to end with the best answer that it has.
+    say: takes a line at each stage; is_over: whether the search is to end with the best answer that
+    it has.
     """
 
     say: Callable[[str], None] = _nothing

@@ -1,8 +1,8 @@
 """How well a motion determines the base parameters.
 
-A criterion is a number to be made small, of the regressor's base columns W over one period, each row divided by the
-noise of its equation and each column by a `scale`: its length over an ordinary motion. (Columns divided by their own
-length would reward a joint that hardly moves.)
+A criterion is a number to be made small, of the regressor's base columns W over one period, each
+row divided by the noise of its equation and each column by a `scale`: its length over an ordinary
+motion. (Columns divided by their own length would reward a joint that hardly moves.)
 
 ``condition``  condition number of W: how far errors of one parameter leak into others.
 ``d_optimal``  -log10 det(W'W) / (2 B): mean logarithm of the parameters' standard deviations along the axes of their
@@ -27,7 +27,8 @@ Criterion = Callable[[Array, Array], float]
 
 # What stands for infinity where the columns are dependent: searches compare numbers.
 WORST_CONDITION = 1e16
-# Columns that differ less than this over ordinary motions cannot be told apart by a stiff arm: theta'' follows q''.
+# Columns that differ less than this over ordinary motions cannot be told apart by a stiff arm:
+# theta'' follows q''.
 DISTINCT = 1e-4
 
 
@@ -74,10 +75,12 @@ class BaseRegressor:
     model: Model  # whose regressor
     # of the base parameters (``BaseParameters.columns`` of the identification)
     columns: Sequence[int] | NDArray[np.intp]
-    # (dof,) standard deviation of each equation's error, by which its rows are divided, Nm; None: all alike
+    # (dof,) standard deviation of each equation's error, by which its rows are divided, Nm; None:
+    # all alike
     noise: Array | None = None
     samples: int = 150  # of the period
-    # indices into `columns` of those that count; None: all. (One compiled regressor serves every choice.)
+    # indices into `columns` of those that count; None: all. (One compiled regressor serves every
+    # choice.)
     picked: NDArray[np.intp] | None = None
 
     def __call__(self, trajectory: FourierTrajectory) -> Array:
@@ -91,10 +94,11 @@ class BaseRegressor:
 
 
 def distinct_columns(W: Array) -> NDArray[np.intp]:
-    """Return the largest set of columns of W (rows, B) that can be distinguished: sorted indices, (at most B,).
+    """Return the largest set of columns of W (rows, B) that can be distinguished: sorted indices,
+    (at most B,).
 
-    A base column is one that *some* state separates from the others. Where that takes link and motor accelerations
-    that differ by much, no motion of a stiff arm does.
+    A base column is one that *some* state separates from the others. Where that takes link and
+    motor accelerations that differ by much, no motion of a stiff arm does.
     """
     scaled = W / np.maximum(np.linalg.norm(W, axis=0), np.finfo(float).tiny)
     _, R, order = scipy.linalg.qr(scaled, mode="economic", pivoting=True)
@@ -106,8 +110,8 @@ def elastic_motion(
 ) -> tuple[Array, Array, Array]:
     """Return x, dx, ddx (samples, dof) over one period when the links follow `trajectory`.
 
-    The motors lead by the drives' deflection under the link side's torque. That torque is periodic and smooth, so its
-    derivatives are those of its Fourier series.
+    The motors lead by the drives' deflection under the link side's torque. That torque is periodic
+    and smooth, so its derivatives are those of its Fourier series.
     """
     motion = trajectory.evaluate(trajectory.samples(samples))
     x, dx, ddx = (generalized(model, values) for values in motion)
@@ -126,7 +130,8 @@ def elastic_motion(
 
 
 def _singular(W: Array, scale: Array) -> Array:
-    """Return the singular values of W with columns divided by `scale`, through its small triangular factor."""
+    """Return the singular values of W with columns divided by `scale`, through its small triangular
+    factor."""
     return np.linalg.svd(
         np.linalg.qr(W / np.where(scale > 0.0, scale, 1.0), mode="r"), compute_uv=False
     )

@@ -2,10 +2,11 @@
 
     q_i(t) = q0_i + w(t) sum_k [ a_ik / (k omega) sin(k omega t) - b_ik / (k omega) cos(k omega t) ]
 
-(J. Swevers et al., IEEE Trans. Robotics and Automation 13 (1997) 730), so that a and b are amplitudes of velocity. The
-window w rises from 0 to 1 and falls back within `ramp` seconds at either end by a polynomial whose first four
-derivatives vanish at its ends: the motion begins and ends at q0 at rest, without a jump of acceleration, jerk or snap,
-and in between it is exactly periodic.
+(J. Swevers et al., IEEE Trans. Robotics and Automation 13 (1997) 730), so that a and b are
+amplitudes of velocity. The window w rises from 0 to 1 and falls back within `ramp` seconds at
+either end by a polynomial whose first four derivatives vanish at its ends: the motion begins and
+ends at q0 at rest, without a jump of acceleration, jerk or snap, and in between it is exactly
+periodic.
 """
 
 from dataclasses import dataclass, replace
@@ -27,7 +28,8 @@ _SPEED, _CURVATURE = _STEP.deriv(), _STEP.deriv(2)
 
 @dataclass(frozen=True, eq=False)
 class FourierTrajectory:
-    """A periodic motion of n joints that starts and stops smoothly; an ExcitationError if the numbers make none."""
+    """A periodic motion of n joints that starts and stops smoothly; an ExcitationError if the
+    numbers make none."""
 
     omega: float  # base frequency, rad/s
     # a, b: (n, H) Velocity amplitudes of the sines' and cosines' harmonics 1 to H, rad/s
@@ -35,7 +37,8 @@ class FourierTrajectory:
     b: Array
     q0: Array  # (n,) where the motion starts, stops and swings about, rad
     duration: float  # from rest to rest, s
-    # length of the smooth start and of the smooth stop, s; 0 for a series that begins and ends in full motion
+    # length of the smooth start and of the smooth stop, s; 0 for a series that begins and ends in
+    # full motion
     ramp: float = 0.0
     joints: tuple[str, ...] = ()  # names of the joints; empty where nobody has named them
 
@@ -78,7 +81,8 @@ class FourierTrajectory:
         ramp: float,
         joints: Any = (),
     ) -> Self:
-        """Make a trajectory that holds `periods` whole periods of `period` seconds between its ramps."""
+        """Make a trajectory that holds `periods` whole periods of `period` seconds between its
+        ramps."""
         require(period > 0.0, f"period is {period:g} s", "Give a time above zero")
         require(periods > 0.0, f"{periods:g} periods are asked for", "Ask for at least one")
         return cls(
@@ -106,7 +110,8 @@ class FourierTrajectory:
         return self.ramp, self.duration - self.ramp
 
     def evaluate(self, t: Array) -> tuple[Array, Array, Array]:
-        """Return q, dq, ddq, each (N, n), at times t (N,); at rest at either end outside [0, duration].
+        """Return q, dq, ddq, each (N, n), at times t (N,); at rest at either end outside [0,
+        duration].
 
         Units are rad, rad/s and rad/s^2.
         """
@@ -116,11 +121,13 @@ class FourierTrajectory:
         return self.q0 + w * p, dw * p + w * dp, ddw * p + 2.0 * dw * dp + w * ddp
 
     def samples(self, count: int) -> Array:
-        """Return `count` times (count,) evenly over one period of the periodic section, its end left out."""
+        """Return `count` times (count,) evenly over one period of the periodic section, its end
+        left out."""
         return self.ramp + self.period * np.arange(count) / count
 
     def scaled(self, factor: Array | float) -> Self:
-        """Return the same motion about q0 with amplitudes times `factor`, one number or one a joint."""
+        """Return the same motion about q0 with amplitudes times `factor`, one number or one a
+        joint."""
         column = np.broadcast_to(factor, (self.n,))[:, None]
         return replace(self, a=self.a * column, b=self.b * column)
 

@@ -14,7 +14,8 @@ from elastic_arm.excitation.workspace import Workspace
 from elastic_arm.formatting import JointUnits
 from elastic_arm.robot.description import Robot
 
-# Where the description states none: a full turn, and what a heavy arm does without haste. Torque is not limited then.
+# Where the description states none: a full turn, and what a heavy arm does without haste. Torque is
+# not limited then.
 DEFAULTS: dict[str, float] = {
     "position_min": -np.pi,
     "position_max": np.pi,
@@ -22,7 +23,8 @@ DEFAULTS: dict[str, float] = {
     "acceleration": 6.0,
     "torque": np.inf,
 }
-# The same of prismatic joints, in m and N: half a metre of travel, at the pace of a gantry without haste.
+# The same of prismatic joints, in m and N: half a metre of travel, at the pace of a gantry without
+# haste.
 LINEAR_DEFAULTS: dict[str, float] = {
     "position_min": -0.25,
     "position_max": 0.25,
@@ -38,21 +40,24 @@ UNITS = {
     "floor": "m",
     "links": "m",
 }
-# Clearance to the floor and between links that a motion keeps, m: what a tracking error of some mrad at a metre's reach
-# and capsules that are only roughly the links take away.
+# Clearance to the floor and between links that a motion keeps, m: what a tracking error of some
+# mrad at a metre's reach and capsules that are only roughly the links take away.
 MARGIN = 0.02
-# Samples of a period of the highest harmonic: a peak between two samples exceeds them by less than 1 %.
+# Samples of a period of the highest harmonic: a peak between two samples exceeds them by less than
+# 1 %.
 SAMPLES_PER_WAVE = 24
 FEWEST_SAMPLES = 200
 
 
 @dataclass(frozen=True, eq=False)
 class MotionLimits:
-    """Limits of all joints, (n,) each, and of the workspace; see :data:`DEFAULTS` and :data:`LINEAR_DEFAULTS`."""
+    """Limits of all joints, (n,) each, and of the workspace; see :data:`DEFAULTS` and
+    :data:`LINEAR_DEFAULTS`."""
 
     joints: tuple[str, ...]  # their names
-    # position_min, position_max, velocity, acceleration, torque: rad, rad/s, rad/s^2, Nm, of prismatic joints m, m/s,
-    # m/s^2, N; torque at the harmonic-drive output, infinite where unlimited
+    # position_min, position_max, velocity, acceleration, torque: rad, rad/s, rad/s^2, Nm, of
+    # prismatic joints m, m/s, m/s^2, N; torque at the harmonic-drive output, infinite where
+    # unlimited
     position_min: Array
     position_max: Array
     velocity: Array
@@ -85,7 +90,8 @@ class MotionLimits:
         workspace: Workspace | None = None,
         margin: float = MARGIN,
     ) -> MotionLimits:
-        """Take the limits of `robot`, defaults where it states none, lowered to the given ones (all joints alike)."""
+        """Take the limits of `robot`, defaults where it states none, lowered to the given ones (all
+        joints alike)."""
         values: dict[str, Array] = {}
         assumed: list[str] = []
         for name in DEFAULTS:
@@ -139,7 +145,8 @@ class MotionLimits:
         return 0.5 * (self.position_max - self.position_min)
 
     def fitted(self, trajectory: FourierTrajectory, share: float = 1.0) -> FourierTrajectory:
-        """Return the motion with joints that exceed `share` of a kinematic limit turned down to it."""
+        """Return the motion with joints that exceed `share` of a kinematic limit turned down to
+        it."""
         q, dq, ddq = trajectory.evaluate(limit_times(trajectory))
         swing = q - trajectory.q0
         below = share * self.half_range + trajectory.q0 - self.centre
@@ -179,8 +186,8 @@ class MotionLimits:
 class LimitUse:
     """Peaks of a motion as shares of the limits, (n,) each: 1 is at the limit.
 
-    `peak_torque` is in Nm; `floor` and `links` are the smallest gaps, m, negative where a link goes through something,
-    infinite where there is nothing; `margin` is how large they must be.
+    `peak_torque` is in Nm; `floor` and `links` are the smallest gaps, m, negative where a link goes
+    through something, infinite where there is nothing; `margin` is how large they must be.
     """
 
     joints: tuple[str, ...]
@@ -198,7 +205,8 @@ class LimitUse:
 
     @property
     def excess(self) -> Array:
-        """Violation of each limit (6,), not above 0 where it is kept: four shares, and two clearances in m."""
+        """Violation of each limit (6,), not above 0 where it is kept: four shares, and two
+        clearances in m."""
         shares = [float(getattr(self, kind).max()) - 1.0 for kind in self.kinds]
         gaps = [-1.0 if np.isinf(gap) else self.margin - gap for gap in (self.floor, self.links)]
         return np.array(shares + gaps)
@@ -214,13 +222,19 @@ class LimitUse:
         if index < len(self.kinds):
             shares = getattr(self, self.kinds[index])
             joint = int(np.argmax(shares))
-            return f"the {self.kinds[index]} of {self.joints[joint]} reaches {100 * shares[joint]:.0f} % of its limit"
+            return (
+                f"the {self.kinds[index]} of {self.joints[joint]} reaches {100 * shares[joint]:.0f}"
+                " % of its limit"
+            )
         what, gap = (("the floor", self.floor), ("another link", self.links))[
             index - len(self.kinds)
         ]
         if gap < 0.0:
             return f"a link goes {-1e3 * gap:.0f} mm into {what}"
-        return f"a link comes within {1e3 * gap:.1f} mm of {what}, the margin is {1e3 * self.margin:g} mm"
+        return (
+            f"a link comes within {1e3 * gap:.1f} mm of {what}, the margin is"
+            f" {1e3 * self.margin:g} mm"
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain data, null where there is no limit."""
@@ -240,7 +254,8 @@ class LimitUse:
         return None if unlimited else float(getattr(self, kind)[joint])
 
     def gaps(self) -> list[tuple[str, float]]:
-        """Return the smallest gaps, m, by what is met there; nothing where there is nothing to meet."""
+        """Return the smallest gaps, m, by what is met there; nothing where there is nothing to
+        meet."""
         return [
             (name, gap)
             for name, gap in (("the floor", self.floor), ("another link", self.links))
@@ -249,7 +264,8 @@ class LimitUse:
 
 
 def limit_times(trajectory: FourierTrajectory) -> Array:
-    """Return times at which a motion's peaks are found: ramps and one period, which stands for the rest."""
+    """Return times at which a motion's peaks are found: ramps and one period, which stands for the
+    rest."""
     span = min(trajectory.duration, trajectory.period + 2.0 * trajectory.ramp)
     per_period = max(FEWEST_SAMPLES, SAMPLES_PER_WAVE * trajectory.harmonics)
     t = np.linspace(0.0, span, int(np.ceil(per_period * span / trajectory.period)) + 1)
@@ -258,7 +274,8 @@ def limit_times(trajectory: FourierTrajectory) -> Array:
 
 
 def generalized(model: Model, values: Array) -> Array:
-    """Return joint values (N, n) as generalized coordinates (N, dof): theta = q, bearings not tilted."""
+    """Return joint values (N, n) as generalized coordinates (N, dof): theta = q, bearings not
+    tilted."""
     x = np.zeros((len(values), model.dof))
     for k in range(2 if model.robot.elastic else 1):
         x[:, k * model.n : (k + 1) * model.n] = values
@@ -266,7 +283,8 @@ def generalized(model: Model, values: Array) -> Array:
 
 
 def rigid_torque(model: Model, q: Array, dq: Array, ddq: Array) -> Array:
-    """Return the torque (N, n) that moves the arm with stiff drives: both rows of (1) together, Nm."""
+    """Return the torque (N, n) that moves the arm with stiff drives: both rows of (1) together,
+    Nm."""
     rows = model.inverse_dynamics(*(generalized(model, values) for values in (q, dq, ddq)))
     return rows[:, : model.n] + (rows[:, model.n : 2 * model.n] if model.robot.elastic else 0.0)
 

@@ -1,4 +1,5 @@
-"""The free numbers of a motion: from points of a cube to motions that keep the kinematic limits, and random ones."""
+"""The free numbers of a motion: from points of a cube to motions that keep the kinematic limits,
+and random ones."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -14,12 +15,14 @@ from elastic_arm.excitation.limits import MotionLimits
 
 # More would take memory for what no arm follows; ramps in periods.
 MOST_HARMONICS, LONGEST_RAMP = 100, 100
-# Share of the kinematic limits that the search uses, so that peaks between its samples stay within them.
+# Share of the kinematic limits that the search uses, so that peaks between its samples stay within
+# them.
 SHARE = 0.98
 # A random motion that breaks torque or workspace is tried again smaller, then elsewhere.
 SHRINKING = (1.0, 0.7, 0.5, 0.35, 0.2, 0.1)
 PLACES = 60
-# Random places among which one is sought where an arm can stand: of thick links two in a hundred are free.
+# Random places among which one is sought where an arm can stand: of thick links two in a hundred
+# are free.
 DRAWN = 1000
 # Random motions that tell which columns can be told apart.
 TELLING = 10
@@ -27,7 +30,8 @@ TELLING = 10
 
 @dataclass(frozen=True)
 class Shape:
-    """What kind of motion is sought: harmonics, period and ramp in s, and periods between the ramps."""
+    """What kind of motion is sought: harmonics, period and ramp in s, and periods between the
+    ramps."""
 
     harmonics: int = 5
     period: float = 10.0
@@ -64,7 +68,8 @@ def random_trajectories(
     rng: np.random.Generator,
     shape: Shape | None = None,
 ) -> list[FourierTrajectory]:
-    """Return `count` random motions within the limits: coefficients uniform, turned down to the limits.
+    """Return `count` random motions within the limits: coefficients uniform, turned down to the
+    limits.
 
     Raises an ExcitationError if one of them finds no place within the limits.
     """
@@ -81,7 +86,8 @@ def random_trajectories(
 
 
 def liveliest(motions: Sequence[FourierTrajectory], count: int) -> list[FourierTrajectory]:
-    """Return the motions whose slowest joint gets fastest, the best last: where a joint rests, nothing shows of it."""
+    """Return the motions whose slowest joint gets fastest, the best last: where a joint rests,
+    nothing shows of it."""
 
     def slowest(motion: FourierTrajectory) -> float:
         return float(
@@ -126,7 +132,8 @@ class Problem:
         return self._limits.fitted(motion, SHARE)
 
     def random(self, rng: np.random.Generator) -> Array:
-        """Draw a motion; turn it down, then move it elsewhere, until torque and workspace are kept."""
+        """Draw a motion; turn it down, then move it elsewhere, until torque and workspace are
+        kept."""
         best, least = np.zeros(self.size), np.inf
         for u in self._places(rng):
             for factor in SHRINKING:
@@ -139,9 +146,11 @@ class Problem:
         return best
 
     def _places(self, rng: np.random.Generator) -> Iterator[Array]:
-        """Yield motions at random places, and where none of them will do, at as many where the arm can stand.
+        """Yield motions at random places, and where none of them will do, at as many where the arm
+        can stand.
 
-        Where torques hold the arm at none of the first, the limits are to blame, and no others are sought.
+        Where torques hold the arm at none of the first, the limits are to blame, and no others are
+        sought.
         """
         draws = (rng.uniform(-1.0, 1.0, self.size) for _ in range(PLACES + DRAWN))
         tried = []
@@ -160,7 +169,8 @@ class Problem:
         return self._limits.use(self.trajectory(u), self._model).excess[3:]
 
     def refer_to(self, points: Sequence[Array]) -> tuple[int, ...]:
-        """Take the scale of the columns from these ordinary motions; return the columns they cannot distinguish."""
+        """Take the scale of the columns from these ordinary motions; return the columns they cannot
+        distinguish."""
         motions = [self._regressor(self.trajectory(u)) for u in points]
         distinct = distinct_columns(np.concatenate(motions[:TELLING]))
         self._scale = np.median([np.linalg.norm(W[:, distinct], axis=0) for W in motions], axis=0)

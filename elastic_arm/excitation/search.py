@@ -1,10 +1,11 @@
 """Search for the motion within limits that determines the base parameters best.
 
-The free numbers are where each joint swings about and its amplitudes. Joints are turned down to their kinematic limits
-before a motion is evaluated, so that only torque and workspace remain as constraints. The search is mesh
-adaptive direct search, NOMAD's (C. Audet, S. Le Digabel, V. Rochon Montplaisir and C. Tribes, ACM Trans. Mathematical
-Software 48 (2022) 35), which polls a pattern of points around the best one, takes no derivatives and lets constraints
-be broken on the way (progressive barrier).
+The free numbers are where each joint swings about and its amplitudes. Joints are turned down to
+their kinematic limits before a motion is evaluated, so that only torque and workspace remain as
+constraints. The search is mesh adaptive direct search, NOMAD's (C. Audet, S. Le Digabel, V. Rochon
+Montplaisir and C. Tribes, ACM Trans. Mathematical Software 48 (2022) 35), which polls a pattern of
+points around the best one, takes no derivatives and lets constraints be broken on the way
+(progressive barrier).
 """
 
 from collections.abc import Callable, Sequence
@@ -26,8 +27,8 @@ Progress = Callable[[int, float], None]
 
 # NOMAD draws and throws away as many numbers as its seed says: a seed near 2^31 takes a minute.
 LARGEST_SEED = 2**16
-# Models of the objective cost more than our evaluations do (minutes against seconds), and the start is good already: a
-# plain pattern of a twentieth of the range to begin with found the best motions.
+# Models of the objective cost more than our evaluations do (minutes against seconds), and the start
+# is good already: a plain pattern of a twentieth of the range to begin with found the best motions.
 NOMAD = (
     "INITIAL_FRAME_SIZE * 0.1",
     "QUAD_MODEL_SEARCH no",
@@ -44,16 +45,16 @@ INTERRUPTED = "Ctrl-C"
 class ExcitationResult:
     """A search's outcome."""
 
-    # trajectory, start: the best motion within the limits, and the one the search began with: the best of the random
-    # ones
+    # trajectory, start: the best motion within the limits, and the one the search began with: the
+    # best of the random ones
     trajectory: FourierTrajectory
     start: FourierTrajectory
     # criterion, value_before, value_after: what was made small
     criterion: str
     value_before: float
     value_after: float
-    # condition_before, condition_after: condition numbers of the base regressor in the scale of ordinary motions,
-    # whatever the criterion
+    # condition_before, condition_after: condition numbers of the base regressor in the scale of
+    # ordinary motions, whatever the criterion
     condition_before: float
     condition_after: float
     random: Array  # (R,) condition numbers of the random motions within the same limits
@@ -98,12 +99,14 @@ def optimise(
     random: int = 50,
     progress: Progress | None = None,
 ) -> ExcitationResult:
-    """Find a motion within limits that determines the base parameters of `model`, its base `columns`, well.
+    """Find a motion within limits that determines the base parameters of `model`, its base
+    `columns`, well.
 
-    The same state of `rng` gives the same motion. `noise` (dof,) is the standard deviation of each equation's error,
-    Nm, all alike when None; `evaluations` the budget of the search beside the `random` motions to start from and
-    compare with. `progress` is called with evaluation and best value. Raises an ExcitationError if criterion or numbers
-    make no sense, or no motion found keeps the limits (names which is broken).
+    The same state of `rng` gives the same motion. `noise` (dof,) is the standard deviation of each
+    equation's error, Nm, all alike when None; `evaluations` the budget of the search beside the
+    `random` motions to start from and compare with. `progress` is called with evaluation and best
+    value. Raises an ExcitationError if criterion or numbers make no sense, or no motion found keeps
+    the limits (names which is broken).
     """
     require(evaluations >= 1, f"{evaluations} evaluations are asked for", "Ask for at least one")
     require(
@@ -150,7 +153,8 @@ def _kept_use(
     use = limits.use(trajectory, model)
     require(
         use.kept,
-        f"no motion within the limits was found in {evaluations} evaluations; at best {use.worst()}",
+        f"no motion within the limits was found in {evaluations} evaluations; at best"
+        f" {use.worst()}",
         "Raise that limit, give the arm more time (a longer period or ramp), or search longer",
     )
     return use
@@ -202,7 +206,8 @@ def _run_nomad(course: _Course, start: Array, evaluations: int, seed: int) -> No
     import PyNomad
 
     size = len(start)
-    # NOMAD's generator belongs to the process: without both calls, a second search would continue the first's numbers.
+    # NOMAD's generator belongs to the process: without both calls, a second search would continue
+    # the first's numbers.
     PyNomad.setSeed(seed)
     PyNomad.resetRandomNumberGenerator()
     parameters = [*NOMAD, f"MAX_BB_EVAL {evaluations}", f"SEED {seed}"]

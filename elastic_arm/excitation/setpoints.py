@@ -1,4 +1,5 @@
-"""A motion as set-points: a table for a controller, and a goal of ROS's joint_trajectory_controller."""
+"""A motion as set-points: a table for a controller, and a goal of ROS's
+joint_trajectory_controller."""
 
 import io
 from collections.abc import Sequence
@@ -17,7 +18,8 @@ REMEDY = "Give a file in a folder you may write to"
 def write_csv(
     path: Path, trajectory: FourierTrajectory, joints: Sequence[str], rate: float
 ) -> None:
-    """Write time, positions, velocities and accelerations of every joint, `rate` rows a second; or an episode."""
+    """Write time, positions, velocities and accelerations of every joint, `rate` rows a second; or
+    an episode."""
     if path.suffix.lower() == ".parquet":
         _write_episode(path, trajectory, rate)
         return
@@ -31,7 +33,8 @@ def write_csv(
 def write_goal(
     path: Path, trajectory: FourierTrajectory, joints: Sequence[str], rate: float
 ) -> None:
-    """Write a goal of control_msgs/action/FollowJointTrajectory, `rate` points a second with all derivatives."""
+    """Write a goal of control_msgs/action/FollowJointTrajectory, `rate` points a second with all
+    derivatives."""
     t, *values = _sampled(trajectory, rate)
     stamps = [divmod(round(1e9 * at), 10**9) for at in t]
     points = [
@@ -47,7 +50,8 @@ def write_goal(
 
 
 def _write_episode(path: Path, trajectory: FourierTrajectory, rate: float) -> None:
-    """Write the columns of a LeRobot episode that commands are: `action` (n,) rad, `timestamp` and its indices."""
+    """Write the columns of a LeRobot episode that commands are: `action` (n,) rad, `timestamp` and
+    its indices."""
     require_libraries(".parquet files need", "pyarrow")
     import pyarrow as pa
     import pyarrow.parquet as pq

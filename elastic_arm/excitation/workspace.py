@@ -23,8 +23,10 @@ class Workspace:
     radius: float  # of the capsules, m
     floor: (
         float | None
-    )  # height of the floor above the ground frame's origin, against gravity, m; None without a floor
-    # indices of the link ends (:func:`elastic_arm.robot.kinematics.link_points`) that must stay above the floor
+        # height of the floor above the ground frame's origin, against gravity, m; None without a floor
+    )
+    # indices of the link ends (:func:`elastic_arm.robot.kinematics.link_points`) that must stay
+    # above the floor
     heights: NDArray[np.intp]
     pairs: NDArray[np.intp]  # (P, 2) links that must stay clear of each other
 
@@ -32,8 +34,8 @@ class Workspace:
     def of(cls, robot: Robot, *, radius: float | None = None, floor: float | None = 0.0) -> Self:
         """Make the workspace of `robot`, from what its links do in evenly spread poses.
 
-        Neighbours are left out, and so are links that touch in every pose (a wrist whose axes meet) and link ends
-        whose height no joint changes.
+        Neighbours are left out, and so are links that touch in every pose (a wrist whose axes meet)
+        and link ends whose height no joint changes.
         """
         for name, value in (("radius of the links", radius), ("height of the floor", floor)):
             require(
@@ -56,7 +58,8 @@ class Workspace:
         return cls(robot, radius, floor, heights, pairs[~touching])
 
     def clearance(self, q: Array) -> tuple[Array, Array]:
-        """Return the smallest gap to the floor and between links, (N,) each, m; negative where they overlap.
+        """Return the smallest gap to the floor and between links, (N,) each, m; negative where they
+        overlap.
 
         Infinite where there is nothing to touch.
         """
@@ -78,8 +81,8 @@ def _upward(robot: Robot) -> Array:
 def _distances(points: Array, pairs: NDArray[np.intp]) -> Array:
     """Return the distances (N, P) between the line segments of links.
 
-    Segment k runs from `points[:, k]` to `points[:, k + 1]`; either may be a point (C. Ericson, Real-Time Collision
-    Detection, 5.1.9).
+    Segment k runs from `points[:, k]` to `points[:, k + 1]`; either may be a point (C. Ericson,
+    Real-Time Collision Detection, 5.1.9).
     """
     p, q = points[:, pairs[:, 0]], points[:, pairs[:, 1]]
     u, v, w = points[:, pairs[:, 0] + 1] - p, points[:, pairs[:, 1] + 1] - q, p - q

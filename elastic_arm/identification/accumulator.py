@@ -1,8 +1,9 @@
 """From motion to sums: rows of the equations, block by block.
 
-An arm that is taken for rigid is so below its first resonance alone; beyond, rotors move against links, and torques
-grow as accelerations fall. Its rows can therefore be averaged over :data:`AVERAGED`, which takes off what is faster and
-loses no end of a recording, as a narrower smoother would.
+An arm that is taken for rigid is so below its first resonance alone; beyond, rotors move against
+links, and torques grow as accelerations fall. Its rows can therefore be averaged over
+:data:`AVERAGED`, which takes off what is faster and loses no end of a recording, as a narrower
+smoother would.
 """
 
 from dataclasses import replace
@@ -42,10 +43,11 @@ class Accumulator:
         self._waiting: list[Motion] = []
 
     def expect(self, samples: int) -> None:
-        """Begin with blocks as long as those that at least so many samples end with: fewer steps to these.
+        """Begin with blocks as long as those that at least so many samples end with: fewer steps to
+        these.
 
-        Short ones begin half as long, so that noise is taken from as many samples as in a stream. Blocks that were
-        begun stay as they are.
+        Short ones begin half as long, so that noise is taken from as many samples as in a stream.
+        Blocks that were begun stay as they are.
         """
         if not self.blocks.grams:
             longest = 2 ** (samples // BLOCK // self.blocks.most).bit_length()
@@ -135,7 +137,8 @@ def averaged(
 
 
 def _thinning(blocks: Blocks, unit: int) -> tuple[int, int]:
-    """Return for how many samples one stands in the sums of noise, and the index of the first such sample.
+    """Return for how many samples one stands in the sums of noise, and the index of the first such
+    sample.
 
     Both depend on the place in the block alone, not on how samples come.
     """
@@ -149,7 +152,8 @@ def _unit(motion: Motion) -> int:
 
 
 def closes(fit: Fit, blocks: Blocks) -> bool:
-    """Whether the equations close so well that samples with a trace of foreign motion would make them worse."""
+    """Whether the equations close so well that samples with a trace of foreign motion would make
+    them worse."""
     square = np.sum([hi[:, -1, -1] for hi, _ in blocks.grams], axis=0) / max(blocks.samples, 1)
     torque = np.sqrt(np.maximum(square, 0.0))  # next to none, rounding may leave less than nothing
     carries = torque > 0.0

@@ -2,10 +2,10 @@
 
     Phi Psi = Phi[:, columns] T Psi = Phi[:, columns] Psi_base
 
-Columns of the regressor that are combinations of others are found by orthogonalising the columns in an order of
-preference (a rank-revealing QR whose pivoting keeps to readable columns). Each base parameter is the parameter of its
-column plus what the dependent ones add to it (M. Gautier and W. Khalil, IEEE Trans. Robotics and Automation 6 (1990)
-368).
+Columns of the regressor that are combinations of others are found by orthogonalising the columns in
+an order of preference (a rank-revealing QR whose pivoting keeps to readable columns). Each base
+parameter is the parameter of its column plus what the dependent ones add to it (M. Gautier and W.
+Khalil, IEEE Trans. Robotics and Automation 6 (1990) 368).
 """
 
 from collections.abc import Sequence
@@ -72,7 +72,8 @@ def find_base(Phi: Array, names: Sequence[str], units: Sequence[str]) -> BasePar
 
 
 def _preferred(names: Sequence[str]) -> list[int]:
-    """Order columns: springs, links outward, components (spline, rotor, wave generator), laws beyond the model."""
+    """Order columns: springs, links outward, components (spline, rotor, wave generator), laws
+    beyond the model."""
     bodies = list(dict.fromkeys(name.rpartition(".")[0] for name in names))
 
     def rank(k: int) -> tuple[int, int, int, int]:
@@ -89,7 +90,8 @@ def _preferred(names: Sequence[str]) -> list[int]:
 
 
 def _independent(Phi: Array, order: list[int]) -> tuple[NDArray[np.intp], dict[int, Array]]:
-    """Orthogonalise the columns one after another; return the new ones and the others as combinations of them."""
+    """Orthogonalise the columns one after another; return the new ones and the others as
+    combinations of them."""
     basis = np.zeros((len(Phi), 0))
     chosen: list[int] = []
     dependent: list[int] = []
@@ -112,7 +114,8 @@ def _independent(Phi: Array, order: list[int]) -> tuple[NDArray[np.intp], dict[i
         np.linalg.lstsq(Phi[:, columns] / scale, Phi[:, dependent], rcond=None)[0] / scale[:, None]
     )
     found = np.where(np.abs(found) * scale[:, None] < COEFFICIENT_FLOOR * largest, 0.0, found)
-    # What is but rounding is zero: coefficients are products of the lengths and ratios of the description.
+    # What is but rounding is zero: coefficients are products of the lengths and ratios of the
+    # description.
     found = np.where(np.abs(found) <= ROUNDING, 0.0, found)
     return columns, dict(zip(dependent, found.T, strict=True))
 

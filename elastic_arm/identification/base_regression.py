@@ -1,4 +1,5 @@
-"""The equations of a recording as a linear regression in base parameters: rows, sums of their products, predictions.
+"""The equations of a recording as a linear regression in base parameters: rows, sums of their
+products, predictions.
 
 With both encoders the rows are the two lines of (1), and a third where joint torque sensors exist::
 
@@ -6,25 +7,27 @@ With both encoders the rows are the two lines of (1), and a third where joint to
     motor   tau_m = S' q'' + B theta'' + c2 + K (theta - q) + D (theta' - q')
     drive   tau_J = K (theta - q) + D (theta' - q')
 
-Written so, the noises of the three are independent: encoders in the first, motor torque in the second, joint torque in
-the third. The first two alone are (10). With the encoders of one side only, theta = q, and what remains is
+Written so, the noises of the three are independent: encoders in the first, motor torque in the
+second, joint torque in the third. The first two alone are (10). With the encoders of one side only,
+theta = q, and what remains is
 
     joint   tau_J = M q'' + S q'' + c + c1 + g
     whole   tau_m = (M + S + S' + B) q'' + c + c1 + c2 + g
 
-Without joint torque sensors the row `link` is homogeneous in masses and springs, so that the smallest of them fit it
-best. `summed` regressions therefore put the sum of both lines in the place of `motor`: there torque sets the scale of
-every mass, and no deflection is left. `link` then shows how far the springs wind under that load. Its deflection is the
-difference of two encoders, whose lag and offset beside each other may be columns of their own::
+Without joint torque sensors the row `link` is homogeneous in masses and springs, so that the
+smallest of them fit it best. `summed` regressions therefore put the sum of both lines in the place
+of `motor`: there torque sets the scale of every mass, and no deflection is left. `link` then shows
+how far the springs wind under that load. Its deflection is the difference of two encoders, whose
+lag and offset beside each other may be columns of their own::
 
     link    0     = M q'' + S theta'' + c + c1 + g + K (q - theta) + D (q' - theta') + a q' + b
     motor   tau_m = M q'' + S theta'' + S' q'' + B theta'' + c + c1 + c2 + g
 
-with a = K times the lag of the link encoder, b = K times its offset. :mod:`elastic_arm.identification.deflection`
-weighs `link` by 1 / K.
+with a = K times the lag of the link encoder, b = K times its offset.
+:mod:`elastic_arm.identification.deflection` weighs `link` by 1 / K.
 
-These are the independent equations of :mod:`.equations`. Laws beyond the model add columns: what they add to the
-residuals of link, drive and motor side is carried over to these rows.
+These are the independent equations of :mod:`.equations`. Laws beyond the model add columns: what
+they add to the residuals of link, drive and motor side is carried over to these rows.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -55,7 +58,8 @@ class Column:
 
     name: str  # of the parameter, e.g. `coulomb_friction:joint_2.torque`
     unit: str
-    # motion -> residual name ("link", "drive", "motor") -> (N, n) Nm per unit of the parameter, where it acts
+    # motion -> residual name ("link", "drive", "motor") -> (N, n) Nm per unit of the parameter,
+    # where it acts
     values: Callable[[Motion], dict[str, Array]]
     nominal: float = 0.0  # Value in the nominal arm
     least: float = -np.inf  # What a real arm has at least, such as no negative friction
@@ -74,9 +78,10 @@ class Column:
 class BaseRegression:
     """The rows of a recording's equations in base parameters.
 
-    recorded: names of the recorded channels among q, theta, tau_J, tau_m: one set for all joints, or n sets;
-    summed: see the module; it matters only with both encoders, motor torque and no joint torque sensor;
-    encoder_columns: whether summed rows have columns for the lags and offsets of the link encoders.
+    recorded: names of the recorded channels among q, theta, tau_J, tau_m: one set for all joints,
+    or n sets; summed: see the module; it matters only with both encoders, motor torque and no joint
+    torque sensor; encoder_columns: whether summed rows have columns for the lags and offsets of the
+    link encoders.
 
     Raises an IdentificationError if the channels allow no equation.
     """
@@ -125,7 +130,8 @@ class BaseRegression:
         )
 
     def rows(self, motion: Motion) -> Array:
-        """Return regressor columns of the base parameters and, last, the measured side: (groups, N, B + 1).
+        """Return regressor columns of the base parameters and, last, the measured side: (groups, N,
+        B + 1).
 
         Rows that hold the friction of a joint that sticks are zero.
         """
@@ -139,22 +145,26 @@ class BaseRegression:
         return rows
 
     def counted(self, motion: Motion) -> Array:
-        """Return how many rows of each group, (groups,), do not hold the friction of a joint that sticks."""
+        """Return how many rows of each group, (groups,), do not hold the friction of a joint that
+        sticks."""
         counts = np.full(len(self.groups), float(len(motion)))
         for k, stuck in self._stuck(motion):
             counts[k] -= np.count_nonzero(stuck)
         return counts
 
     def _stuck(self, motion: Motion) -> Iterator[tuple[int, NDArray[np.bool_]]]:
-        """Yield the groups that hold friction of joints that may stick, and where these do, (N,)."""
+        """Yield the groups that hold friction of joints that may stick, and where these do,
+        (N,)."""
         if motion.stuck is not None:
             for k, (equation, joint) in enumerate(self.equations.entries):
                 if equation.combination[MOTOR]:
                     yield k, motion.stuck[:, joint]
 
     def information(self, motion: Motion) -> Pair:
-        """Return [Phi y]'[Phi y] of all groups, hi and lo (groups, B + 1, B + 1), in twice the working precision."""
-        # Equations that no line of the model stands for alone: sums of both, one line measured twice, or a part of one.
+        """Return [Phi y]'[Phi y] of all groups, hi and lo (groups, B + 1, B + 1), in twice the
+        working precision."""
+        # Equations that no line of the model stands for alone: sums of both, one line measured
+        # twice, or a part of one.
         sums = self.summed or ("whole" in self.sides and (self.elastic or "joint" in self.sides))
         apart = (
             self.partial
@@ -182,7 +192,8 @@ class BaseRegression:
 
     @cached_property
     def _sums(self) -> Information:
-        """Sums of the base columns, used again and again: to set them up takes as long as a thousand samples."""
+        """Sums of the base columns, used again and again: to set them up takes as long as a
+        thousand samples."""
         return self.model.accumulator(self.base.columns, rounded=True)
 
     def _drive_information(self, x: Array, dx: Array, tau_J: Array) -> Pair:
@@ -218,7 +229,8 @@ class BaseRegression:
 
     @cached_property
     def drive_columns(self) -> list[tuple[int, int]]:
-        """The places of K and D among the base columns of each joint whose deflection is measured."""
+        """The places of K and D among the base columns of each joint whose deflection is
+        measured."""
         place = {self.names[c]: k for k, c in enumerate(self.base.columns.tolist())}
         joints = [self.model.robot.joint_names[j] for j in self.wound]
         if lost := [
@@ -231,7 +243,8 @@ class BaseRegression:
         return [(place[f"{joint}.K"], place[f"{joint}.D"]) for joint in joints]
 
     def predict(self, motion: Motion, Psi_base: Array) -> dict[str, Array]:
-        """Return the right sides of all equations, side -> (N, n) Nm, for base parameters `Psi_base`.
+        """Return the right sides of all equations, side -> (N, n) Nm, for base parameters
+        `Psi_base`.
 
         Zero where they hold the friction of a joint that sticks.
         """
@@ -249,7 +262,8 @@ class BaseRegression:
         return {side: rows[k * self.n : (k + 1) * self.n].T for k, side in enumerate(self.sides)}
 
     def by_joint(self, values: Array) -> dict[str, dict[str, float]]:
-        """Return numbers (groups,) as equation -> joint -> number, without equations that a joint lacks."""
+        """Return numbers (groups,) as equation -> joint -> number, without equations that a joint
+        lacks."""
         found: dict[str, dict[str, float]] = {side: {} for side in self.sides}
         for (side, joint), value, live in zip(
             self.groups, values.tolist(), self.equations.live, strict=True
@@ -261,7 +275,8 @@ class BaseRegression:
     def comparable(self, Psi_base: Array) -> Array:
         """Return factors (groups,) that make residuals of different parameters comparable.
 
-        A homogeneous row is an equation for the measured deflection: it counts by the nominal stiffness.
+        A homogeneous row is an equation for the measured deflection: it counts by the nominal
+        stiffness.
         """
         factors = np.ones(len(self.groups))
         if self.summed:  # the link's rows come first
@@ -281,7 +296,8 @@ class BaseRegression:
         return values.T
 
     def laws(self, motion: Motion) -> Array:
-        """Return the columns of the laws beyond the model, (N, 3 n, k) for link, drive and motor residuals."""
+        """Return the columns of the laws beyond the model, (N, 3 n, k) for link, drive and motor
+        residuals."""
         return self._stacked(self._both_sides(motion), self.columns)
 
     def _stacked(self, motion: Motion, columns: Sequence[Column]) -> Array:
@@ -296,7 +312,8 @@ class BaseRegression:
     def _all_rows(
         self, motion: Motion, own: NDArray[np.intp], extra: NDArray[np.intp], beside: int = 0
     ) -> Array:
-        """Return rows (groups, N, columns) of the model's parameters `own`, the columns `extra`, and `beside` zeros."""
+        """Return rows (groups, N, columns) of the model's parameters `own`, the columns `extra`,
+        and `beside` zeros."""
         laws = motion.laws if motion.laws is not None else self.laws(motion)
         motion = self._both_sides(motion)
         if self._encoders:
@@ -323,7 +340,8 @@ class BaseRegression:
         return rows
 
     def _alike(self, side: str) -> list[tuple[Equation, slice | list[int]]]:
-        """Return the different equations of one name, each with the joints that have it; void ones are left out."""
+        """Return the different equations of one name, each with the joints that have it; void ones
+        are left out."""
         found: dict[Equation, list[int]] = {}
         for equation, joint in self.equations.entries:
             if equation.name == side and equation.combination != VOID:
@@ -384,7 +402,8 @@ class BaseRegression:
 def _encoder_columns(
     joints: Sequence[str], wound: Sequence[int], units: JointUnits
 ) -> tuple[Column, ...]:
-    """Return the columns of the link encoders' lags and offsets beside the motor encoders, times the stiffness."""
+    """Return the columns of the link encoders' lags and offsets beside the motor encoders, times
+    the stiffness."""
     return tuple(
         Column(
             f"link_encoder:{joints[j]}.{what}",
@@ -401,6 +420,7 @@ def _of_drive(joint: int, what: str, motion: Motion) -> dict[str, Array]:
     if motion.dq is None:
         raise IdentificationError("no link angles were recorded", "Record /joint_states.")
     column = np.zeros_like(motion.dq)
-    # The deflection is recorded too large by lag times speed, and too small by a link angle recorded too large.
+    # The deflection is recorded too large by lag times speed, and too small by a link angle
+    # recorded too large.
     column[:, joint] = -motion.dq[:, joint] if what == "K_delay" else 1.0
     return {"drive": column}

@@ -1,8 +1,10 @@
-"""Coordinates of all parameters in which physical consistency is convex, and the description is the point to stay near.
+"""Coordinates of all parameters in which physical consistency is convex, and the description is the
+point to stay near.
 
-A link's ten parameters are its pseudo-inertia, normalised by that of the description: positive definite where a mass
-distribution has them (P. Wensing, S. Kim, J.-J. Slotine, IEEE Robotics and Automation Letters 3 (2018) 60). Solids of
-revolution are positive moments; K, D and armatures are positive or not negative; laws beyond the model have bounds.
+A link's ten parameters are its pseudo-inertia, normalised by that of the description: positive
+definite where a mass distribution has them (P. Wensing, S. Kim, J.-J. Slotine, IEEE Robotics and
+Automation Letters 3 (2018) 60). Solids of revolution are positive moments; K, D and armatures are
+positive or not negative; laws beyond the model have bounds.
 """
 
 import functools
@@ -17,7 +19,8 @@ from elastic_arm.dynamics.composition import ARMATURE
 from elastic_arm.identification.base_regression import BaseRegression, Column
 from elastic_arm.robot import Robot
 
-# Pseudo-inertias of the nominal are kept this far from singular, relative to their largest eigenvalue.
+# Pseudo-inertias of the nominal are kept this far from singular, relative to their largest
+# eigenvalue.
 THINNEST = 1e-6
 # Entries of a symmetric matrix (4, 4), in the order of their coordinates.
 PAIRS = ((0, 0), (0, 1), (0, 2), (0, 3), (1, 1), (1, 2), (1, 3), (2, 2), (2, 3), (3, 3))
@@ -26,7 +29,8 @@ _UNIT = [float(i == j) for i, j in PAIRS]  # coordinates of the unit matrix: of 
 
 @dataclass
 class Chart:
-    """Parameters near the nominal: Psi = Psi0 + G (x - x0), x dimensionless and x = x0 at the nominal."""
+    """Parameters near the nominal: Psi = Psi0 + G (x - x0), x dimensionless and x = x0 at the
+    nominal."""
 
     Psi0: Array
     columns: list[Array] = field(default_factory=list)  # of G
@@ -40,7 +44,8 @@ class Chart:
     bounds: list[tuple[int, float]] = field(
         default_factory=list
     )  # of `free`, with the least value of each
-    # indices of x that are parameters of laws over what is ordinary of them; errors of sensors are free
+    # indices of x that are parameters of laws over what is ordinary of them; errors of sensors are
+    # free
     held: list[int] = field(default_factory=list)
 
     @functools.cached_property
@@ -80,9 +85,11 @@ class Chart:
         self.positive += [(first, 1.0), (first + 1, 2.0), (first + 2, 1.0)]
 
     def add_number(self, k: int, nominal: float, law: Column | None, *, physical: bool) -> None:
-        """Add parameter k: relative to its nominal value or to what is ordinary of it, if either is stated."""
+        """Add parameter k: relative to its nominal value or to what is ordinary of it, if either is
+        stated."""
         place, relative = len(self.start), physical and nominal > 0
-        # Where masses have to be positive, the zeros of sensors have more to take up than is ordinary.
+        # Where masses have to be positive, the zeros of sensors have more to take up than is
+        # ordinary.
         ordinary = None if law is None or law.sensor else law.ordinary
         self._add(
             np.array([[nominal if relative else ordinary or 1.0]]), [k], (1.0 if relative else 0.0,)
@@ -107,7 +114,8 @@ class Chart:
 
 
 def chart_of(equations: BaseRegression) -> Chart:
-    """Put parameters into coordinates in which the nominal is x0 and every step of size one is as bold."""
+    """Put parameters into coordinates in which the nominal is x0 and every step of size one is as
+    bold."""
     names, nominal, robot = equations.names, equations.nominal, equations.model.robot
     links, seen = {joint.link_name for joint in robot.joints}, set[int]()
     found = Chart(nominal.copy())
@@ -129,7 +137,8 @@ def chart_of(equations: BaseRegression) -> Chart:
 
 
 def folded(robot: Robot, equations: BaseRegression, body: Body) -> Array:
-    """Return what the nominal body's ten parameters have beyond the link: the folded spline of mod1, else nothing."""
+    """Return what the nominal body's ten parameters have beyond the link: the folded spline of
+    mod1, else nothing."""
     link = next(j.link for j in robot.joints if j.link_name == body.name)
     own = inertial_parameters(link)
     return equations.nominal[list(body.parameters)] - own
@@ -150,7 +159,8 @@ def pseudo_inertia(ten: Array) -> Array:
 
 
 def _link_chart(nominal: Array) -> Array:
-    """Return (10, 10): entries of the normalised pseudo-inertia X -> parameters, J = L X L', J0 = L L'."""
+    """Return (10, 10): entries of the normalised pseudo-inertia X -> parameters, J = L X L', J0 = L
+    L'."""
     values, vectors = np.linalg.eigh(pseudo_inertia(nominal))
     L = vectors * np.sqrt(np.maximum(values, THINNEST * values[-1]))
     columns = []
@@ -166,7 +176,8 @@ def _link_chart(nominal: Array) -> Array:
 
 
 def _solid_chart(nominal: Array) -> Array:
-    """Return (4, 3): mass, radial and axial second moment over their nominal -> m, mz, Ixx, Izz; mz stays."""
+    """Return (4, 3): mass, radial and axial second moment over their nominal -> m, mz, Ixx, Izz; mz
+    stays."""
     mass, _, xx, zz = nominal
     radial, axial = 0.5 * zz, max(xx - 0.5 * zz, THINNEST * xx)
     # Izz = 2 radial, Ixx = radial + axial.

@@ -1,12 +1,14 @@
-"""All parameters, physically consistent: what base parameters leave open is filled in as close to the nominal arm.
+"""All parameters, physically consistent: what base parameters leave open is filled in as close to
+the nominal arm.
 
     min |A (x - x0) - b|² / 2 + sum [tr X - log det X - 4] / trust² over bodies,    X > 0
 
-in the coordinates of :mod:`.chart`. Every body's pseudo-inertia X, over the nominal's, is positive definite, and what
-no arm has below zero, such as friction, is not negative. Distance to the nominal is the entropic divergence (T. Lee,
-P. Wensing, F. Park, IEEE Trans. Robotics 36 (2020) 837), which does not depend on coordinates and units. The problem is
-convex and solved by Clarabel through cvxpy. The trust is the relative error of the nominal that makes the recording
-most probable (its evidence).
+in the coordinates of :mod:`.chart`. Every body's pseudo-inertia X, over the nominal's, is positive
+definite, and what no arm has below zero, such as friction, is not negative. Distance to the nominal
+is the entropic divergence (T. Lee, P. Wensing, F. Park, IEEE Trans. Robotics 36 (2020) 837), which
+does not depend on coordinates and units. The problem is convex and solved by Clarabel through
+cvxpy. The trust is the relative error of the nominal that makes the recording most probable (its
+evidence).
 """
 
 import warnings
@@ -30,16 +32,20 @@ from elastic_arm.robot import Robot
 
 # Relative errors of the nominal that are tried, and the one taken where the data do not say.
 TRUST = np.geomspace(0.01, 2.0, 24)
-# Laws beyond the model have no nominal: the standard deviation of their prior, but of those that the chart holds.
+# Laws beyond the model have no nominal: the standard deviation of their prior, but of those that
+# the chart holds.
 LAW_WIDTH = 1e3
 TOLERANCE = 1e-7  # of the solver, in the unit of what has a bound (Nm, Nm s/rad)
 INEXACT = "physically consistent arm: the convex solver came near its tolerance without meeting it"
-# Data finer than this, relative to the nominal, bind like an equality; finer would only spoil the solver's numbers.
+# Data finer than this, relative to the nominal, bind like an equality; finer would only spoil the
+# solver's numbers.
 STIFFEST = 1e5
-# A link's mass over the described one, beyond which something else is at work. Of eight real arms of right signs, some
-# of their masses guessed, links came out at 0.12 to 4.1 times; of three with torques of the wrong sign at 0.02 and 39.
+# A link's mass over the described one, beyond which something else is at work. Of eight real arms
+# of right signs, some of their masses guessed, links came out at 0.12 to 4.1 times; of three with
+# torques of the wrong sign at 0.02 and 39.
 ODD = (0.1, 5.0)
-# Of the mass of all links: lighter ones hardly load a joint, whatever their description has; convention.
+# Of the mass of all links: lighter ones hardly load a joint, whatever their description has;
+# convention.
 LIGHT = 0.02
 
 
@@ -49,7 +55,8 @@ class Consistent:
 
     Psi: Array  # (P,) all parameters, laws beyond the model last
     trust: float  # Relative error of the nominal that was taken for granted
-    # rise of the weighted residual over the unconstrained fit, in units of its noise: root of the mean square
+    # rise of the weighted residual over the unconstrained fit, in units of its noise: root of the
+    # mean square
     misfit: float
     exact: bool = True  # Whether the solver met its tolerance
 
@@ -57,7 +64,8 @@ class Consistent:
 def consistent(
     fit: Fit, equations: BaseRegression, correlated: float = 1.0, trust: float | None = None
 ) -> Consistent:
-    """Find the physically consistent parameters that fit best, close to the nominal where the data determine nothing.
+    """Find the physically consistent parameters that fit best, close to the nominal where the data
+    determine nothing.
 
     Raises an IdentificationError if the solver fails.
     """
@@ -74,7 +82,8 @@ def consistent(
 
 
 def description_covariance(equations: BaseRegression) -> Array:
-    """Return the covariance (P, P) of all parameters for a description with relative errors of one; laws have none."""
+    """Return the covariance (P, P) of all parameters for a description with relative errors of one;
+    laws have none."""
     chart = chart_of(equations)
     variance = chart.variances()
     variance[chart.free + chart.held] = 0.0
@@ -84,9 +93,9 @@ def description_covariance(equations: BaseRegression) -> Array:
 def correlation_of_errors(identifier: Identifier, repeats: bool) -> float:
     """Return how many times larger the variances are than those of white errors.
 
-    What the model misses follows the motion: errors may be alike over half a period of it, and no longer. How far they
-    are is measured by the scatter of long blocks, unless the motion repeats: its errors then do so too, from block to
-    block, without scatter.
+    What the model misses follows the motion: errors may be alike over half a period of it, and no
+    longer. How far they are is measured by the scatter of long blocks, unless the motion repeats:
+    its errors then do so too, from block to block, without scatter.
     """
     fit = identifier.fit()
     # Averages may be fewer than half periods of the quickest joint: none is less than one error.
@@ -106,14 +115,16 @@ def with_consistency(
     correlated: float = 1.0,
     described: Collection[str] = (),
 ) -> Identification:
-    """Add all parameters, physically consistent, and the arm that has them; where there are such."""
+    """Add all parameters, physically consistent, and the arm that has them; where there are
+    such."""
     equations = identifier.equations
     try:
         found = consistent(identifier.fit(), equations, correlated, trust)
         motors = {f"{joint}.{ARMATURE}" for joint in described}
         back = [joint_of_law(name) in described or name in motors for name in equations.names]
         Psi = np.where(back, equations.nominal, found.Psi)
-        # Numbers of very different size may leave a body outside of what one can be by more than rounding.
+        # Numbers of very different size may leave a body outside of what one can be by more than
+        # rounding.
         identified = identified_robot(robot, equations, Psi, effects)
     except (IdentificationError, RobotError) as error:
         return result.with_(notes=(*result.notes, f"no physically consistent arm: {error.problem}"))
@@ -133,8 +144,8 @@ def _data(
 ) -> tuple[Array, Array]:
     """Return A, b: the recording gives A (x - x0) = b with unit noise.
 
-    Errors are coloured: their effect on the estimate is larger than white ones' by a factor known from the blocks, or
-    from longer ones.
+    Errors are coloured: their effect on the estimate is larger than white ones' by a factor known
+    from the blocks, or from longer ones.
     """
     excess = np.sqrt(max(1.0, inflation(fit.covariance, fit.white_covariance), correlated))
     # Ordinary least squares has weights of one: its rows are still in Nm.
@@ -150,7 +161,8 @@ def _data(
 
 
 def _most_probable_trust(A: Array, b: Array, chart: Chart) -> float:
-    """Return the relative error of the nominal under which b is most probable (type II maximum likelihood)."""
+    """Return the relative error of the nominal under which b is most probable (type II maximum
+    likelihood)."""
     shape = chart.variances()
     law = np.zeros(len(shape))
     law[chart.free], law[chart.held] = LAW_WIDTH**2, 1.0
@@ -280,7 +292,8 @@ def _with_values(
 def _link_alone(
     robot: Robot, equations: BaseRegression, joint: str, value: dict[str, float]
 ) -> Array:
-    """Return the ten parameters of a joint's link, without the spline where the model folds that into it."""
+    """Return the ten parameters of a joint's link, without the spline where the model folds that
+    into it."""
     link_name = robot.joints[robot.joint_names.index(joint)].link_name
     body = next(b for b in equations.model.bodies.bodies if b.name == link_name)
     total = np.array([value[equations.names[k]] for k in body.parameters])

@@ -1,14 +1,16 @@
-"""Fits in which the deflection of the drives is a measured quantity: two encoders, motor torque, no torque sensor.
+"""Fits in which the deflection of the drives is a measured quantity: two encoders, motor torque, no
+torque sensor.
 
     r = tau_l - K d - D d' + a q' + b,    minimised: r / K
 
-The link's row r is zero for no mass and no spring at all; as an equation for what was measured, the deflection d, it is
-r / K, which no small parameters make small. It is bilinear in 1 / K and the other parameters; Gauss-Newton from the
-description solves it (J. Nocedal and S. Wright, Numerical Optimization, 2006, ch. 10). Rows of its linearisation are
-combinations of the columns of the row, so the sums of the recording are all that it takes.
+The link's row r is zero for no mass and no spring at all; as an equation for what was measured, the
+deflection d, it is r / K, which no small parameters make small. It is bilinear in 1 / K and the
+other parameters; Gauss-Newton from the description solves it (J. Nocedal and S. Wright, Numerical
+Optimization, 2006, ch. 10). Rows of its linearisation are combinations of the columns of the row,
+so the sums of the recording are all that it takes.
 
-Zeros of link encoders may differ between recordings: an offset that all share is a column of the regression, and what
-differs is taken off beforehand.
+Zeros of link encoders may differ between recordings: an offset that all share is a column of the
+regression, and what differs is taken off beforehand.
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,11 +26,13 @@ from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.least_squares import Blocks, Fit, Prior, condition, fit
 
 MOST_STEPS = 40
-# Parameters that change by less than this share of their standard deviation, or of themselves, stand.
+# Parameters that change by less than this share of their standard deviation, or of themselves,
+# stand.
 SETTLED = 1e-3
 # A step changes a stiffness by no more than this factor.
 LONGEST_STEP = 3.0
-# A spring whose deviation exceeds this share of it, or that no spring can have, stays with the description.
+# A spring whose deviation exceeds this share of it, or that no spring can have, stays with the
+# description.
 UNKNOWN = 0.5
 
 # A shift counts from so many standard deviations, and from so many radians.
@@ -50,14 +54,16 @@ class Deflections:
         self.nominal = equations.described
 
     def transform(self, Psi: Array, fixed: Mapping[int, float], groups: int) -> Array:
-        """Return (groups, B + 1, B + 1) from the rows [Phi y] to those of the problem linearised at `Psi`."""
+        """Return (groups, B + 1, B + 1) from the rows [Phi y] to those of the problem linearised at
+        `Psi`."""
         width = len(Psi) + 1
         found = np.broadcast_to(np.eye(width), (groups, width, width)).copy()
         for row, k in zip(self.rows, self.stiffness, strict=True):
             share = self.nominal[k] / Psi[k]
             torque = np.append(-Psi, 1.0)
             torque[k] = 0.0
-            # r = share (y - Phi Psi): its derivative by K, and what is left at Psi plus the derivatives times Psi.
+            # r = share (y - Phi Psi): its derivative by K, and what is left at Psi plus the
+            # derivatives times Psi.
             found[row] *= share
             found[row][:, -1] += share * torque
             found[row][k, -1] -= share * Psi[k]
@@ -68,7 +74,8 @@ class Deflections:
         return found
 
     def stepped(self, Psi: Array, solved: Array) -> Array:
-        """Return the next point: 1 / K, in which the rows are linear, goes where the linear problem sends it."""
+        """Return the next point: 1 / K, in which the rows are linear, goes where the linear problem
+        sends it."""
         new = solved.copy()
         K = Psi[self.stiffness]
         softening = np.clip(2.0 - solved[self.stiffness] / K, 1.0 / LONGEST_STEP, LONGEST_STEP)
@@ -76,7 +83,8 @@ class Deflections:
         return new
 
     def unknown(self, found: Fit) -> list[int]:
-        """Return the places of springs that the recording does not determine, or that no spring can have."""
+        """Return the places of springs that the recording does not determine, or that no spring can
+        have."""
         places = [*self.stiffness.tolist(), *self.damping.tolist()]
         Psi, std = found.Psi, found.std
         return [
@@ -89,12 +97,13 @@ class Deflections:
 def fit_deflections(blocks: Blocks, rows: Deflections, prior: Prior | None = None) -> Fit:
     """Solve the accumulated problem with deflections as measured quantities.
 
-    A damping or stiffness that the recording leaves open, or that comes out below zero, is that of the description:
-    its standard deviation is infinite.
+    A damping or stiffness that the recording leaves open, or that comes out below zero, is that of
+    the description: its standard deviation is infinite.
     """
     fixed: dict[int, float] = {}
     found = _settled(blocks, rows, fixed, prior)
-    # What is least known goes first: without it the others may be known, or lose what seemed to determine them.
+    # What is least known goes first: without it the others may be known, or lose what seemed to
+    # determine them.
     while unknown := [k for k in rows.unknown(found) if k not in fixed]:
         first = [k for k in unknown if k in rows.damping] or unknown
         fixed |= {k: float(rows.nominal[k]) for k in first}
@@ -148,16 +157,19 @@ def zeros(motions: Sequence[Motion], model: Model) -> tuple[Array, Array]:
 
 
 def shifts(found: tuple[Array, Array], first: tuple[Array, Array]) -> Array:
-    """Return what to add to the link angles (n,) rad so that their zeros are those of the first recording."""
+    """Return what to add to the link angles (n,) rad so that their zeros are those of the first
+    recording."""
     apart = found[0] - first[0]
     certain = np.abs(apart) > np.maximum(CERTAIN * np.hypot(found[1], first[1]), SMALLEST)
     return np.where(certain, apart, 0.0)
 
 
 def _regressors(motion: Motion, model: Model) -> tuple[Array, Array, Array]:
-    """Return deflection, speed and the nominal torque of the springs, (N, n) each: rad, rad/s, Nm."""
+    """Return deflection, speed and the nominal torque of the springs, (N, n) each: rad, rad/s,
+    Nm."""
     if motion.q is None or motion.dq is None or motion.ddq is None or motion.theta is None:
         raise IdentificationError("one of the two encoders was not recorded", "Record both sides.")
-    # Without a deflection the springs' own torque is none, and what is left of the link's row is the load.
+    # Without a deflection the springs' own torque is none, and what is left of the link's row is
+    # the load.
     x, dx, ddx = (np.hstack([v, v]) for v in (motion.q, motion.dq, motion.ddq))
     return motion.theta - motion.q, motion.dq, model.inverse_dynamics(x, dx, ddx)[:, : model.n]

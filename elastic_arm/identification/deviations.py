@@ -2,15 +2,20 @@
 
     cov(Psi) = H S H',    H = (Phi'Phi)^-1,    S = sum of s s' over blocks,    s = Phi'(y - Phi Psi) of a block
 
-the sandwich, clustered by blocks that are longer than errors last: blocks whose scores s resemble their neighbours' are
-joined (D. Andrews, Econometrica 59 (1991) 817). Where blocks are few, S is too small, and three things mend that:
+the sandwich, clustered by blocks that are longer than errors last: blocks whose scores s resemble
+their neighbours' are joined (D. Andrews, Econometrica 59 (1991) 817). Where blocks are few, S is
+too small, and three things mend that:
 
-- Scores are corrected for their block's share in the fit (the jackknife that leaves out one block at a time).
-- S is shrunk towards errors that are white and as large as all scores together show, by as much as is closest to the
+- Scores are corrected for their block's share in the fit (the jackknife that leaves out one block
+  at a time).
+- S is shrunk towards errors that are white and as large as all scores together show, by as much as
+  is closest to the
   truth on the average (O. Ledoit and M. Wolf, Journal of Multivariate Analysis 88 (2004) 365).
-- Deviations are widened by Student's distribution, with degrees of freedom from the blocks' shares in a parameter
-  (R. Bell and D. McCaffrey, Survey Methodology 28 (2002) 169), along directions in which errors would be white and of
-  unit size: parameters that share one torque scale to seven digits keep doing so.
+- Deviations are widened by Student's distribution, with degrees of freedom from the blocks' shares
+  in a parameter
+  (R. Bell and D. McCaffrey, Survey Methodology 28 (2002) 169), along directions in which errors
+  would be white and of unit size: parameters that share one torque scale to seven digits keep doing
+  so.
 """
 
 from collections.abc import Iterable
@@ -25,9 +30,11 @@ from elastic_arm.dynamics.double_double import Pair
 FEWEST_BLOCKS = 2
 # Share that is left of a block's score beside the fit's, at least.
 LEAST_OWN = 1e-3
-# Share of the data in the information along a direction from which on they show it: below it is rounding.
+# Share of the data in the information along a direction from which on they show it: below it is
+# rounding.
 LEAST_SHARE = 1e-6
-# A group's noise is not believed to be smaller than this share of its largest term: rounding, not data.
+# A group's noise is not believed to be smaller than this share of its largest term: rounding, not
+# data.
 NOISE_FLOOR = 1e-6
 COVERED = 0.975
 NORMAL = 1.96
@@ -42,14 +49,15 @@ def scattered(
 ) -> Array:
     """Return the covariance (P, P) of an estimate from its blocks' scores.
 
-    `blocks` hold sums [Phi y]'[Phi y] (groups, P + 1, P + 1) and what noise in Phi adds to them. `back` (P, k) leads
-    from whitened coordinates to parameters: `back @ back.T` is the covariance at unit noise. `prior` has rows
-    [F, F mean].
+    `blocks` hold sums [Phi y]'[Phi y] (groups, P + 1, P + 1) and what noise in Phi adds to them.
+    `back` (P, k) leads from whitened coordinates to parameters: `back @ back.T` is the covariance
+    at unit noise. `prior` has rows [F, F mean].
     """
     solution = np.append(-Psi, 1.0)
     known = None if prior is None else prior[:, :-1] @ back
-    # The scores add up to what the prior pulls the other way. That is no error of the data, and a block that alone
-    # shows a parameter would answer for all of it: scores are those at the estimate before it was pulled.
+    # The scores add up to what the prior pulls the other way. That is no error of the data, and a
+    # block that alone shows a parameter would answer for all of it: scores are those at the
+    # estimate before it was pulled.
     pull = (
         np.zeros(back.shape[1]) if prior is None or known is None else known.T @ (prior @ solution)
     )
@@ -76,9 +84,11 @@ def scattered(
 
 
 def resembling(scores: Array) -> int:
-    """Return over how many neighbours the scores of blocks (blocks, k) resemble each other, 1 where they do not.
+    """Return over how many neighbours the scores of blocks (blocks, k) resemble each other, 1 where
+    they do not.
 
-    Andrews' bandwidth of Bartlett's window for what follows its neighbour by one and the same share.
+    Andrews' bandwidth of Bartlett's window for what follows its neighbour by one and the same
+    share.
     """
     share = max(
         float(np.sum(scores[1:] * scores[:-1])) / max(float(np.sum(scores**2)), 1e-300), 0.0
@@ -88,11 +98,12 @@ def resembling(scores: Array) -> int:
 
 
 def _unit_errors(k: int, known: Array | None) -> tuple[Array, Array]:
-    """Return matrices from k whitened coordinates to the m in which white errors make scores of unit size, and back.
+    """Return matrices from k whitened coordinates to the m in which white errors make scores of
+    unit size, and back.
 
-    They differ under a prior: there the scores of white errors are as large as the data's share in the information. To
-    shrink them towards a multiple of the unit matrix would take what the prior determines for a lack of errors.
-    Directions of which the data show nothing are left out.
+    They differ under a prior: there the scores of white errors are as large as the data's share in
+    the information. To shrink them towards a multiple of the unit matrix would take what the prior
+    determines for a lack of errors. Directions of which the data show nothing are left out.
     """
     if known is None:
         return np.eye(k), np.eye(k)
@@ -103,9 +114,11 @@ def _unit_errors(k: int, known: Array | None) -> tuple[Array, Array]:
 
 
 def shrunk(scores: Array) -> tuple[Array, float, float]:
-    """Return the covariance (k, k) of a sum of scores (blocks, k), a multiple of the unit matrix, and that one's share.
+    """Return the covariance (k, k) of a sum of scores (blocks, k), a multiple of the unit matrix,
+    and that one's share.
 
-    Ledoit and Wolf's estimate: the mixture of the two that is closest to the true covariance on the average.
+    Ledoit and Wolf's estimate: the mixture of the two that is closest to the true covariance on the
+    average.
     """
     blocks, k = scores.shape
     meat = scores.T @ scores
@@ -116,13 +129,14 @@ def shrunk(scores: Array) -> tuple[Array, float, float]:
 
 
 def widening(squares: Array, own: float = 1.0) -> Array:
-    """Return the matrix (k, k) by which whitened errors are widened for the few blocks that determine them.
+    """Return the matrix (k, k) by which whitened errors are widened for the few blocks that
+    determine them.
 
-    Satterthwaite's degrees of freedom along each eigenvector: the number of blocks where they share alike, fewer where
-    some determine it alone; one is lost to the estimate itself. `squares` (k, k) sums the squares of each block's share
-    in the information. `own` is by how much the variance varies with the scores' scatter, 1 where it is that alone:
-    what it is shrunk to hardly scatters, but need not be right, and the square root of the scatter's share stands
-    between the two.
+    Satterthwaite's degrees of freedom along each eigenvector: the number of blocks where they share
+    alike, fewer where some determine it alone; one is lost to the estimate itself. `squares` (k, k)
+    sums the squares of each block's share in the information. `own` is by how much the variance
+    varies with the scores' scatter, 1 where it is that alone: what it is shrunk to hardly scatters,
+    but need not be right, and the square root of the scatter's share stands between the two.
     """
     values, vectors = np.linalg.eigh(squares)
     freedom = np.maximum(1.0 / np.maximum(values, 1e-12) - 1.0, 1.0) / max(own, 1e-6)
@@ -156,7 +170,8 @@ def largest_terms(r: Array, Psi: Array) -> Array:
 
 
 def inflation(robust: Array, white: Array) -> float:
-    """Return how many times larger variances are than those of white errors, in the median of what is determined."""
+    """Return how many times larger variances are than those of white errors, in the median of what
+    is determined."""
     by_scatter, by_noise = np.diag(robust), np.diag(white)
     known = np.isfinite(by_scatter) & np.isfinite(by_noise) & (by_noise > 0)
     return float(np.median(by_scatter[known] / by_noise[known])) if known.any() else 1.0

@@ -2,8 +2,9 @@
 
     E[Phi'Phi] = Phi_true'Phi_true + E[dPhi'dPhi]
 
-On the average noise in positions and accelerations draws weak parameters toward zero (W. A. Fuller, Measurement Error
-Models, 1987). The smoother knows the covariance of what it lets through, so that the average is known and taken off.
+On the average noise in positions and accelerations draws weak parameters toward zero (W. A. Fuller,
+Measurement Error Models, 1987). The smoother knows the covariance of what it lets through, so that
+the average is known and taken off.
 """
 
 import functools
@@ -16,23 +17,26 @@ from elastic_arm.estimation.motion import Motion
 from elastic_arm.estimation.noise import StateNoise
 from elastic_arm.identification.base_regression import BaseRegression
 
-# Over steps of this size in position, velocity and acceleration (rad, rad/s, rad/s²) a regressor is next to straight,
-# and rounding has no say. Steps are never below the noise itself.
+# Over steps of this size in position, velocity and acceleration (rad, rad/s, rad/s²) a regressor is
+# next to straight, and rounding has no say. Steps are never below the noise itself.
 STEPS = np.array([1e-4, 1e-3, 1e-2])
 _RATES = ("", "d", "dd")
-# Of the noise that would leave nothing of the sums in some direction, so much is taken off at the most.
+# Of the noise that would leave nothing of the sums in some direction, so much is taken off at the
+# most.
 MOST_TAKEN_OFF = 0.9
 # Singular values below this share of the largest are rounding.
 SMALLEST = 1e-12
-# Coefficients of a spectrum per sample from which the level of white noise is estimated (`estimation.noise.WHITE`).
+# Coefficients of a spectrum per sample from which the level of white noise is estimated
+# (`estimation.noise.WHITE`).
 WHITE_SHARE = 0.14
 
 
 def noise_sums(equations: BaseRegression, motion: Motion, every: int, first: int) -> Array | None:
-    """Return what the noise of `motion` adds on the average to [Phi y]'[Phi y] of all groups, (groups, B + 1, B + 1).
+    """Return what the noise of `motion` adds on the average to [Phi y]'[Phi y] of all groups,
+    (groups, B + 1, B + 1).
 
-    None where the motion is taken for exact. To second order E[G(x + e)] - G(x) = 1/2 sum_jk C_jk d²G / dx_j dx_k, with
-    G = [Phi y]'[Phi y]; with directions v that make up C, 1/2 sum_v d²G/dv².
+    None where the motion is taken for exact. To second order E[G(x + e)] - G(x) = 1/2 sum_jk C_jk
+    d²G / dx_j dx_k, with G = [Phi y]'[Phi y]; with directions v that make up C, 1/2 sum_v d²G/dv².
     """
     if motion.noise is None:
         return None
@@ -60,8 +64,8 @@ def noise_sums(equations: BaseRegression, motion: Motion, every: int, first: int
 def _directions(noise: StateNoise) -> tuple[Array, dict[str, Array]]:
     """Return directions that make up the covariance of the states, at most three a joint and side.
 
-    How many standard deviations differences along each of them (V,) reach, and by channel what they add to it,
-    (1 + 2 V, n): nothing, then a step ahead and one back in each direction.
+    How many standard deviations differences along each of them (V,) reach, and by channel what they
+    add to it, (1 + 2 V, n): nothing, then a step ahead and one back in each direction.
     """
     found: list[tuple[str, int, Array, float]] = []
     for side, covariances in (("q", noise.link), ("theta", noise.motor)):
@@ -106,9 +110,9 @@ def _moved(thin: Motion, offsets: dict[str, Array]) -> Motion:
 def correction_share(whole: Array, noise: Array) -> float:
     """Return which share of the noise may be taken off sums so that they stay those of something.
 
-    Where noise is all that sums hold in some direction, its own scatter decides whether anything is left without it,
-    or less than nothing. As Fuller's modified estimator (section 2.5 there) does, no more is taken off than
-    :data:`MOST_TAKEN_OFF` of what would leave nothing.
+    Where noise is all that sums hold in some direction, its own scatter decides whether anything is
+    left without it, or less than nothing. As Fuller's modified estimator (section 2.5 there) does,
+    no more is taken off than :data:`MOST_TAKEN_OFF` of what would leave nothing.
     """
     size = np.linalg.norm(whole, axis=0)
     live = size > 0
@@ -121,7 +125,8 @@ def correction_share(whole: Array, noise: Array) -> float:
 def covariance_left(
     noise: Array, whole: Array, Psi: Array, described: Array, samples: int
 ) -> Array:
-    """Return what is not known of the noise, as a covariance (B + 1, B + 1) of the sums' right side."""
+    """Return what is not known of the noise, as a covariance (B + 1, B + 1) of the sums' right
+    side."""
     total = noise.sum(axis=0)
     level = noise @ np.append(-Psi, 1.0) / np.sqrt(WHITE_SHARE * samples)
     likely = np.where(np.abs(described) > np.abs(Psi), described, Psi)

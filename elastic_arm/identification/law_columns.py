@@ -1,4 +1,5 @@
-"""Columns that identification adds to the model's own: the linear parameters of effects that are given."""
+"""Columns that identification adds to the model's own: the linear parameters of effects that are
+given."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -19,8 +20,9 @@ from elastic_arm.estimation.regressors import CompiledColumns, Signals, Term
 from elastic_arm.identification.base_regression import Column
 from elastic_arm.robot import Robot
 
-# Dry friction turns over gradually below some speed, rad/s: presliding. A batch chooses one for each joint, the
-# middle of what real arms show where the recordings do not tell; the stream has one for all.
+# Dry friction turns over gradually below some speed, rad/s: presliding. A batch chooses one for
+# each joint, the middle of what real arms show where the recordings do not tell; the stream has one
+# for all.
 SIGN_SPEEDS = (1e-4, 1e-3, 5e-3, 2e-2, 5e-2)
 USUAL_SIGN_SPEED = 5e-3
 DEFAULT_SIGN_SPEED = 1e-3
@@ -36,7 +38,8 @@ def law_columns(
     if not instances:
         return []
     evaluate = _LawColumns(tuple(instances), robot, model, sign_speed)
-    # A law that is asked for holds no value of its own: where the description states one, that is the nominal.
+    # A law that is asked for holds no value of its own: where the description states one, that is
+    # the nominal.
     described = {
         _place(entry["effect"], entry.get("joint"), robot): entry["parameters"]
         for entry in robot.effects
@@ -58,7 +61,8 @@ def law_columns(
 
 
 def place_of(instance: EffectInstance, robot: Robot) -> str:
-    """Return what the names of an effect's parameters begin with, such as "coulomb_friction:joint_2"."""
+    """Return what the names of an effect's parameters begin with, such as
+    "coulomb_friction:joint_2"."""
     return _place(instance.effect.id, instance.joint, robot)
 
 
@@ -73,7 +77,8 @@ def with_stated(
     motored: bool,
     catalogue: Catalogue | None = None,
 ) -> tuple[EffectInstance, ...]:
-    """Return laws that the description states, such as the friction of a simulator's joints, then the user's own."""
+    """Return laws that the description states, such as the friction of a simulator's joints, then
+    the user's own."""
     own = {(instance.effect.id, instance.joint) for instance in effects}
     stated = [
         instance
@@ -89,10 +94,11 @@ def with_stated(
 def on_recorded_side(
     effects: Sequence[EffectInstance], robot: Robot, *, motored: bool
 ) -> tuple[tuple[EffectInstance, ...], list[str]]:
-    """Return laws that a rigid arm's joint torque sensors feel in the place of those of motors that nobody recorded.
+    """Return laws that a rigid arm's joint torque sensors feel in the place of those of motors that
+    nobody recorded.
 
-    An arm that is taken for rigid has one side: its description does not tell whether a gear's friction acts before the
-    sensor or behind it.
+    An arm that is taken for rigid has one side: its description does not tell whether a gear's
+    friction acts before the sensor or behind it.
 
     Returns the laws, and the ids of those that were moved.
     """
@@ -120,7 +126,8 @@ def _linear(effect: Effect) -> list[Parameter]:
 
 
 class _LawColumns:
-    """All laws compiled together; the columns of the last motion are kept, as they are evaluated one by one."""
+    """All laws compiled together; the columns of the last motion are kept, as they are evaluated
+    one by one."""
 
     def __init__(
         self,
@@ -151,7 +158,8 @@ class _LawColumns:
         return dict(zip(SIDES, np.split(self.last[1][:, :, k], 3, axis=1), strict=True))
 
     def _signals(self, motion: Motion) -> Signals:
-        """Return the signals of motion that has both sides; no usable row holds a torque that is missing."""
+        """Return the signals of motion that has both sides; no usable row holds a torque that is
+        missing."""
         none = np.zeros((len(motion), self.robot.n))
         samples: dict[str, Any] = {"tau_J": none, "tau_m": none, **motion.channels()}
         return Signals.of_samples(
@@ -162,6 +170,7 @@ class _LawColumns:
 
 
 def joint_of_law(name: str) -> str | None:
-    """Return the joint of a law's parameter, such as "coulomb_friction:joint_2.torque"; None for other names."""
+    """Return the joint of a law's parameter, such as "coulomb_friction:joint_2.torque"; None for
+    other names."""
     law, _, rest = name.partition(":")
     return rest.rpartition(".")[0] if rest and law != "link_encoder" else None

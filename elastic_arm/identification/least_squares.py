@@ -2,9 +2,10 @@
 
     Psi = argmin sum w_g² |y_g - Phi_g Psi|² over groups g,    w_g = 1 / std(y_g - Phi_g Psi)
 
-A group is the rows of one equation of one joint. Each block of samples leaves [Phi y]'[Phi y] of each group, in twice
-the working precision, so that nothing is lost by squaring. At most :data:`MOST_BLOCKS` are kept: when they are full,
-neighbours are added up. The scores of the blocks, Phi'(y - Phi Psi), give standard deviations for coloured errors too.
+A group is the rows of one equation of one joint. Each block of samples leaves [Phi y]'[Phi y] of
+each group, in twice the working precision, so that nothing is lost by squaring. At most
+:data:`MOST_BLOCKS` are kept: when they are full, neighbours are added up. The scores of the blocks,
+Phi'(y - Phi Psi), give standard deviations for coloured errors too.
 """
 
 from __future__ import annotations
@@ -24,17 +25,21 @@ from elastic_arm.identification.errors_in_variables import correction_share, cov
 MOST_BLOCKS = 64
 # With fewer long blocks than this there is nothing to tell the errors' colour by.
 FEWEST_LONG_BLOCKS = 8
-# Below this share of the largest singular value of the equilibrated columns a direction is not determined.
+# Below this share of the largest singular value of the equilibrated columns a direction is not
+# determined.
 RANK_FLOOR = 1e-9
-# What a rigid arm's model misses is no noise: joints with the smallest residuals would decide on masses that others
-# show better. Weights of 1/sqrt(rms) make the sum of the joints' rms residuals least (those of 1/rms their product,
-# equal ones the sum of squares), whose slope in each joint's sum of squares is 1/(2 rms).
+# What a rigid arm's model misses is no noise: joints with the smallest residuals would decide on
+# masses that others show better. Weights of 1/sqrt(rms) make the sum of the joints' rms residuals
+# least (those of 1/rms their product, equal ones the sum of squares), whose slope in each joint's
+# sum of squares is 1/(2 rms).
 MISFIT_POWER = 0.5
-# What has no more than this share in such a direction is determined: the direction itself is only known so well.
+# What has no more than this share in such a direction is determined: the direction itself is only
+# known so well.
 OPEN_SHARE = 1e-3
-# An equation is not believed to close better than this share of its largest term, in a way that no number of samples
-# averages out: an arm with exact sensors, sampled at 1 kHz, closes its own to 2e-10 where its torques are smooth and
-# to 3e-9 where its drives hold their commands for a sample, which leaves faster motion than the samples can show.
+# An equation is not believed to close better than this share of its largest term, in a way that no
+# number of samples averages out: an arm with exact sensors, sampled at 1 kHz, closes its own to
+# 2e-10 where its torques are smooth and to 3e-9 where its drives hold their commands for a sample,
+# which leaves faster motion than the samples can show.
 CLOSURE = 3e-9
 
 
@@ -56,7 +61,8 @@ class Blocks:
     # hi, lo (groups, width, width) of each block: [Phi y]'[Phi y] in twice the working precision
     grams: list[Pair] = field(default_factory=list)
     counts: list[int] = field(default_factory=list)  # Samples of each block
-    # (groups, width, width) of each block: what noise in Phi is known to add to its sums, on the average
+    # (groups, width, width) of each block: what noise in Phi is known to add to its sums, on the
+    # average
     known_noise: list[Array] = field(default_factory=list)
     # of each group's rows, (groups,), those that count; others are zero
     share: Array = field(default_factory=lambda: np.ones(()))
@@ -73,7 +79,8 @@ class Blocks:
         return self.span - self._units
 
     def add(self, gram: Pair, count: int, units: int = 1, known_noise: Array | None = None) -> None:
-        """Add the sums of the next `count` samples, which are `units` units, at most :attr:`room`."""
+        """Add the sums of the next `count` samples, which are `units` units, at most
+        :attr:`room`."""
         noise = np.zeros_like(gram[0]) if known_noise is None else known_noise
         if self._units:
             self.grams[-1] = add(self.grams[-1], gram)
@@ -98,7 +105,8 @@ class Blocks:
         return any(noise.any() for noise in self.known_noise)
 
     def sums(self) -> tuple[Pair, Array]:
-        """Return the sums of all blocks, of which there must be some, and what noise is known to add to them."""
+        """Return the sums of all blocks, of which there must be some, and what noise is known to
+        add to them."""
         return functools.reduce(add, self.grams), functools.reduce(np.add, self.known_noise)
 
     def total(self) -> Array:
@@ -107,7 +115,8 @@ class Blocks:
         return cholesky(functools.reduce(add, self.grams)) if self.grams else np.zeros(shape)
 
     def corrected(self, weights: Array, factors: Array) -> Array:
-        """Return the triangular factor (width, width) of all weighted rows, known noise in Phi taken off."""
+        """Return the triangular factor (width, width) of all weighted rows, known noise in Phi
+        taken off."""
         whole = triangular((weights[:, None, None] * factors).reshape(-1, self.width))
         if not self.noisy:
             return whole
@@ -154,13 +163,17 @@ class Prior:
     """What is known of the parameters before the recording."""
 
     mean: Array  # (P,) values
-    factor: Array  # (P, P) triangular or not: the information is factor' factor; zero columns where nothing is known
-    # how many times larger the errors of `mean` are than `factor` weighs them, of all rows or (P,): a prior that is
-    # chosen so that it predicts well may be narrower than its own errors, and those count in the deviations
+    # (P, P) triangular or not: the information is factor' factor; zero columns where nothing is
+    # known
+    factor: Array
+    # how many times larger the errors of `mean` are than `factor` weighs them, of all rows or (P,):
+    # a prior that is chosen so that it predicts well may be narrower than its own errors, and those
+    # count in the deviations
     excess: float | Array = 1.0
 
     def rows(self) -> Array:
-        """Return rows (P, P + 1) that stand below those of the data, in units of the data's noise."""
+        """Return rows (P, P + 1) that stand below those of the data, in units of the data's
+        noise."""
         return np.column_stack([self.factor, self.factor @ self.mean])
 
 
@@ -173,9 +186,11 @@ class Fit:
     white_covariance: Array  # (P, P), as if errors were white
     noise: Array  # (groups,) std of the residuals
     weights: Array  # (groups,) a power of 1/noise; weighted residuals have a mean square of one
-    factor: Array  # (P + 1, P + 1) weighted triangular factor of all rows: R Psi = z is the whole problem
+    # (P + 1, P + 1) weighted triangular factor of all rows: R Psi = z is the whole problem
+    factor: Array
     condition: float  # Condition number of the equilibrated columns
-    undetermined: Array  # (k, P) unit vectors, in units of the equilibrated columns, of what the data leave open
+    # (k, P) unit vectors, in units of the equilibrated columns, of what the data leave open
+    undetermined: Array
     samples: int  # Number of samples
     fixed: tuple[
         int, ...
@@ -183,14 +198,16 @@ class Fit:
 
     @property
     def std(self) -> Array:
-        """Standard deviations (P,); infinite for what takes part in a direction that the data leave open."""
+        """Standard deviations (P,); infinite for what takes part in a direction that the data leave
+        open."""
         left_open = np.any(np.abs(self.undetermined) > OPEN_SHARE, axis=0)
         left_open[list(self.fixed)] = True
         return np.where(left_open, np.inf, np.sqrt(np.diag(self.covariance)))
 
 
 def fit(blocks: Blocks, power: float = 1.0, rounds: int = 4, prior: Prior | None = None) -> Fit:
-    """Solve the accumulated problem; groups are weighed by 1/noise to a `power`, estimated in `rounds` rounds.
+    """Solve the accumulated problem; groups are weighed by 1/noise to a `power`, estimated in
+    `rounds` rounds.
 
     Raises an IdentificationError if there are fewer samples than parameters.
     """
@@ -220,7 +237,8 @@ def fit(blocks: Blocks, power: float = 1.0, rounds: int = 4, prior: Prior | None
 
 
 def correlation(blocks: Blocks, found: Fit, samples: float) -> float:
-    """Return how many times larger the variances are than those of white errors, by the scatter of long blocks."""
+    """Return how many times larger the variances are than those of white errors, by the scatter of
+    long blocks."""
     if len(blocks.grams) < FEWEST_LONG_BLOCKS:
         return float("inf")
     long = blocks.copy()
@@ -234,7 +252,8 @@ def correlation(blocks: Blocks, found: Fit, samples: float) -> float:
 
 
 def _prior_covariance(known: Array, prior: Prior) -> Array:
-    """Return what the prior's own errors add to the covariance (P, P), as far as the data leave parameters to it."""
+    """Return what the prior's own errors add to the covariance (P, P), as far as the data leave
+    parameters to it."""
     columns, scale = _equilibrated(known)
     inverse = np.linalg.pinv(columns.T @ columns, rcond=RANK_FLOOR**2, hermitian=True) / np.outer(
         scale, scale
@@ -258,9 +277,11 @@ def _equilibrated(whole: Array) -> tuple[Array, Array]:
 
 
 def _solve(whole: Array) -> tuple[Array, float, Array, Array]:
-    """Solve R Psi = z; directions below the rank floor have no weight (minimum norm in equilibrated units).
+    """Solve R Psi = z; directions below the rank floor have no weight (minimum norm in equilibrated
+    units).
 
-    Returns Psi, the condition number, the undetermined directions, and the way from whitened coordinates to Psi.
+    Returns Psi, the condition number, the undetermined directions, and the way from whitened
+    coordinates to Psi.
     """
     columns, scale = _equilibrated(whole)
     u, s, vt = np.linalg.svd(columns, full_matrices=False)
@@ -281,10 +302,11 @@ def _covariances(
     r: Array,
     prior: Prior | None = None,
 ) -> tuple[Array, Array]:
-    """Return the covariance from the blocks' scores, and that of white errors, for `solved`: Psi, weights and noise.
+    """Return the covariance from the blocks' scores, and that of white errors, for `solved`: Psi,
+    weights and noise.
 
-    Both include what :data:`CLOSURE` leaves open, where parameters differ by the last digits of an equation alone, and
-    what is not known of the noise in Phi.
+    Both include what :data:`CLOSURE` leaves open, where parameters differ by the last digits of an
+    equation alone, and what is not known of the noise in Phi.
     """
     Psi, weights, noise = solved
     systematic = deviations.white(r, weights, CLOSURE * deviations.largest_terms(r, Psi), back)

@@ -2,10 +2,11 @@
 
     residual = tau - Phi Psi,    H = a / (tau - tau(a = 0))
 
-Where a joint is rigid, the torque that is left when friction, gravity and other joints have theirs accelerates one
-inertia, and H is the same at all frequencies. A joint between two inertias has a resonance: H has a peak there, with
-both of its half-power points inside the band in which the motion has energy, and half of the acceleration follows the
-torque up to there. Friction that the equations lack answers likewise, and goes first.
+Where a joint is rigid, the torque that is left when friction, gravity and other joints have theirs
+accelerates one inertia, and H is the same at all frequencies. A joint between two inertias has a
+resonance: H has a peak there, with both of its half-power points inside the band in which the
+motion has energy, and half of the acceleration follows the torque up to there. Friction that the
+equations lack answers likewise, and goes first.
 """
 
 from collections.abc import Mapping
@@ -24,14 +25,16 @@ from elastic_arm.identification.verdict import POORLY, SURE
 SEGMENTS = 8
 # Of the largest density of the torque: what is below is no motion; 20 dB.
 ENERGY = 1e-2
-# Larger ratios of a residual to its sensor's noise are no longer counted: filtered torques hold no noise to compare.
+# Larger ratios of a residual to its sensor's noise are no longer counted: filtered torques hold no
+# noise to compare.
 COUNTED = 1000
 
 
 def poor_fits(
     equations: BaseRegression, motion: Motion, Psi_base: Array, noise: Mapping[str, Array]
 ) -> list[str]:
-    """Return in words which joints' torques the fit leaves unexplained, by `noise`, channel -> (n,) Nm."""
+    """Return in words which joints' torques the fit leaves unexplained, by `noise`, channel -> (n,)
+    Nm."""
     measured, predicted = equations.measured(motion), equations.predict(motion, Psi_base)
     found, out = [], equations.left_out(motion)
     for side in equations.sides:
@@ -47,7 +50,10 @@ def poor_fits(
             unit = equations.model.robot.units.at(joint, "Nm")
             ratio = float(np.std(left) / max(size, 1e-300))
             times = f"{ratio:.3g}" if ratio < COUNTED else f"more than {COUNTED:g}"
-            said = f"{joint}: the fit leaves {np.std(left):.3g} of {np.std(torque):.3g} {unit} (rms), {times} times the "
+            said = (
+                f"{joint}: the fit leaves {np.std(left):.3g} of {np.std(torque):.3g} {unit} (rms),"
+                f" {times} times the "
+            )
             said += "noise of its sensor"
             # What exceeds the torque itself is no answer to it.
             possible = not equations.elastic and np.std(left) <= np.std(torque)
@@ -70,7 +76,8 @@ def poor_fits(
 def resonance(
     equations: BaseRegression, motion: Motion, Psi_base: Array, side: str, joint: int
 ) -> float | None:
-    """Return the frequency, Hz, at which a joint answers its torque most, None where no peak stands out."""
+    """Return the frequency, Hz, at which a joint answers its torque most, None where no peak stands
+    out."""
     still, acceleration = {}, None
     for name in ("ddq", "ddtheta"):
         values = getattr(motion, name)

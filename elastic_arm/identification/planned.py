@@ -18,7 +18,8 @@ MOST_PERIODS = 10  # beyond which a motion is not repeated: another one is bette
 def judged(
     model: Model, trajectory: FourierTrajectory, periods: int | None = None
 ) -> tuple[int, Excitation]:
-    """Judge a motion that is repeated so many times; where None, as many as make it good, if some do."""
+    """Judge a motion that is repeated so many times; where None, as many as make it good, if some
+    do."""
     count, n = round(RATE * trajectory.period), model.n
     states = elastic_motion(model, trajectory, count)
     sides = ("q", "dq", "ddq"), ("theta", "dtheta", "ddtheta")

@@ -2,11 +2,12 @@
 
     Psi = argmin sum w_g² |y_g - Phi_g Psi|² + |F (Psi - Psi_described)|² / width²
 
-Base parameters that a short or slow recording hardly shows go wherever its errors send them; the prior holds them
-(ridge regression; A. Hoerl and R. Kennard, Technometrics 12 (1970) 55). Its width is the one that predicts left-out
-parts of the fitted recordings best: the narrowest within a standard error of the best (T. Hastie, R. Tibshirani,
-J. Friedman, The Elements of Statistical Learning, 2009, 7.10), that of the difference of both part by part. Without a
-clear gain there is none, but for arms that are taken for rigid a wide one.
+Base parameters that a short or slow recording hardly shows go wherever its errors send them; the
+prior holds them (ridge regression; A. Hoerl and R. Kennard, Technometrics 12 (1970) 55). Its width
+is the one that predicts left-out parts of the fitted recordings best: the narrowest within a
+standard error of the best (T. Hastie, R. Tibshirani, J. Friedman, The Elements of Statistical
+Learning, 2009, 7.10), that of the difference of both part by part. Without a clear gain there is
+none, but for arms that are taken for rigid a wide one.
 """
 
 import functools
@@ -26,11 +27,12 @@ from elastic_arm.identification.verdict import natural_scales
 WIDTHS = tuple(np.geomspace(10.0, 0.03, 12).tolist())
 # Relative errors of the description that are compared by their likelihood.
 ERRORS = tuple(np.geomspace(0.01, 10.0, 31).tolist())
-# Beside its relative error every base parameter may be off by this share of what is usual for its body: descriptions
-# hold placeholders that are far too small.
+# Beside its relative error every base parameter may be off by this share of what is usual for its
+# body: descriptions hold placeholders that are far too small.
 PLACEHOLDER = 0.3
-# Few parameters that are determined hardly show how far the others are off: what counts in the deviations is the upper
-# end of the interval of 95 %, by the loss of log-likelihood (half of chi-squared with one degree of freedom, one side).
+# Few parameters that are determined hardly show how far the others are off: what counts in the
+# deviations is the upper end of the interval of 95 %, by the loss of log-likelihood (half of
+# chi-squared with one degree of freedom, one side).
 DOUBT = 1.35
 FOLDS = 5
 # A prior has to lower the error of left-out parts by this share.
@@ -44,10 +46,12 @@ def prior_of(
     laws: Array | None = None,
     correlated: float = 1.0,
 ) -> Prior:
-    """Return the description as a prior of relative error `width`; laws beyond the model are free up to a size.
+    """Return the description as a prior of relative error `width`; laws beyond the model are free
+    up to a size.
 
-    `error`, by which the description is off as far as is known, counts in the deviations where it exceeds `width`.
-    Variances are `correlated` times those of white errors, for which the data's rows are weighed.
+    `error`, by which the description is off as far as is known, counts in the deviations where it
+    exceeds `width`. Variances are `correlated` times those of white errors, for which the data's
+    rows are weighed.
     """
     base = equations.base
     own, covariance = _description_errors(equations)
@@ -62,11 +66,12 @@ def prior_of(
 
 
 def law_sizes(blocks: Blocks, equations: BaseRegression) -> Array:
-    """Return the standard deviations (B,) of priors of the laws beyond the model; NaN for the others.
+    """Return the standard deviations (B,) of priors of the laws beyond the model; NaN for the
+    others.
 
-    That of a law is what is ordinary of it, where that is stated, else the size at which it makes all the torque of its
-    joint. A joint that never reverses shows friction and the zero of its torque as one and the same constant: any two
-    numbers of the right sum would fit.
+    That of a law is what is ordinary of it, where that is stated, else the size at which it makes
+    all the torque of its joint. A joint that never reverses shows friction and the zero of its
+    torque as one and the same constant: any two numbers of the right sum would fit.
     """
     squares = np.diagonal(blocks.sums()[0][0], axis1=1, axis2=2)
     columns, torques = squares[:, :-1], squares[:, -1:]
@@ -84,7 +89,8 @@ def law_sizes(blocks: Blocks, equations: BaseRegression) -> Array:
 
 
 def _ordinary(equations: BaseRegression) -> Array:
-    """Return the ordinary size (B,) of each base parameter that is a law's; NaN where none is stated."""
+    """Return the ordinary size (B,) of each base parameter that is a law's; NaN where none is
+    stated."""
     stated = {
         column.name: column.ordinary for column in equations.columns if column.ordinary is not None
     }
@@ -93,7 +99,8 @@ def _ordinary(equations: BaseRegression) -> Array:
 
 @functools.lru_cache(maxsize=1)  # asked for at every width that is tried
 def _description_errors(equations: BaseRegression) -> tuple[NDArray[np.intp], Array]:
-    """Return which base parameters are the arm's own, and the covariance of their description at a relative error 1."""
+    """Return which base parameters are the arm's own, and the covariance of their description at a
+    relative error 1."""
     base, scales = equations.base, natural_scales(equations)
     own = np.flatnonzero(np.isfinite(scales))
     held = [0.0] * (len(equations.names) - len(equations.columns)) + [
@@ -105,11 +112,13 @@ def _description_errors(equations: BaseRegression) -> tuple[NDArray[np.intp], Ar
 
 
 def description_error(fit: Fit, equations: BaseRegression, doubt: float = 0.0) -> float:
-    """Return the relative error of the description that the parameters which the data do determine speak for.
+    """Return the relative error of the description that the parameters which the data do determine
+    speak for.
 
-    The width of the prior in `fit`'s estimate less the description, by maximum likelihood (empirical Bayes; B. Efron,
-    Large-Scale Inference, 2010, 1), parameter by parameter. The width that predicts best is none of the description's
-    errors: where the data show nothing of a parameter, any narrow prior predicts as well.
+    The width of the prior in `fit`'s estimate less the description, by maximum likelihood
+    (empirical Bayes; B. Efron, Large-Scale Inference, 2010, 1), parameter by parameter. The width
+    that predicts best is none of the description's errors: where the data show nothing of a
+    parameter, any narrow prior predicts as well.
     """
     own, covariance = _description_errors(equations)
     seen = np.isfinite(fit.std[own])
@@ -127,7 +136,8 @@ def description_error(fit: Fit, equations: BaseRegression, doubt: float = 0.0) -
 def chosen_width(
     blocks: Blocks, fit: Fit, equations: BaseRegression, correlated: float = 1.0
 ) -> float | None:
-    """Return the width of the prior that cross-validation prefers; None where none predicts clearly better."""
+    """Return the width of the prior that cross-validation prefers; None where none predicts clearly
+    better."""
     if len(blocks.grams) < 2 * FOLDS:
         return None
     laws = law_sizes(blocks, equations)
@@ -189,6 +199,7 @@ def solved(gram: Array, prior: Prior | None) -> Array:
 
 
 def described_width(width: float, judge: str) -> str:
-    """Return in words that the description served as a prior, and what chose how far it is trusted."""
+    """Return in words that the description served as a prior, and what chose how far it is
+    trusted."""
     prior = f"a prior of {100 * width:.2g} % of it"
     return f"regularised towards the description, with {prior}: {judge} are predicted best so"

@@ -1,4 +1,5 @@
-"""The result of an identification: parameters with standard deviations, as JSON, and as an arm file to simulate."""
+"""The result of an identification: parameters with standard deviations, as JSON, and as an arm file
+to simulate."""
 
 from __future__ import annotations
 
@@ -44,8 +45,8 @@ COMPARED = {
 class Estimate:
     """One base parameter, `name` a readable combination of parameters; values in `unit`.
 
-    `std` is one standard deviation, `relative_std` that over the size that is natural for the parameter, and `verdict`
-    whether the recording determines it "well", "poorly" or "not".
+    `std` is one standard deviation, `relative_std` that over the size that is natural for the
+    parameter, and `verdict` whether the recording determines it "well", "poorly" or "not".
     """
 
     name: str
@@ -64,7 +65,8 @@ class Estimate:
 
     @property
     def is_friction(self) -> bool:
-        """Whether it is of a law that was identified too, as friction is, and not of the model's own bodies."""
+        """Whether it is of a law that was identified too, as friction is, and not of the model's
+        own bodies."""
         return ":" in self.name
 
 
@@ -79,26 +81,28 @@ class Identification(Result):
     estimates, covariance
         Base parameters, and (B, B) theirs.
     noise
-        Equation -> joint -> std of the residual, Nm, in the band of the derivative stage, for an arm that is taken for
-        rigid that of averages (:data:`.accumulator.AVERAGED`); joints that have it.
+        Equation -> joint -> std of the residual, Nm, in the band of the derivative stage, for an
+        arm that is taken for rigid that of averages (:data:`.accumulator.AVERAGED`); joints that
+        have it.
     condition, undetermined
-        Condition number of the weighted, equilibrated regressor; combinations that the data leave open, in words.
+        Condition number of the weighted, equilibrated regressor; combinations that the data leave
+        open, in words.
     samples, derivatives
         Number of samples used, and how derivatives were made.
     excitation
         Judgement of the motion before the fit: condition, poor, reasons, weakest.
     parameter_names, T, Psi
-        All parameters, the map to the base parameters (B, P), and physically consistent values of all (P,) with laws
-        beyond the model last; Psi is None where it was not requested.
+        All parameters, the map to the base parameters (B, P), and physically consistent values of
+        all (P,) with laws beyond the model last; Psi is None where it was not requested.
     notes
         What else the user should know.
     consistency
-        For Psi: `trust`, the relative error of the nominal that made the recording most probable; `misfit`, by how much
-        of the noise the consistent arm fits worse than the base parameters; `correlation`, by how much more the errors
-        weigh than white ones, as they follow the motion.
+        For Psi: `trust`, the relative error of the nominal that made the recording most probable;
+        `misfit`, by how much of the noise the consistent arm fits worse than the base parameters;
+        `correlation`, by how much more the errors weigh than white ones, as they follow the motion.
     validation
-        Recording -> "nominal", "identified" or "consistent" -> equation -> joint -> rms of the residual, Nm, on data
-        that no fit has seen.
+        Recording -> "nominal", "identified" or "consistent" -> equation -> joint -> rms of the
+        residual, Nm, on data that no fit has seen.
     identified
         The arm with the parameters of Psi; not part of the JSON file, see :meth:`save_robot`.
     prismatic
@@ -151,7 +155,8 @@ class Identification(Result):
         return replace(self, **changes)
 
     def tables(self) -> dict[str, Sequence[Row]]:
-        """Return "parameters", and "residuals": root mean squares, of the fit and on data that no fit has seen."""
+        """Return "parameters", and "residuals": root mean squares, of the fit and on data that no
+        fit has seen."""
         parameters = [{"short": e.short, **asdict(e)} for e in self.estimates]
         sizes = {"fit": {"identified": self.noise}, **(self.validation or {})}
         residuals = [
@@ -168,7 +173,8 @@ class Identification(Result):
         return [(e.name, e.unit, e.value, e.std, e.nominal, e.verdict) for e in self.estimates]
 
     def summary(self) -> list[str]:
-        """Return what was found as sentences: what is known, and how right the identified arm is on other motions."""
+        """Return what was found as sentences: what is known, and how right the identified arm is on
+        other motions."""
         words = [e.verdict for e in self.estimates]
         counts = f"{words.count('poorly')} poorly, {words.count('not')} not at all"
         found = [f"{words.count('well')} of {len(words)} parameters are well determined, {counts}."]
@@ -236,7 +242,8 @@ class Identification(Result):
 
 @dataclass(frozen=True)
 class Comparison:
-    """A base parameter beside the truth of a simulated arm; `z` is the error in standard deviations."""
+    """A base parameter beside the truth of a simulated arm; `z` is the error in standard
+    deviations."""
 
     name: str
     unit: str
@@ -247,7 +254,8 @@ class Comparison:
 
 
 def compare(identification: Identification, true_robot: Robot) -> list[Comparison]:
-    """Compare an identification with the arm that was simulated; only code that scores may know that.
+    """Compare an identification with the arm that was simulated; only code that scores may know
+    that.
 
     Raises an IdentificationError if the true arm is not made of the same bodies.
     """
@@ -269,7 +277,8 @@ def compare(identification: Identification, true_robot: Robot) -> list[Compariso
 
 
 def chi_square(identification: Identification, true: Array) -> float:
-    """Return the size of all errors together, their correlations included; chi-squared with B degrees of freedom.
+    """Return the size of all errors together, their correlations included; chi-squared with B
+    degrees of freedom.
 
     true: (B,) values of the base parameters; only code that scores may know them.
     """

@@ -1,4 +1,5 @@
-"""The estimator: samples in, estimates out, constant memory. The batch is this class fed at once."""
+"""The estimator: samples in, estimates out, constant memory. The batch is this class fed at
+once."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -27,12 +28,15 @@ Recorded = tuple[frozenset[str], ...]
 SENSED = ("q", "theta", "tau_J", "tau_m")
 # Length of the first samples in motion, s, from which clock and smoother are chosen.
 CALIBRATION_SECONDS = 4.0
-# A joint that has left its first position by so much is in motion, rad: a standing arm shows no bandwidth.
+# A joint that has left its first position by so much is in motion, rad: a standing arm shows no
+# bandwidth.
 MOVED = 0.01
-# Of an arm that stands longer before its first motion, the last seconds are kept, and no more samples than these.
+# Of an arm that stands longer before its first motion, the last seconds are kept, and no more
+# samples than these.
 STANDING_SECONDS = 60.0
 CAPACITY = 200_000
-# Samples this far behind are no stragglers, s: the clock was set back, or those before were stamped in the future.
+# Samples this far behind are no stragglers, s: the clock was set back, or those before were stamped
+# in the future.
 SET_BACK = 1.0
 
 
@@ -45,8 +49,9 @@ def smoothed(
 ) -> Motion:
     """Smooth a regular piece, with the laws beyond the model passed through the same filter.
 
-    It states where joints stick, slower than `standing` (n,) rad/s, if that is given and there are such laws. Torques
-    that were read at some instants alone (s) passed no filter, and laws pass none there.
+    It states where joints stick, slower than `standing` (n,) rad/s, if that is given and there are
+    such laws. Torques that were read at some instants alone (s) passed no filter, and laws pass
+    none there.
     """
     every = smoother.thinning
     if read is not None:
@@ -78,7 +83,8 @@ def smoothed(
 
 
 def velocity_noise(smoother: Smoother) -> Array | float:
-    """Return the standard deviation (n,) rad/s of smoothed velocities, of the motors where there are such."""
+    """Return the standard deviation (n,) rad/s of smoothed velocities, of the motors where there
+    are such."""
     noise = smoother.noise
     covariance = None if noise is None else noise.link if noise.motor is None else noise.motor
     return 0.0 if covariance is None else np.sqrt(covariance[:, 1, 1])
@@ -117,7 +123,8 @@ class IncomingRun:
         return kept
 
     def first_in_motion(self, wait: bool) -> Samples | None:
-        """Return the samples from which clock and smoother are chosen; None where there are none."""
+        """Return the samples from which clock and smoother are chosen; None where there are
+        none."""
         if self.buffer is None:
             return None
         onset = _onset(self.buffer)
@@ -130,7 +137,8 @@ class IncomingRun:
 
 
 def _onset(samples: Samples) -> float:
-    """Return the time at which the first joint leaves its first position; that of the last sample where all stand."""
+    """Return the time at which the first joint leaves its first position; that of the last sample
+    where all stand."""
     position = samples.q if samples.q is not None else samples.theta
     if position is None:
         return float(samples.t[-1])
@@ -159,21 +167,21 @@ class Identifier:
     columns
         Laws beyond the model.
     smoother, clock
-        Derivative stage, and rate and meaning of the stamps; chosen from the first seconds when None.
+        Derivative stage, and rate and meaning of the stamps; chosen from the first seconds when
+        None.
     joints
         Names.
     encoder_columns
-        Whether lags and offsets of link encoders are estimated where deflections are measured without a joint torque
-        sensor (:mod:`elastic_arm.identification.base_regression`).
+        Whether lags and offsets of link encoders are estimated where deflections are measured
+        without a joint torque sensor (:mod:`elastic_arm.identification.base_regression`).
     averaged
         Whether the rows of an arm that is taken for rigid are averaged (:mod:`.accumulator`).
 
-    Notes
-    -----
-    The equations are chosen by the channels of the first samples. Standstill adds nothing: what is longer than
-    :data:`.standstill.KEPT` after a motion is left out, and beside laws of dry friction a joint that sticks has no
-    equation that holds its friction, as that is any torque up to the dry one. Memory is bounded: one block of motion,
-    the smoother's window, and at most 64 blocks.
+    Notes ----- The equations are chosen by the channels of the first samples. Standstill adds
+    nothing: what is longer than :data:`.standstill.KEPT` after a motion is left out, and beside
+    laws of dry friction a joint that sticks has no equation that holds its friction, as that is any
+    torque up to the dry one. Memory is bounded: one block of motion, the smoother's window, and at
+    most 64 blocks.
     """
 
     def __init__(
@@ -206,7 +214,8 @@ class Identifier:
         )
 
     def pause(self) -> None:
-        """Ignore samples until :meth:`resume`. Those from which no smoother could be chosen yet are given up."""
+        """Ignore samples until :meth:`resume`. Those from which no smoother could be chosen yet are
+        given up."""
         self.paused = True
         self._end_piece(wait=True)
 
@@ -258,8 +267,9 @@ class Identifier:
     def add(self, samples: Samples) -> None:
         """Take samples, later than those before; a jump back in time starts a new piece.
 
-        Raises an IdentificationError if the channels allow no equation, or differ from those before, or if
-        neither rate nor smoother can be chosen by the samples that wait, which are given up.
+        Raises an IdentificationError if the channels allow no equation, or differ from those
+        before, or if neither rate nor smoother can be chosen by the samples that wait, which are
+        given up.
         """
         if self.paused or not len(samples):
             return
@@ -303,7 +313,8 @@ class Identifier:
         return fit(blocks, MISFIT_POWER if self.equations.rigid else 1.0, prior=prior)
 
     def linear_blocks(self, found: Fit | None = None) -> Blocks:
-        """Return the sums of rows that are linear in the base parameters, at the estimate where they are not."""
+        """Return the sums of rows that are linear in the base parameters, at the estimate where
+        they are not."""
         blocks = self._ready().snapshot()
         if not self.equations.summed:
             return blocks
@@ -319,7 +330,8 @@ class Identifier:
         methods: tuple[str, ...] = (),
         found: Fit | None = None,
     ) -> Identification:
-        """Return the estimate with its standard deviations and verdicts; see :meth:`fit` for errors."""
+        """Return the estimate with its standard deviations and verdicts; see :meth:`fit` for
+        errors."""
         found = found or self.fit()
         return result_of(
             found, self.equations, self.excitation(), self.progress.samples, recordings, methods
@@ -352,7 +364,8 @@ class Identifier:
         return True
 
     def _process(self, last: bool = False) -> None:
-        """Place what has come, smooth what has a whole window around it, and keep the window of the next."""
+        """Place what has come, smooth what has a whole window around it, and keep the window of the
+        next."""
         piece = self._piece
         if self.clock is None:
             return
@@ -409,7 +422,8 @@ class Identifier:
         return 2 * lag * (2 if self.columns else 1)
 
     def _end_piece(self, wait: bool) -> None:
-        """End the run; one that is too short to choose a smoother by counts only where no other is waited for."""
+        """End the run; one that is too short to choose a smoother by counts only where no other is
+        waited for."""
         if self._calibrated(wait):
             self._process(last=True)
         self._piece = IncomingRun()

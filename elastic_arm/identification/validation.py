@@ -1,4 +1,5 @@
-"""The judgement on recordings that no fit has seen: the description holds what they refute until it is no worse."""
+"""The judgement on recordings that no fit has seen: the description holds what they refute until it
+is no worse."""
 
 import functools
 from collections.abc import Callable, Mapping, Sequence
@@ -28,18 +29,22 @@ from elastic_arm.identification.result import Identification
 from elastic_arm.identification.stream import Identifier
 from elastic_arm.robot import Robot
 
-# Relative errors of the description that are tried where held-out motion refutes a fit: errors of a model that does not
-# hold may be many times the noise.
+# Relative errors of the description that are tried where held-out motion refutes a fit: errors of a
+# model that does not hold may be many times the noise.
 PULLED = (*WIDTHS, 1e-2, 1e-3, 1e-4, 1e-5)
 HELD_OUT = "the held-out recordings"
-ALIKE = f"within its deviations, the fit predicts {HELD_OUT} as well as the description, which may stay as it is"
-# Relative errors of the description that the consistent arm may still take it for, where it predicts badly.
+ALIKE = (
+    f"within its deviations, the fit predicts {HELD_OUT} as well as the description, which may stay"
+    " as it is"
+)
+# Relative errors of the description that the consistent arm may still take it for, where it
+# predicts badly.
 TRUSTS = (0.3, 0.1, 0.03, 0.01)
 # Ratio of rms errors from which a joint is predicted worse than by the description.
 WORSE = 1.1
 RARE = 6.6  # times its mean, a square of one normal deviation is once in a hundred
-# Mean log ratio of rms errors up to which a fit predicts as well as the description: one that is right already cannot
-# be improved.
+# Mean log ratio of rms errors up to which a fit predicts as well as the description: one that is
+# right already cannot be improved.
 EQUAL = 0.01
 
 
@@ -52,7 +57,8 @@ class HeldOut:
 
     @cached_property
     def _rows(self) -> dict[str, Array]:
-        """Triangular factors (groups, B + 1, B + 1) of each recording's rows over the root of how many there are."""
+        """Triangular factors (groups, B + 1, B + 1) of each recording's rows over the root of how
+        many there are."""
         return self._factors(lambda motion: (self.equations.information(motion), len(motion)))
 
     @cached_property
@@ -73,10 +79,11 @@ class HeldOut:
     def errors(
         self, Psi_base: Array, *, averages: bool = False
     ) -> dict[str, dict[str, dict[str, float]]]:
-        """Return recording -> equation -> joint -> rms, Nm, of base parameters; that of averages is what judges an arm.
+        """Return recording -> equation -> joint -> rms, Nm, of base parameters; that of averages is
+        what judges an arm.
 
-        Noise in accelerations is weighed by the inertias that predict, so that of two arms the one with less inertia
-        would seem to be better by the rows themselves.
+        Noise in accelerations is weighed by the inertias that predict, so that of two arms the one
+        with less inertia would seem to be better by the rows themselves.
         """
         scale = self.equations.comparable(Psi_base)
         factors = self._averages if averages else self._rows
@@ -91,7 +98,8 @@ class HeldOut:
         return self.errors(self.equations.described, averages=True)
 
     def compared(self, Psi_base: Array) -> list[tuple[str, str, str, float, float]]:
-        """Return recording, equation, joint and the errors of base parameters and of the description, Nm.
+        """Return recording, equation, joint and the errors of base parameters and of the
+        description, Nm.
 
         Of equations that hold a torque, where there are such.
         """
@@ -117,7 +125,8 @@ class HeldOut:
         )
 
     def chance(self, covariance: Array) -> float:
-        """Return the mean log ratio of errors to those of a right description that one fit in a hundred exceeds."""
+        """Return the mean log ratio of errors to those of a right description that one fit in a
+        hundred exceeds."""
         expected = {
             source: self.equations.by_joint(
                 np.einsum("gij,jk,gik->g", R[:, :, :-1], covariance, R[:, :, :-1])
@@ -135,7 +144,8 @@ class HeldOut:
         )
 
     def worse(self, Psi_base: Array) -> list[str]:
-        """Return the joints that some recording shows to be predicted clearly worse than by the description."""
+        """Return the joints that some recording shows to be predicted clearly worse than by the
+        description."""
         compared = self.compared(Psi_base)
         return list(
             dict.fromkeys(
@@ -152,7 +162,8 @@ def validated(
     held_out: HeldOut,
     correlated: float = 1.0,
 ) -> Identification:
-    """Add the errors on held-out recordings; what they refute is pulled to the description until it is no worse."""
+    """Add the errors on held-out recordings; what they refute is pulled to the description until it
+    is no worse."""
     linear = (
         not held_out.equations.summed
     )  # Else each prior takes a search of its own: too long for a single joint.
@@ -186,9 +197,11 @@ def validated(
 def _pulled(
     result: Identification, identifier: Identifier, held_out: HeldOut, correlated: float
 ) -> Identification:
-    """Return the result with the description as the prior that predicts held-out motion best, joint by joint first.
+    """Return the result with the description as the prior that predicts held-out motion best, joint
+    by joint first.
 
-    A fit that is better than the description on the whole stays as it is, unless fewer joints are worse with the prior.
+    A fit that is better than the description on the whole stays as it is, unless fewer joints are
+    worse with the prior.
     """
     tries, error = [], description_error(identifier.fit(), held_out.equations, DOUBT)
     laws = law_sizes(identifier.linear_blocks(), held_out.equations)
@@ -228,10 +241,11 @@ def _pulled(
 def _consistent_or_none(
     result: Identification, consistent: Callable[..., Identification], held_out: HeldOut
 ) -> Identification:
-    """Return the result with a consistent arm that predicts no joint worse on held-out motion, or none.
+    """Return the result with a consistent arm that predicts no joint worse on held-out motion, or
+    none.
 
-    Where it does, the description is trusted more; laws of the joints in question, and their motor inertia where the
-    arm is taken for rigid, stay as described.
+    Where it does, the description is trusted more; laws of the joints in question, and their motor
+    inertia where the arm is taken for rigid, stay as described.
     """
     T, worst = held_out.equations.base.T, list[str]()
     kept: list[str] = []
@@ -267,6 +281,6 @@ def _described(joints: Sequence[str], equations: BaseRegression) -> str:
     motors = any(f"{joint}.{ARMATURE}" in equations.names for joint in joints)
     what = "laws and the motor inertia" if motors else "laws"
     return (
-        f"robot.yaml has the {what} of {', '.join(joints)} as the description has them: with those identified, the "
-        "held-out recordings are predicted worse"
+        f"robot.yaml has the {what} of {', '.join(joints)} as the description has them: with those"
+        " identified, the held-out recordings are predicted worse"
     )

@@ -13,16 +13,19 @@ from elastic_arm.formatting import rounded
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.least_squares import Blocks, Fit, triangular
 
-# A parameter is determined well below the first, poorly below the second relative standard deviation, else not at all.
+# A parameter is determined well below the first, poorly below the second relative standard
+# deviation, else not at all.
 WELL = 0.05
 POORLY = 0.5
 # Independent equations that a good excitation gives for each parameter.
 ROWS_PER_PARAMETER = 1.0
 # Share of parameters that a good excitation may leave undetermined.
 POOR_SHARE = 0.25
-# Torque noise taken for granted before a fit, Nm (torque sensors of this class; a fit estimates its own).
+# Torque noise taken for granted before a fit, Nm (torque sensors of this class; a fit estimates its
+# own).
 TORQUE_NOISE = 0.26
-# Errors that filters and the motion colour are judged by no less than so many seconds and so many swings of the motion.
+# Errors that filters and the motion colour are judged by no less than so many seconds and so many
+# swings of the motion.
 SHORTEST_SECONDS = 2.0
 SHORTEST_PERIODS = 2.0
 # Columns at unit length that are so close to dependent leave the numbers to rounding.
@@ -31,11 +34,13 @@ HOPELESS = 1e12
 NEVER_NEGATIVE = re.compile(
     r"(^[^:]*\.(K|D|m|Izz)|(viscous|coulomb)_friction:\S+\.(coefficient|torque))$"
 )
-# Deviations below zero from which on a number that no arm has below zero shows that the model lacks something.
+# Deviations below zero from which on a number that no arm has below zero shows that the model lacks
+# something.
 SURE = 3.0
 # Of the quickest joint's rms speed; what is below trembles, or is noise.
 STANDS = 0.01
-# Laws that are one and the same constant where a joint never reverses: its dry friction and the zero of its torque.
+# Laws that are one and the same constant where a joint never reverses: its dry friction and the
+# zero of its torque.
 CONSTANT = re.compile(r"^(?:coulomb_friction|(?:joint|motor)_torque_offset):(\S+)\.")
 # A parameter takes part in an undetermined direction from this share on.
 TAKES_PART = 0.3
@@ -46,16 +51,19 @@ class Excitation:
     """What the motion of a recording can determine, judged before any fit."""
 
     condition: float  # Condition number of the equilibrated columns
-    relative_std: Array  # (B,) expected standard deviation over natural scale, for white torque noise of 0.26 Nm
+    # (B,) expected standard deviation over natural scale, for white torque noise of 0.26 Nm
+    relative_std: Array
     weakest: tuple[str, ...]  # Base parameters that take part in the least determined direction
-    poor: bool  # Whether parameters from this recording should not be trusted beyond its own kind of motion
+    # Whether parameters from this recording should not be trusted beyond its own kind of motion
+    poor: bool
     reasons: tuple[str, ...]  # Why, in words
     one_way: tuple[str, ...] = ()  # Joints that turn in one direction only
 
 
 @dataclass
 class MotionStatistics:
-    """Running sums over a motion, from which its typical frequency and its number of independent samples follow."""
+    """Running sums over a motion, from which its typical frequency and its number of independent
+    samples follow."""
 
     samples: int = 0
     seconds: float = 0.0
@@ -81,7 +89,8 @@ class MotionStatistics:
 
     @property
     def frequency(self) -> float:
-        """Typical frequency of the motion, Hz: of the joint that is quickest to and fro of those that move."""
+        """Typical frequency of the motion, Hz: of the joint that is quickest to and fro of those
+        that move."""
         if not self.samples or not np.any(self.speed):
             return 0.0
         speed, acceleration = np.atleast_1d(self.speed), np.atleast_1d(self.acceleration)
@@ -103,8 +112,8 @@ class MotionStatistics:
 def natural_scales(equations: BaseRegression) -> Array:
     """Return the size that each base parameter can be expected to have, (B,).
 
-    The nominal value, or, where that happens to be small, what is usual for its body: its largest first moment or
-    moment of inertia. Laws beyond the model have none (NaN).
+    The nominal value, or, where that happens to be small, what is usual for its body: its largest
+    first moment or moment of inertia. Laws beyond the model have none (NaN).
     """
     own = np.abs(equations.nominal)
     sizes = own.copy()
@@ -126,8 +135,8 @@ def excitation(
 ) -> Excitation:
     """Judge the motion of a recording; the torques are not looked at.
 
-    What a model misses (friction, ripple, elasticity) follows the motion and does not average out as noise does: the
-    errors of samples closer than half a period of the motion count as one.
+    What a model misses (friction, ripple, elasticity) follows the motion and does not average out
+    as noise does: the errors of samples closer than half a period of the motion count as one.
     """
     r = blocks.total()[..., :-1]
     crowding = np.sqrt(max(blocks.samples / statistics.effective_samples, 1.0))
@@ -157,20 +166,21 @@ def _reasons(
         SHORTEST_SECONDS, SHORTEST_PERIODS / max(statistics.frequency, 1e-9)
     ):
         reasons.append(
-            f"{statistics.seconds:.2g} s of motion are too short to judge the errors by: standard deviations may be "
-            "several times too small"
+            f"{statistics.seconds:.2g} s of motion are too short to judge the errors by: standard"
+            " deviations may be several times too small"
         )
     rows = statistics.effective_samples * groups
     if rows < ROWS_PER_PARAMETER * parameters:
         reasons.append(
-            f"the motion has few independent samples: at {statistics.frequency:.2g} Hz over {statistics.seconds:.3g} s "
-            f"it gives about {rows:.0f} independent equations for {parameters} parameters"
+            f"the motion has few independent samples: at {statistics.frequency:.2g} Hz over"
+            f" {statistics.seconds:.3g} s it gives about {rows:.0f} independent equations for"
+            f" {parameters} parameters"
         )
     bad = np.count_nonzero(~(relative <= POORLY))
     if bad > POOR_SHARE * len(relative):
         reasons.append(
-            f"with {TORQUE_NOISE:g} Nm of noise, {bad} of the arm's {len(relative)} base parameters get standard "
-            f"deviations above {POORLY:.0%} of their usual size"
+            f"with {TORQUE_NOISE:g} Nm of noise, {bad} of the arm's {len(relative)} base parameters"
+            f" get standard deviations above {POORLY:.0%} of their usual size"
         )
     return tuple(reasons)
 
@@ -181,10 +191,12 @@ def verdicts(relative_std: Array) -> tuple[str, ...]:
 
 
 def relative_std(equations: BaseRegression, Psi_base: Array, std: Array) -> Array:
-    """Return the standard deviations over natural scale, over the estimate itself for laws beyond the model.
+    """Return the standard deviations over natural scale, over the estimate itself for laws beyond
+    the model.
 
-    Numbers that no arm has below zero are judged by the estimate, too, where it is the smaller: noise in the regressor
-    draws them to zero (:mod:`.errors_in_variables`), and their deviations with them.
+    Numbers that no arm has below zero are judged by the estimate, too, where it is the smaller:
+    noise in the regressor draws them to zero (:mod:`.errors_in_variables`), and their deviations
+    with them.
     """
     scale = natural_scales(equations)
     own = np.maximum(np.abs(Psi_base), 1e-300)
@@ -206,7 +218,8 @@ def directions(undetermined: Array, names: Sequence[str]) -> tuple[str, ...]:
 
 
 def impossible(equations: BaseRegression, Psi: Array) -> NDArray[np.bool_]:
-    """Return which base parameters are below zero though all that they are made of is above, (B,)."""
+    """Return which base parameters are below zero though all that they are made of is above,
+    (B,)."""
     return (Psi < 0) & _positive(equations)
 
 
@@ -221,7 +234,8 @@ def _positive(equations: BaseRegression) -> NDArray[np.bool_]:
 def checked(
     words: Sequence[str], fit: Fit, equations: BaseRegression, one_way: Sequence[str] = ()
 ) -> tuple[str, ...]:
-    """Return the verdicts `words` with what is impossible called "not" determined, and what is hopeless not "well"."""
+    """Return the verdicts `words` with what is impossible called "not" determined, and what is
+    hopeless not "well"."""
     wrong = impossible(equations, fit.Psi)
     hopeless = (fit.condition > HOPELESS) | (
         equations.base.T[:, _constants(equations, one_way)] != 0.0
@@ -239,7 +253,8 @@ def _constants(equations: BaseRegression, joints: Sequence[str]) -> list[int]:
 
 
 def remarks(fit: Fit, equations: BaseRegression, one_way: Sequence[str] = ()) -> tuple[str, ...]:
-    """Return what was fixed, is impossible or cannot be told apart, and how link encoders lag and are offset."""
+    """Return what was fixed, is impossible or cannot be told apart, and how link encoders lag and
+    are offset."""
     names = equations.base.names
     found = []
     if fit.fixed:
@@ -251,7 +266,8 @@ def remarks(fit: Fit, equations: BaseRegression, one_way: Sequence[str] = ()) ->
         )
         why = "a zero of the torque and dry friction are one and the same constant there"
         found.append(
-            f"{joints} turned in one direction only: {why}, and neither is known; record reversals too"
+            f"{joints} turned in one direction only: {why}, and neither is known; record"
+            " reversals too"
         )
     # Not what is zero but for its uncertainty, as a law tried at a joint that does not have it.
     beyond = impossible(equations, fit.Psi) & (
@@ -260,7 +276,8 @@ def remarks(fit: Fit, equations: BaseRegression, one_way: Sequence[str] = ()) ->
     below = [names[k] for k in np.flatnonzero(beyond).tolist()]
     if below:
         found.append(
-            f"{', '.join(below)}: below zero, which no arm can have; the model lacks something there"
+            f"{', '.join(below)}: below zero, which no arm can have; the model lacks something"
+            " there"
         )
     if fit.condition > HOPELESS:
         found.append(

@@ -1,4 +1,5 @@
-"""MuJoCo as the place where models are used: corrected files out, laws through its callbacks, recordings replayed."""
+"""MuJoCo as the place where models are used: corrected files out, laws through its callbacks,
+recordings replayed."""
 
 from elastic_arm.mujoco.callbacks import Attachment, attach
 from elastic_arm.mujoco.mjcf_export import Exported, export_mjcf

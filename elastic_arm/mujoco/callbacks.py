@@ -1,7 +1,8 @@
 """Laws that no number of an MJCF states, acting in MuJoCo through its callback for passive forces.
 
-The laws are those of the effects' own files. Dry friction is regularised over the speed that the model's time step can
-follow. MuJoCo knows one callback a process: arms attached here share it, and one that was set before is called first.
+The laws are those of the effects' own files. Dry friction is regularised over the speed that the
+model's time step can follow. MuJoCo knows one callback a process: arms attached here share it, and
+one that was set before is called first.
 """
 
 from __future__ import annotations
@@ -33,10 +34,11 @@ _before: list[Any] = []  # the callback that somebody else had set
 
 
 class Attachment:
-    """Laws that act on a compiled `MjModel`, `instances`; also a context manager that takes them away again.
+    """Laws that act on a compiled `MjModel`, `instances`; also a context manager that takes them
+    away again.
 
-    `stated` are effects that the model has of itself, where the laws of others may follow what they do. Raises a
-    RobotError if the model lacks a joint of the arm.
+    `stated` are effects that the model has of itself, where the laws of others may follow what they
+    do. Raises a RobotError if the model lacks a joint of the arm.
     """
 
     def __init__(
@@ -49,7 +51,8 @@ class Attachment:
         self.model, self.robot, self.instances = model, robot, tuple(instances)
         self._theta, self._wound = _addresses(model, robot)
         equations = ArmEquations(robot)
-        # What all of them do, less what the model does of itself: a law may scale friction, or follow tau_J.
+        # What all of them do, less what the model does of itself: a law may scale friction, or
+        # follow tau_J.
         self._acting = (*self.instances, *stated)
         self._sets = [
             EffectSet(one, robot) for one in ((self._acting, stated) if stated else (self._acting,))
@@ -144,7 +147,8 @@ class Attachment:
         return rows, np.concatenate(rates)
 
     def _state(self, data: Any) -> Array:
-        """Return the internal states at the time of `data`: explicit Euler from where the laws were last evaluated."""
+        """Return the internal states at the time of `data`: explicit Euler from where the laws were
+        last evaluated."""
         known = self._memory.get(data._address)
         if known is None or not known[0] <= data.time <= known[0] + 1.0:
             return np.zeros(self._states)  # a new motion, or one that was put back
@@ -183,12 +187,14 @@ def attach(
     chain: str | None = None,
     catalogue: Catalogue | None = None,
 ) -> Attachment:
-    """Let the laws of an arm's effects act in a MuJoCo model: those that the numbers of its file do not state.
+    """Let the laws of an arm's effects act in a MuJoCo model: those that the numbers of its file do
+    not state.
 
-    The model is the compiled `MjModel` of the file that `elastic-arm export` wrote, or that `diagnose` wrote with
-    robot.yaml; the arm has its effects, as diagnosis/robot.yaml, and is read by `chain` where it is a URDF or MJCF.
-    What is returned has `detach()`, and the effects that act as `instances`. Raises an EffectError if an effect is none
-    that acts by a law, and a RobotError if the model lacks a joint of the arm.
+    The model is the compiled `MjModel` of the file that `elastic-arm export` wrote, or that
+    `diagnose` wrote with robot.yaml; the arm has its effects, as diagnosis/robot.yaml, and is read
+    by `chain` where it is a URDF or MJCF. What is returned has `detach()`, and the effects that act
+    as `instances`. Raises an EffectError if an effect is none that acts by a law, and a RobotError
+    if the model lacks a joint of the arm.
     """
     arm = robot if isinstance(robot, Robot) else load_robot(robot, chain)
     if (again := _attached.get(model._address)) is not None:

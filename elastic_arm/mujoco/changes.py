@@ -13,7 +13,8 @@ from elastic_arm.robot import Inertia, Robot
 
 # Numbers closer than this, relative to their size, are the same: what is written has nine digits.
 SAME = 1e-9
-# What each number of a joint is called in a file, its unit, and the effect and parameter by which it changes.
+# What each number of a joint is called in a file, its unit, and the effect and parameter by which
+# it changes.
 JOINT_NUMBERS = {
     "armature": ("armature", "kg m²", "rotor_inertia_mismatch", "inertia"),
     "damping": ("damping", "Nm s/rad", "viscous_friction", "coefficient"),
@@ -44,7 +45,8 @@ class Change:
 def joint_changes(
     robot: Robot, before: StatedArm, after: StatedArm, deviations: Deviations | None = None
 ) -> dict[tuple[int, str], Change]:
-    """Return the numbers of joints that change, by joint index and field of :class:`.StatedJoint`."""
+    """Return the numbers of joints that change, by joint index and field of
+    :class:`.StatedJoint`."""
     found = {}
     for i, (joint, old, new) in enumerate(
         zip(robot.joints, before.joints, after.joints, strict=True)
@@ -60,7 +62,8 @@ def joint_changes(
                 if values[1] < 0.0 and field not in ("rest", "zero"):
                     raise RobotError(
                         f"{number} of {joint.name} would be {values[1]:.4g} {unit}",
-                        "No simulator takes it: record a richer motion, or state what is known (--with)",
+                        "No simulator takes it: record a richer motion, or state what is known"
+                        " (--with)",
                     )
     return found
 
@@ -78,7 +81,8 @@ def body_after(own: Inertia, old_link: Inertia, new_link: Inertia, name: str) ->
     except RobotError as error:
         raise RobotError(
             f"what is found leaves body {name!r} no physical inertia ({error.problem})",
-            "Identify with physical consistency on a richer motion, or join the bodies of the link in the file",
+            "Identify with physical consistency on a richer motion, or join the bodies of the link"
+            " in the file",
         ) from None
 
 
@@ -98,9 +102,11 @@ def inertial_change(name: str, before: Inertia, after: Inertia) -> list[Change]:
 
 
 def _without_rounding(values: Sequence[float]) -> tuple[float, ...]:
-    """Return the values with zero for what is nothing but a solver's rounding beside the largest."""
+    """Return the values with zero for what is nothing but a solver's rounding beside the
+    largest."""
     largest = max(map(abs, values))
-    # 1e-6 of the largest component of a vector, up to which another one is a solver's rounding; numerical
+    # 1e-6 of the largest component of a vector, up to which another one is a solver's rounding;
+    # numerical
     return tuple(float(v) if abs(v) > 1e-6 * largest else 0.0 for v in values)
 
 

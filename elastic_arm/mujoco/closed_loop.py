@@ -1,11 +1,13 @@
-"""A commanded arm in closed loop: MuJoCo's own servos follow the recorded commands from the state that was recorded.
+"""A commanded arm in closed loop: MuJoCo's own servos follow the recorded commands from the state
+that was recorded.
 
     e(t_k) = q(t_k; x_0, r) - q_k,    t_k stamps of the positions q_k, r commands, held until the next
 
-The state x_0 is that of the recording where it begins to be played: angles, and their rates by a polynomial through the
-samples around; the commands that are on their way to an actuator that takes them late; what its filter holds; and the
-integral of a controller that has one, which is fitted to the first second. Played is from where commands are known for
-as long as the latest actuator lags behind.
+The state x_0 is that of the recording where it begins to be played: angles, and their rates by a
+polynomial through the samples around; the commands that are on their way to an actuator that takes
+them late; what its filter holds; and the integral of a controller that has one, which is fitted to
+the first second. Played is from where commands are known for as long as the latest actuator lags
+behind.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -31,7 +33,8 @@ Span = tuple[float, float]  # s from the start of a recording
 
 @dataclass(frozen=True)
 class StartState:
-    """What a motion begins with, (n,) each: angles rad, rates rad/s, integrals of the error of position rad s."""
+    """What a motion begins with, (n,) each: angles rad, rates rad/s, integrals of the error of
+    position rad s."""
 
     angles: Array
     rates: Array
@@ -57,8 +60,9 @@ def play(
 ) -> Play | None:
     """Play a recording's commands by a model's servos, and compare angles with the recorded ones.
 
-    span: which part is played, the whole when None; late: s for which commands have to be known before, if more than
-    the model's own delays are. None where there are no commands, positions or servos, or nothing is left to play.
+    span: which part is played, the whole when None; late: s for which commands have to be known
+    before, if more than the model's own delays are. None where there are no commands, positions or
+    servos, or nothing is left to play.
     """
     reference = recording.reference
     side = recording.link if recording.link is not None else recording.motor
@@ -105,7 +109,8 @@ def has_servos(arm: MjcfArm) -> bool:
 
 
 def with_controllers(arm: MjcfArm, robot: Robot) -> MjcfArm:
-    """Return a model whose set-points are made as an arm's controllers make them, beyond what actuators have.
+    """Return a model whose set-points are made as an arm's controllers make them, beyond what
+    actuators have.
 
     These are a dead band and an integral, and whether commands are held.
     """
@@ -126,7 +131,8 @@ def latest(arm: MjcfArm) -> float:
 
 
 def lead(model: Any, step: float) -> float:
-    """Return by how much MuJoCo's angles are ahead of its velocities, s: half a time step, as it steps these first."""
+    """Return by how much MuJoCo's angles are ahead of its velocities, s: half a time step, as it
+    steps these first."""
     return 0.0 if model.opt.integrator == engine().mjtIntegrator.mjINT_RK4 else 0.5 * step
 
 
@@ -135,7 +141,8 @@ def servo_motion(
 ) -> Array:
     """Return the angles (K, n) after each time step of the model, under commands (K, n).
 
-    before: (H, n) commands of the time steps before, of which late actuators take theirs; the first one when None.
+    before: (H, n) commands of the time steps before, of which late actuators take theirs; the first
+    one when None.
     """
     mj, model = engine(), arm.model
     before = commands[:1] if before is None or not len(before) else before
@@ -145,7 +152,8 @@ def servo_motion(
     with _punctual(model):
         if not plays_by_step(arm):
             return _rolled_out(arm, data, given, commands)
-        # What a <position> actuator has not is in the set-point that it is given: a dead band, an integral.
+        # What a <position> actuator has not is in the set-point that it is given: a dead band, an
+        # integral.
         integral, step = start.integrals.copy(), float(model.opt.timestep)
         hold, found = held(arm), np.empty_like(commands)
         for k, command in enumerate(commands):
@@ -194,7 +202,8 @@ def _rolled_out(arm: MjcfArm, data: Any, given: NDArray[np.intp], commands: Arra
 
 
 def _inputs(arm: MjcfArm) -> NDArray[np.intp]:
-    """Return where each joint's set-point of the angle stands among the controls: the first of an actuator's inputs."""
+    """Return where each joint's set-point of the angle stands among the controls: the first of an
+    actuator's inputs."""
     actuators = [drives_of(arm.model, joint)[0] for joint in arm.chain.joints]
     return np.asarray(arm.model.actuator_ctrladr, dtype=np.intp)[actuators]
 
@@ -225,7 +234,8 @@ def _started(arm: MjcfArm, start: StartState, before: Array) -> Any:
 
 
 def _activation(arm: MjcfArm, i: int, actuator: int, start: StartState, before: Array) -> float:
-    """Return what an actuator holds at the start: an integral of the error, an angle, or a filtered command."""
+    """Return what an actuator holds at the start: an integral of the error, an angle, or a filtered
+    command."""
     mj, model = engine(), arm.model
     if int(model.actuator_gaintype[actuator]) == int(mj.mjtGain.mjGAIN_PID):
         return float(start.integrals[i])
@@ -276,7 +286,8 @@ def _history(model: Any) -> int:
 
 
 def _commands(arm: MjcfArm, given: Array, values: Array) -> Callable[[Array], Array]:
-    """Return what gives the commands (K, n) that act over the time steps from angles at times (K,) on."""
+    """Return what gives the commands (K, n) that act over the time steps from angles at times (K,)
+    on."""
     step = float(arm.model.opt.timestep)
     behind = lead(arm.model, step)
     drives = [joint.controller or JointController() for joint in arm.robot.joints]
@@ -293,7 +304,8 @@ def _commands(arm: MjcfArm, given: Array, values: Array) -> Callable[[Array], Ar
 
 
 def _state(known: tuple[Array, Array], at: float, behind: float) -> StartState:
-    """Return the state at a sample: its angle, and its rate by a polynomial through the samples around it."""
+    """Return the state at a sample: its angle, and its rate by a polynomial through the samples
+    around it."""
     t, angles = known
     near = np.flatnonzero(np.abs(t - at) <= AROUND + 1e-9)
     if len(near) < FEWEST:

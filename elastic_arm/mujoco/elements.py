@@ -1,11 +1,13 @@
 """Laws that elements of an MJCF state beside the numbers of its joints.
 
-Drives: the joint that a drive winds by has a polynomial as its spring. Sums of joints, such as the link's angle
-q = theta + (q - theta): the length of a fixed tendon, with spring, damping, friction and inertia of its own; its dead
-band is play. Motors: a `dcmotor` without winding and without a command has LuGre's friction and cogging.
+Drives: the joint that a drive winds by has a polynomial as its spring. Sums of joints, such as the
+link's angle q = theta + (q - theta): the length of a fixed tendon, with spring, damping, friction
+and inertia of its own; its dead band is play. Motors: a `dcmotor` without winding and without a
+command has LuGre's friction and cogging.
 
-Hysteresis is none of them: springs that yield (`springyield`) wind by Masing's rule, and Bouc-Wen's law does not. With
-six of them in place of it an arm moves elsewhere by a third of what hysteresis does to it.
+Hysteresis is none of them: springs that yield (`springyield`) wind by Masing's rule, and Bouc-Wen's
+law does not. With six of them in place of it an arm moves elsewhere by a third of what hysteresis
+does to it.
 """
 
 from __future__ import annotations
@@ -40,7 +42,8 @@ class Element:
 
 
 def sharp(timestep: float) -> str:
-    """Return the `solreffriction` with which friction loss turns over with the velocity; by default it does earlier.
+    """Return the `solreffriction` with which friction loss turns over with the velocity; by default
+    it does earlier.
 
     Its force follows a + b v with b = 2 / time constant, which changes sign before v does.
     """
@@ -53,7 +56,8 @@ def delayed(delay: float, timestep: float) -> dict[str, str]:
 
 
 def servo(controller: JointController | None) -> JointController | None:
-    """Return what a <position> actuator is of a controller, kp (r - theta) - kd dtheta, late and limited.
+    """Return what a <position> actuator is of a controller, kp (r - theta) - kd dtheta, late and
+    limited.
 
     None where it does not follow angles. A dead band, an integral and feed-forward are left out.
     """
@@ -64,7 +68,8 @@ def servo(controller: JointController | None) -> JointController | None:
 
 
 class Elements:
-    """Drives and elements that state the laws of an arm's effects; `left` are those that they do not."""
+    """Drives and elements that state the laws of an arm's effects; `left` are those that they do
+    not."""
 
     def __init__(self, robot: Robot, arm: StatedArm, timestep: float) -> None:
         self.robot, self.timestep = robot, timestep
@@ -85,7 +90,8 @@ class Elements:
                 rule(self, i, instance)
 
     def left_by(self, model: Any) -> list[EffectInstance]:
-        """Return the effects that a compiled model does not state: a user's own file has none of the elements."""
+        """Return the effects that a compiled model does not state: a user's own file has none of
+        the elements."""
         mj = engine()
         kinds = {"fixed": mj.mjtObj.mjOBJ_TENDON, "dcmotor": mj.mjtObj.mjOBJ_ACTUATOR}
         absent = [
@@ -123,7 +129,8 @@ class Elements:
         return name
 
     def free_inertia(self, i: int, side: str) -> float:
-        """Return the inertia that a torque at a joint moves while all other joints are free, kg m²."""
+        """Return the inertia that a torque at a joint moves while all other joints are free, kg
+        m²."""
         rest = np.zeros((1, self.robot.n * (2 if self.robot.elastic else 1)))
         terms = build_model(self.robot, engine="numpy").terms(rest, rest)
         matrix: Array = terms["B" if self.robot.elastic and side == "motor" else "M"][0]
@@ -131,7 +138,8 @@ class Elements:
 
 
 def _friction(law: str, parameter: str) -> Rule:
-    """Return the rule of friction of the link of an elastic joint; that of a motor is a number of its joint."""
+    """Return the rule of friction of the link of an elastic joint; that of a motor is a number of
+    its joint."""
 
     def rule(elements: Elements, i: int, instance: EffectInstance) -> None:
         elements.add(i, law, {law: number(instance, parameter)}, elements.link(i))

@@ -1,10 +1,12 @@
-"""Which corrections of a commanded arm are written: those with which it moves as recorded, or nearer.
+"""Which corrections of a commanded arm are written: those with which it moves as recorded, or
+nearer.
 
     mean |e_corrected|² > mean |e_described|² + max(s, (step of the positions)² / 12)
 
-of a joint that moves worse: s is the standard error of the description's own mean over the halves of the recordings, as
-far as they repeat, and the other what the encoder cannot tell apart. What makes a joint move worse is taken back:
-joint by joint, or a cause of the whole arm, first that with which the arm then moves best.
+of a joint that moves worse: s is the standard error of the description's own mean over the halves
+of the recordings, as far as they repeat, and the other what the encoder cannot tell apart. What
+makes a joint move worse is taken back: joint by joint, or a cause of the whole arm, first that with
+which the arm then moves best.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -23,8 +25,8 @@ from elastic_arm.robot.mjcf import MjcfArm
 
 PAUSE = 0.5  # s without a position, after which a recording is played anew
 SHORTEST = 1.0  # s, of what is played on its own
-# What is taken back (joints, and effects of the whole arm) -> the model without it; a RobotError where no simulator
-# takes its numbers.
+# What is taken back (joints, and effects of the whole arm) -> the model without it; a RobotError
+# where no simulator takes its numbers.
 Build = Callable[[frozenset[str]], MjcfArm]
 
 
@@ -68,7 +70,8 @@ class ClosedLoop:
         return np.sqrt(self.squares)
 
     def worse_than(self, other: "ClosedLoop") -> NDArray[np.bool_]:
-        """Return at which joints (n,) the model moves worse than another one, beyond what the recordings repeat."""
+        """Return at which joints (n,) the model moves worse than another one, beyond what the
+        recordings repeat."""
         more = self.squares - other.squares
         doubt = other.halves.std(axis=0, ddof=1) / np.sqrt(len(other.halves))
         return np.asarray((more > np.maximum(doubt, self._unseen)) | ~np.isfinite(more))
@@ -79,13 +82,15 @@ class ClosedLoop:
         return self.resolution**2 / 12.0
 
     def loss(self, other: "ClosedLoop") -> tuple[int, float]:
-        """Return at how many joints it is worse than another model, and by how much nearer all are, in nats."""
+        """Return at how many joints it is worse than another model, and by how much nearer all are,
+        in nats."""
         count = int(self.worse_than(other).sum())
         return count, float(np.mean(np.log(self.squares + self._unseen + 1e-18)))
 
 
 def closed_loop(arm: MjcfArm, judging: Sequence[Judging], late: float = 0.0) -> ClosedLoop | None:
-    """Play recordings in a model; None where there is nothing to play. Later starts by `late` s of known commands."""
+    """Play recordings in a model; None where there is nothing to play. Later starts by `late` s of
+    known commands."""
     plays = [
         play(arm, one.recording, span=span, late=late)
         for one in judging
@@ -126,7 +131,8 @@ def chosen(
 ) -> Choice | None:
     """Choose what is written of a correction; None where nothing can be played.
 
-    described: the model as it is; units: joints, and causes of the whole arm, each of which can be taken back.
+    described: the model as it is; units: joints, and causes of the whole arm, each of which can be
+    taken back.
     """
     search = _Search(described, build, judging)
     first = search.described

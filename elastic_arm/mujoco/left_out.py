@@ -1,6 +1,8 @@
-"""What a written file does not hold of an arm: its size, the reason, and the torque that is missing without it.
+"""What a written file does not hold of an arm: its size, the reason, and the torque that is missing
+without it.
 
-The torque is a root mean square while every joint swings by half a radian, or what its range allows, at 2 rad/s.
+The torque is a root mean square while every joint swings by half a radian, or what its range
+allows, at 2 rad/s.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -34,7 +36,8 @@ class Left:
     numbers: Mapping[str, Any]  # name of each of its numbers -> value, with unit in `units`
     reason: str  # why it is not there
     units: Mapping[str, str] = field(default_factory=dict)
-    # by joint, root mean square of the torque that is missing, Nm; empty where it is none or not known
+    # by joint, root mean square of the torque that is missing, Nm; empty where it is none or not
+    # known
     cost: Mapping[str, float] = field(default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
@@ -110,7 +113,8 @@ def left_numbers(
 
 
 def left_coupling(robot: Robot, reason: str) -> Iterator[Left]:
-    """Yield the coupling of links and spinning rotors, which mod3 has of an elastic arm and mod2 has not."""
+    """Yield the coupling of links and spinning rotors, which mod3 has of an elastic arm and mod2
+    has not."""
     state = Swing(robot)
     three, two = (
         build_model(robot, name, engine="numpy").inverse_dynamics(*state.motion)
@@ -120,7 +124,8 @@ def left_coupling(robot: Robot, reason: str) -> Iterator[Left]:
 
 
 class Swing:
-    """An arm that moves, and the torques that it takes: by a motion that is given, else each joint swings."""
+    """An arm that moves, and the torques that it takes: by a motion that is given, else each joint
+    swings."""
 
     def __init__(self, robot: Robot, motion: Motion | None = None) -> None:
         self.robot = robot
@@ -144,7 +149,8 @@ class Swing:
         return found
 
     def of_effects(self, instances: Sequence[EffectInstance]) -> Array:
-        """Return what effects add to the left side of (1), (N, dof); nothing where they do not act by laws."""
+        """Return what effects add to the left side of (1), (N, dof); nothing where they do not act
+        by laws."""
         none = np.zeros_like(self.motion[0])
         if not instances:
             return none
@@ -162,7 +168,8 @@ class Swing:
         )
 
     def cost(self, rows: Array) -> dict[str, float]:
-        """Return root mean squares by joint, both sides of a joint together, of those that feel any."""
+        """Return root mean squares by joint, both sides of a joint together, of those that feel
+        any."""
         torque = rows.reshape(self.samples, -1, self.robot.n).sum(axis=1)
         sizes = np.sqrt(np.mean(torque**2, axis=0))
         named = zip(self.robot.joint_names, sizes.tolist(), strict=True)

@@ -1,4 +1,5 @@
-"""A user's own MJCF with the numbers of a corrected arm in it: everything else stays as they wrote it."""
+"""A user's own MJCF with the numbers of a corrected arm in it: everything else stays as they wrote
+it."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -36,7 +37,10 @@ from elastic_arm.robot.urdf_tree import Chain
 
 # What is read back from a written file is what was meant, to this share: nine digits are written.
 READ_BACK = 1e-6
-UNROLLED = "the file is as MuJoCo saves it, without your layout: bodies of the arm come from <attach>, <replicate> or a URDF"
+UNROLLED = (
+    "the file is as MuJoCo saves it, without your layout: bodies of the arm come from <attach>,"
+    " <replicate> or a URDF"
+)
 _NEW = "a new file (without --base) states it; to this one elastic_arm.mujoco.attach adds its law"
 _ORIENTATIONS = ("quat", "axisangle", "xyaxes", "zaxis", "euler")
 
@@ -62,7 +66,8 @@ def require_same_joints(robot: Robot, base: Robot, path: Path) -> None:
     """Refuse an arm that the base does not describe."""
     if robot.joint_names != base.joint_names:
         raise RobotError(
-            f"{path} has the joints {', '.join(base.joint_names)}, the arm {', '.join(robot.joint_names)}",
+            f"{path} has the joints {', '.join(base.joint_names)}, the arm"
+            f" {', '.join(robot.joint_names)}",
             "Give the file that the arm was read from, with the same --chain",
         )
     if robot.elastic:
@@ -83,12 +88,14 @@ def export_mjcf(
     catalogue: Catalogue | None = None,
     motion: Motion | None = None,
 ) -> Exported:
-    """Write an MJCF with the numbers of an arm: inertials, armature, damping, friction loss, gravity, sensor delays.
+    """Write an MJCF with the numbers of an arm: inertials, armature, damping, friction loss,
+    gravity, sensor delays.
 
-    The corrected arm, with its effects, has the joints and frames of the user's file `base`, from which it was read by
-    `chain` and `at`; `deviations` of estimates go into the table. Friction laws that no number states have friction
-    loss and damping in their place, nearest over `motion`, the recording's, or over a swing. Raises a RobotError if the
-    arm is another one, its numbers are of no physical body, or the file's elements cannot be found.
+    The corrected arm, with its effects, has the joints and frames of the user's file `base`, from
+    which it was read by `chain` and `at`; `deviations` of estimates go into the table. Friction
+    laws that no number states have friction loss and damping in their place, nearest over `motion`,
+    the recording's, or over a swing. Raises a RobotError if the arm is another one, its numbers are
+    of no physical body, or the file's elements cannot be found.
     """
     arm = open_mjcf(base, chain, at)
     require_same_joints(robot, arm.robot, base)
@@ -128,7 +135,8 @@ def export_mjcf(
 
 
 def _controllers(robot: Robot, base: Robot) -> Iterator[Left]:
-    """Yield the controllers that a file's actuators do not state, to nine digits; these stay as they are."""
+    """Yield the controllers that a file's actuators do not state, to nine digits; these stay as
+    they are."""
     own = {joint.name: joint.controller for joint in base.joints}
     other = [
         joint
@@ -154,7 +162,8 @@ def _alike(one: JointController, other: JointController | None) -> bool:
 
 
 def _carriers(file: ShapedMjcf, arm: MjcfArm) -> list[Any] | None:
-    """Return the elements of the bodies that carry the arm's joints, or None where one stands nowhere in the file."""
+    """Return the elements of the bodies that carry the arm's joints, or None where one stands
+    nowhere in the file."""
     model = arm.model
     places = [int(model.jnt_bodyid[joint]) for joint in arm.chain.joints]
     return file.lines_of([model.body(place).name for place in places], places, model.nbody - 1)
@@ -210,7 +219,8 @@ class _Document:
                 value *= self._angle(i)
             elif value < 0.0:
                 raise RobotError(
-                    f"{change.number} of {change.element} would be less than its actuator brings ({from_actuator:g})",
+                    f"{change.number} of {change.element} would be less than its actuator brings"
+                    f" ({from_actuator:g})",
                     "Take armature and damping from the actuator to the joint in the file",
                 )
             self.file.set(element, **{change.number: text_of(value)})
@@ -230,7 +240,8 @@ class _Document:
                 self.file.set(self.file.insert_first(custom, "numeric"), **one.numeric)
 
     def controllers(self, robot: Robot) -> Iterator[Change]:
-        """Change gains, delays and limits of <position> elements; other actuators stay as they are."""
+        """Change gains, delays and limits of <position> elements; other actuators stay as they
+        are."""
         for old, new in zip(self.arm.robot.joints, robot.joints, strict=True):
             before, after = old.controller, new.controller
             elements = [e for e in self.file.elements("position") if e.get("joint") == old.name]
@@ -262,7 +273,8 @@ class _Document:
                 self.file.set(elements[0], **late, **between)
 
     def _sharp(self, element: Any, name: str) -> list[Change]:
-        """Let new friction loss turn over with the velocity: by MuJoCo's default it does some 10 ms earlier."""
+        """Let new friction loss turn over with the velocity: by MuJoCo's default it does some 10 ms
+        earlier."""
         if element.get("solreffriction") is not None:
             return []
         own = tuple(
@@ -390,6 +402,7 @@ def _check(out: Path, chain: Chain | None, at: str | None, wanted: StatedArm) ->
         found, meant_to_be, rtol=READ_BACK
     ):
         raise RobotError(
-            "the written file is not the arm that was meant: some default or attribute overrides it",
+            "the written file is not the arm that was meant: some default or attribute"
+            " overrides it",
             "Please report it with the file",
         )

@@ -1,4 +1,5 @@
-"""An MJCF file that keeps its shape: lxml's trees of the file and of what it includes, with numbers changed."""
+"""An MJCF file that keeps its shape: lxml's trees of the file and of what it includes, with numbers
+changed."""
 
 import os
 from collections.abc import Iterator, Sequence
@@ -24,7 +25,8 @@ class ShapedMjcf:
         self.bodies = [element for element in self._walk(path) if element.tag == "body"]
 
     def lines_of(self, names: Sequence[str], places: Sequence[int], count: int) -> list[Any] | None:
-        """Return the elements of some bodies, or None where one has none: <attach> and <replicate> make bodies too."""
+        """Return the elements of some bodies, or None where one has none: <attach> and <replicate>
+        make bodies too."""
         if len(self.bodies) == count:
             return [self.bodies[place - 1] for place in places]
         same = [
@@ -67,7 +69,8 @@ class ShapedMjcf:
         return self._trees[self._path].root
 
     def write(self, out: Path) -> list[Path]:
-        """Write the file, beside it what it includes and was changed, and return all that was written.
+        """Write the file, beside it what it includes and was changed, and return all that was
+        written.
 
         Paths in it are changed so that meshes are found where they are.
         """

@@ -1,9 +1,10 @@
-"""A new MJCF of an arm: rigid, or elastic with a motor joint and a spring joint on each link's body.
+"""A new MJCF of an arm: rigid, or elastic with a motor joint and a spring joint on each link's
+body.
 
-Both joints of an elastic drive turn about one axis: the first by theta, with B of (6) or (7) as armature, the second by
-the deflection q - theta, with K and D. Components of the transmissions rest on their carriers and spin on the ground:
-this is mod2, and mod1 where the splines are folded into the links. The coupling S of mod3 by spinning rotors is no
-number of an MJCF.
+Both joints of an elastic drive turn about one axis: the first by theta, with B of (6) or (7) as
+armature, the second by the deflection q - theta, with K and D. Components of the transmissions rest
+on their carriers and spin on the ground: this is mod2, and mod1 where the splines are folded into
+the links. The coupling S of mod3 by spinning rotors is no number of an MJCF.
 """
 
 import xml.etree.ElementTree as ET
@@ -39,7 +40,8 @@ def export_new_mjcf(
     catalogue: Catalogue | None = None,
     timestep: float = TIMESTEP,
 ) -> Exported:
-    """Write an arm with its effects as a new MJCF for a time step, s; an OutputError if it cannot be written."""
+    """Write an arm with its effects as a new MJCF for a time step, s; an OutputError if it cannot
+    be written."""
     text, effects, stand_ins = _written(robot, catalogue, timestep)
     others = [
         replace(one, controller=None) if servo(one.controller) == one.controller else one
@@ -57,7 +59,8 @@ def export_new_mjcf(
 def to_mjcf(
     robot: Robot, *, catalogue: Catalogue | None = None, timestep: float = TIMESTEP
 ) -> tuple[str, tuple[tuple[EffectInstance, str], ...]]:
-    """Return an arm with its effects as MJCF text, and those that it does not state, each with the reason."""
+    """Return an arm with its effects as MJCF text, and those that it does not state, each with the
+    reason."""
     text, left, _ = _written(robot, catalogue, timestep)
     return text, left
 
@@ -122,8 +125,8 @@ def _written(
 def playable(robot: Robot, file: Path, catalogue: Catalogue | None = None) -> MjcfArm:
     """Write an arm with its controllers as a new MJCF, and open it as MuJoCo plays it.
 
-    What its controllers have and no actuator is in the set-points: a dead band, an integral. Raises a RobotError where
-    a controller is none that follows angles.
+    What its controllers have and no actuator is in the set-points: a dead band, an integral. Raises
+    a RobotError where a controller is none that follows angles.
     """
     drives = [joint.controller for joint in robot.joints]
     if not all(servo(drive) and drive and drive.feedforward == "none" for drive in drives):
@@ -135,7 +138,8 @@ def playable(robot: Robot, file: Path, catalogue: Catalogue | None = None) -> Mj
 
 
 def _bodies(robot: Robot, arm: StatedArm) -> list[Inertia]:
-    """Return the base and the links with what rides on them; the links as the effects have changed them."""
+    """Return the base and the links with what rides on them; the links as the effects have changed
+    them."""
     changed = robot.with_(
         joints=tuple(
             replace(joint, link=link) for joint, link in zip(robot.joints, arm.links, strict=True)
@@ -147,7 +151,8 @@ def _bodies(robot: Robot, arm: StatedArm) -> list[Inertia]:
 def _joints(
     body: ET.Element, robot: Robot, arm: StatedArm, elements: Elements, i: int, frame: Array
 ) -> None:
-    """Add joint i, whose frame stands at `frame` in the body's, and the joint that its drive winds by."""
+    """Add joint i, whose frame stands at `frame` in the body's, and the joint that its drive winds
+    by."""
     joint, numbers = robot.joints[i], arm.joints[i]
     where = {"pos": words_of(frame[:3, 3]), "axis": words_of(frame[:3, 2])}
     limits = joint.limits

@@ -24,11 +24,13 @@ def record(
     encoder_noise: float = 0.0,
     rng: np.random.Generator | None = None,
 ) -> Recording:
-    """Let an arm follow a trajectory by computed torque, in MuJoCo, and record angles and motor torques.
+    """Let an arm follow a trajectory by computed torque, in MuJoCo, and record angles and motor
+    torques.
 
-    The model's own actuators are off: the torque comes from a controller tuned to `nominal`, the true rigid arm when
-    None, held for a sample. Torques are recorded as late as the model's sensors (`jointactuatorfrc`) state, with noise
-    of these standard deviations, Nm and rad. Raises a SimulationError if the motion leaves the finite numbers.
+    The model's own actuators are off: the torque comes from a controller tuned to `nominal`, the
+    true rigid arm when None, held for a sample. Torques are recorded as late as the model's sensors
+    (`jointactuatorfrc`) state, with noise of these standard deviations, Nm and rad. Raises a
+    SimulationError if the motion leaves the finite numbers.
     """
     believed = arm.robot.with_(effects=()) if nominal is None else nominal.with_(effects=())
     controller = tuned(believed, rate=rate)
@@ -39,7 +41,8 @@ def record(
     # At the time of the angles, velocities and torques are further on than MuJoCo has them.
     ahead = lead(arm.model, _step(arm, commanded)) * commanded
     dq = dq + ahead * np.diff(dq, axis=0, append=dq[-1:])
-    # Over an interval centred on its stamp the torque changes in the middle, but for what it is further on.
+    # Over an interval centred on its stamp the torque changes in the middle, but for what it is
+    # further on.
     torque = (0.5 + ahead) * command + (0.5 - ahead) * np.vstack([command[:1], command[:-1]])
     if every > 1:
         # A sample of torque is the mean over its own interval, half of the outermost commands'.
@@ -74,12 +77,13 @@ def record_commands(
     recorded: float | None = None,
     bits: int | None = None,
 ) -> Recording:
-    """Let the model's own position servos follow commands (N, n), rad, and record commands and angles, no torques.
+    """Let the model's own position servos follow commands (N, n), rad, and record commands and
+    angles, no torques.
 
-    The arm starts at rest at the first command, and each is held until the next, at a rate that is a whole number of
-    the model's time steps. Angles are `recorded` so often a second, as commands when None, by encoders of `bits` over a
-    turn, exact ones when None. Raises a SimulationError if the model has no servos, or the motion leaves the finite
-    numbers.
+    The arm starts at rest at the first command, and each is held until the next, at a rate that is
+    a whole number of the model's time steps. Angles are `recorded` so often a second, as commands
+    when None, by encoders of `bits` over a turn, exact ones when None. Raises a SimulationError if
+    the model has no servos, or the motion leaves the finite numbers.
     """
     if not has_servos(arm):
         raise SimulationError("the model has no servos", "Give each joint one position actuator.")

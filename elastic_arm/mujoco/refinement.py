@@ -1,11 +1,12 @@
-"""The numbers of a corrected servo arm, refined by an output error: what is played back is what is minimised.
+"""The numbers of a corrected servo arm, refined by an output error: what is played back is what is
+minimised.
 
     min over x of  sum over joints and samples of |q(t_k; x) - q_k|² / s_j²  +  sum of 5 log(1 + ((x - m) / p)² / 4)
 
-x are numbers of the arm, m and p their posterior means and deviations (with the tails of Student's t, as causes may
-have been missed), q the angles that MuJoCo's servos reach under the commands of the recordings that were fitted, and
-s_j the root mean square of a joint's error where the search is, or what the encoder cannot tell. Gauss-Newton, with
-differences of simulations as derivatives.
+x are numbers of the arm, m and p their posterior means and deviations (with the tails of Student's
+t, as causes may have been missed), q the angles that MuJoCo's servos reach under the commands of
+the recordings that were fitted, and s_j the root mean square of a joint's error where the search
+is, or what the encoder cannot tell. Gauss-Newton, with differences of simulations as derivatives.
 """
 
 import copy
@@ -48,8 +49,8 @@ FRICTION = {"coulomb_friction": "torque", "viscous_friction": "coefficient"}
 class Refinable:
     """A number of a corrected arm: a deviation from where it was found."""
 
-    # "scale" of kp and kd, "kd", "armature", "mass" are ratios less 1; "delay" s, "limit" Nm, "com_x" … m, and effects
-    # in their units
+    # "scale" of kp and kd, "kd", "armature", "mass" are ratios less 1; "delay" s, "limit" Nm,
+    # "com_x" … m, and effects in their units
     what: str
     joint: str | None  # None of all joints
     std: float  # of the posterior
@@ -57,7 +58,8 @@ class Refinable:
 
 
 def refinable(found: Diagnosis) -> tuple[Refinable, ...]:
-    """Return the numbers of a diagnosed servo arm that its recordings determine, with their posterior deviations."""
+    """Return the numbers of a diagnosed servo arm that its recordings determine, with their
+    posterior deviations."""
     return (
         *_of_description(found),
         *_of_friction(found),
@@ -69,7 +71,8 @@ def refinable(found: Diagnosis) -> tuple[Refinable, ...]:
 def _of_description(found: Diagnosis) -> Iterator[Refinable]:
     ratios = {SCALE: "scale", RATIO: "kd", "rotor_inertia": "armature", "link_mass": "mass"}
     for one in found.imperfections:
-        # Gains count in any case: one may stand where another cause was tried, and nothing else tell of it.
+        # Gains count in any case: one may stand where another cause was tried, and nothing else
+        # tell of it.
         told = one.std < TOLD * one.prior_std or one.what in (SCALE, RATIO)
         if not told or one.std <= 0.0:
             continue
@@ -130,9 +133,11 @@ def by_words(number: Refinable, by: float) -> str:
 def refine(
     arm: MjcfArm, robot: Robot, numbers: Sequence[Refinable], fitted: Sequence[Judging]
 ) -> Array:
-    """Return by how much to change numbers of a corrected arm, (k,); zeros where that brings nothing.
+    """Return by how much to change numbers of a corrected arm, (k,); zeros where that brings
+    nothing.
 
-    arm: the model of `robot`, as it is played; numbers: what may change; fitted: recordings that were fitted.
+    arm: the model of `robot`, as it is played; numbers: what may change; fitted: recordings that
+    were fitted.
     """
     none = np.zeros(len(numbers))
     spans = list(_spans(fitted))
@@ -218,7 +223,8 @@ class _Search:
         self.carriers = [int(arm.model.jnt_bodyid[joint]) for joint in arm.chain.joints]
 
     def best(self) -> Array | None:
-        """Return the best deviations (k,); None where none is better than where the search began."""
+        """Return the best deviations (k,); None where none is better than where the search
+        began."""
         x = np.zeros(len(self.numbers))
         here = self.errors(x)
         if here is None:
@@ -244,7 +250,8 @@ class _Search:
         return x if best < first else None
 
     def step(self, x: Array, errors: Array, columns: Array) -> Array:
-        """Return the change of x (k,) by the linear problem in deviations, within what simulators take."""
+        """Return the change of x (k,) by the linear problem in deviations, within what simulators
+        take."""
         scaled = columns.reshape(len(x), -1).T * self.stds
         away = x / self.stds
         trust = np.sqrt((TAILS + 1.0) / (TAILS + away**2))

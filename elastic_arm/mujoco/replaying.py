@@ -1,8 +1,10 @@
-"""A recording replayed in MuJoCo: how far each model's motion and torque are from what was recorded.
+"""A recording replayed in MuJoCo: how far each model's motion and torque are from what was
+recorded.
 
-Open loop, in windows: the arm starts as recorded and is driven by the recorded motor torque alone. Torque: what
-MuJoCo's inverse dynamics needs for the recorded motion, beside the torque recorded. Closed loop, where the model has
-actuators with feedback and the reference was recorded: the reference is their input.
+Open loop, in windows: the arm starts as recorded and is driven by the recorded motor torque alone.
+Torque: what MuJoCo's inverse dynamics needs for the recorded motion, beside the torque recorded.
+Closed loop, where the model has actuators with feedback and the reference was recorded: the
+reference is their input.
 """
 
 from collections.abc import Iterator, Sequence
@@ -36,7 +38,9 @@ class JointErrors:
     velocity: Array
     torque: Array
     correlation: Array  # of the torque that the model needs with the torque recorded
-    lag: Array  # s by which the recorded torque is later than the model's; NaN where no lag fits better than none
+    # s by which the recorded torque is later than the model's; NaN where no lag fits better than
+    # none
+    lag: Array
 
 
 @dataclass(frozen=True)
@@ -59,7 +63,8 @@ class Replay:
     window: float  # s
     windows: int  # how many were replayed
     open_loop: JointErrors  # errors in windows
-    # root mean square of the position error under the recorded reference (n,) rad; None where there is none
+    # root mean square of the position error under the recorded reference (n,) rad; None where there
+    # is none
     closed_loop: Array | None
     course: ReplayedCourse  # for figures
     prismatic: tuple[str, ...] = ()  # names of the joints that slide: their errors are in m and N
@@ -86,10 +91,11 @@ class Replay:
 
 
 def replay(recording: Recording, arm: MjcfArm, *, window: float = WINDOW, name: str = "") -> Replay:
-    """Replay a recording of positions and motor torques in a model, whatever callbacks are attached to it included.
+    """Replay a recording of positions and motor torques in a model, whatever callbacks are attached
+    to it included.
 
-    The arm moves on its own for `window` s before it is put back to the recorded motion. Raises a DiagnosisError if the
-    recording holds no motor torque, or is shorter than a window.
+    The arm moves on its own for `window` s before it is put back to the recorded motion. Raises a
+    DiagnosisError if the recording holds no motor torque, or is shorter than a window.
     """
     chosen = recording.select(arm.robot.joint_names)
     made = with_made_torque(chosen, arm.robot)
@@ -167,7 +173,8 @@ def _present(values: Array | None) -> Array:
 
 
 def _open_loop(arm: MjcfArm, piece: Motion, steps: int, period: float) -> tuple[Array, Array]:
-    """Return positions and velocities (N, n) replayed; NaN at the starts of windows and after the last."""
+    """Return positions and velocities (N, n) replayed; NaN at the starts of windows and after the
+    last."""
     mj, model = engine(), arm.model
     q, dq, ddq, torque = (
         _present(values) for values in (piece.q, piece.dq, piece.ddq, piece.tau_m)
@@ -197,7 +204,8 @@ def _open_loop(arm: MjcfArm, piece: Motion, steps: int, period: float) -> tuple[
 
 @contextmanager
 def without(model: Any, *parts: str, timestep: float | None = None) -> Iterator[None]:
-    """Take parts of a model out for a while, by the names of their `mjtDisableBit`, and set its time step, s."""
+    """Take parts of a model out for a while, by the names of their `mjtDisableBit`, and set its
+    time step, s."""
     option, bits = model.opt, engine().mjtDisableBit
     own = float(option.timestep), int(option.disableflags)
     option.timestep = own[0] if timestep is None else timestep
@@ -215,7 +223,8 @@ def _inverse(arm: MjcfArm, piece: Motion) -> Array:
     data = mj.MjData(model)
     q, dq, ddq = (_present(values) for values in (piece.q, piece.dq, piece.ddq))
     found = np.empty_like(q)
-    # What is held is held by forces that are none of the motors'; limits are for the drives to keep.
+    # What is held is held by forces that are none of the motors'; limits are for the drives to
+    # keep.
     with without(model, "EQUALITY", "LIMIT", "CONTACT"):
         for k in range(len(q)):
             data.qpos[:], data.qvel[:], data.qacc[:] = arm.qpos, 0.0, 0.0
@@ -258,7 +267,8 @@ def _correlation(a: Array, b: Array) -> float:
 
 
 def _lag(recorded: Array, needed: Array, rate: float) -> Array:
-    """Return by how much the recorded torque is later than the needed one, (n,) s, between samples by a parabola."""
+    """Return by how much the recorded torque is later than the needed one, (n,) s, between samples
+    by a parabola."""
     most = max(2, int(0.05 * rate))  # s; beyond, a lag is not looked for
     found = np.full(recorded.shape[1], np.nan)
     if len(recorded) < 4 * most:

@@ -1,4 +1,5 @@
-"""XML that keeps its shape: a changed tree as text, in the original's own spelling where nothing changed."""
+"""XML that keeps its shape: a changed tree as text, in the original's own spelling where nothing
+changed."""
 
 import re
 from difflib import SequenceMatcher

@@ -3,7 +3,8 @@
     min over c, d of  sum over t of (F(t) - c sign(w(t)) - d w(t))²,    friction loss + c >= 0, d >= 0
 
 F is the torque of the laws over a motion: of the recording where one is known, else the swing of
-:mod:`elastic_arm.mujoco.left_out`. Damping is never taken away, as friction would fall beyond the motion's speeds.
+:mod:`elastic_arm.mujoco.left_out`. Damping is never taken away, as friction would fall beyond the
+motion's speeds.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -47,10 +48,16 @@ class StandIn:
         units = robot.units
         torque, rate = units.at(self.joint, "Nm"), units.at(self.joint, "Nm s/rad")
         laws = " and ".join(_named(law, torque) for law in self.laws)
-        added = f"{self.friction_loss:+.3g} {torque} of friction loss and {self.damping:+.3g} {rate} of damping"
+        added = (
+            f"{self.friction_loss:+.3g} {torque} of friction loss and {self.damping:+.3g} {rate} of"
+            " damping"
+        )
         over = "the motion of the recording" if self.recorded else "a swing at 1 rad/s"
         missing = f"{self.left:.2g} of {self.whole:.2g} {torque} rms are missing"
-        return f"{laws} of {self.joint} is no number of the file: {added} stand for it over {over}; {missing}"
+        return (
+            f"{laws} of {self.joint} is no number of the file: {added} stand for it over {over};"
+            f" {missing}"
+        )
 
 
 def stood_in(

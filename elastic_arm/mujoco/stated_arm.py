@@ -1,7 +1,8 @@
 """What of an arm with effects the numbers of an MJCF or a URDF can state, and what only laws can.
 
-Each effect is taken apart by the meaning that its file gives its parameters; those without a rule here are left to
-:func:`elastic_arm.mujoco.attach`, or, if they are of sensors, to the recording that they belong to.
+Each effect is taken apart by the meaning that its file gives its parameters; those without a rule
+here are left to :func:`elastic_arm.mujoco.attach`, or, if they are of sensors, to the recording
+that they belong to.
 """
 
 from __future__ import annotations
@@ -32,7 +33,8 @@ Lacking = tuple[EffectInstance, str]  # what a file does not state, and why
 
 @dataclass(frozen=True)
 class StatedJoint:
-    """Numbers of a joint: kg m², Nm s/rad, Nm, its spring's Nm/rad and rad, its zero, rad, its torque's delay, s."""
+    """Numbers of a joint: kg m², Nm s/rad, Nm, its spring's Nm/rad and rad, its zero, rad, its
+    torque's delay, s."""
 
     armature: float = 0.0
     damping: float = 0.0
@@ -91,7 +93,8 @@ def stated_arm(
 
 
 def motor_inertia(joint: Joint) -> float:
-    """Return the nominal inertia on the motor side of a joint, kg m²: B of mod2, or its armature."""
+    """Return the nominal inertia on the motor side of a joint, kg m²: B of mod2, or its
+    armature."""
     if joint.transmission is None:
         return joint.armature or 0.0
     return sum(
@@ -100,7 +103,8 @@ def motor_inertia(joint: Joint) -> float:
 
 
 def acts_by_law(effect: Effect) -> bool:
-    """Return whether a callback can add an effect to a model: a whole arm's, not one of its sensors or controllers."""
+    """Return whether a callback can add an effect to a model: a whole arm's, not one of its sensors
+    or controllers."""
     return (
         not isinstance(effect, SensorEffect | StructuralEffect | ControllerEffect)
         and "mod3" in effect.lacked_by
@@ -123,7 +127,8 @@ def _put(values: Sequence[Any], i: int, value: Any) -> tuple[Any, ...]:
 
 
 def _on_elastic_link(robot: Robot, instance: EffectInstance) -> bool:
-    """Return whether an effect acts on the link of an elastic joint, which is no joint of a file."""
+    """Return whether an effect acts on the link of an elastic joint, which is no joint of a
+    file."""
     return robot.elastic and instance.parameters.get("side", "link") == "link"
 
 

@@ -1,4 +1,5 @@
-"""A user's own URDF with the numbers of a corrected arm in it, or a new one; everything else stays as they wrote it."""
+"""A user's own URDF with the numbers of a corrected arm in it, or a new one; everything else stays
+as they wrote it."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -56,8 +57,8 @@ def export_urdf(
     """Write a URDF with the numbers of an arm: inertials, damping and friction of joints.
 
     Without `base`, the user's file, it is a new one of simple shapes; all else is as in
-    :func:`~elastic_arm.mujoco.export_mjcf`. Raises a RobotError if the arm is another one, or its numbers are of no
-    physical body, and an OutputError if the file cannot be written.
+    :func:`~elastic_arm.mujoco.export_mjcf`. Raises a RobotError if the arm is another one, or its
+    numbers are of no physical body, and an OutputError if the file cannot be written.
     """
     text = (
         to_urdf(robot.with_(effects=())).encode()
@@ -98,7 +99,8 @@ def export_urdf(
 
 
 def _mounting(before: Array, after: Array) -> EffectInstance:
-    """Return the tilt of the base under which what is straight down by the file is felt as `after` (3,)."""
+    """Return the tilt of the base under which what is straight down by the file is felt as `after`
+    (3,)."""
     if not np.isclose(np.linalg.norm(before), np.linalg.norm(after)):
         raise RobotError(
             "gravity changes, and a URDF does not state it", "Tilt the joint that carries the base"
@@ -108,7 +110,8 @@ def _mounting(before: Array, after: Array) -> EffectInstance:
 
 
 def _numbers_left(robot: Robot, whole: StatedArm, before: StatedArm) -> Iterator[Left]:
-    """Yield motor inertia that the file does not state by Drake's tags, elasticity and controllers."""
+    """Yield motor inertia that the file does not state by Drake's tags, elasticity and
+    controllers."""
     missing = [
         all_of.armature - of_file.armature
         for all_of, of_file in zip(whole.joints, before.joints, strict=True)

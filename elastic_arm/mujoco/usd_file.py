@@ -1,7 +1,8 @@
 """USD out, for Isaac and Newton: rigid links, joints with motor inertia, friction and drives.
 
-UsdPhysics has neither armature nor friction. Each engine has attributes of its own for them, and all are written: those
-of Newton and MuJoCo (`newton:`) and those of PhysX (`physxJointAxis:`). Angles are in degrees, as USD has them.
+UsdPhysics has neither armature nor friction. Each engine has attributes of its own for them, and
+all are written: those of Newton and MuJoCo (`newton:`) and those of PhysX (`physxJointAxis:`).
+Angles are in degrees, as USD has them.
 """
 
 from dataclasses import replace
@@ -33,8 +34,8 @@ def export_usd(
 ) -> Exported:
     """Write an arm as a new USD file (.usda), and list what it does not hold.
 
-    Of an elastic arm the joints are rigid, with the motors' inertia. Raises a MissingExtraError if USD is not
-    installed, and a RobotError if a link has no mass.
+    Of an elastic arm the joints are rigid, with the motors' inertia. Raises a MissingExtraError if
+    USD is not installed, and a RobotError if a link has no mass.
     """
     links = bodies_with_components(robot)[1:]
     rigid = robot.with_(
@@ -55,7 +56,8 @@ def export_usd(
 
 
 def _drive(joint: Joint) -> JointController | None:
-    """Return a joint's controller where it is what a drive of UsdPhysics is: a servo that is not late."""
+    """Return a joint's controller where it is what a drive of UsdPhysics is: a servo that is not
+    late."""
     own = servo(joint.controller)
     return None if own is None or own.delay or own != joint.controller else own
 

@@ -1,7 +1,8 @@
-"""The console scripts of the nodes: `ros2 run elastic_arm simulator`, or `python -m` this module and a name.
+"""The console scripts of the nodes: `ros2 run elastic_arm simulator`, or `python -m` this module
+and a name.
 
-A module apart, without imports of weight: a node's own libraries take a second or two to load, and a Ctrl-C in that
-time should end the process as quietly as one later on.
+A module apart, without imports of weight: a node's own libraries take a second or two to load, and
+a Ctrl-C in that time should end the process as quietly as one later on.
 """
 
 import os

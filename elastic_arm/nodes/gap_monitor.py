@@ -25,7 +25,8 @@ from elastic_arm.output_files import write_result
 from elastic_arm.recording import topics
 from elastic_arm.robot import load_robot
 
-# Shorter recordings are not diagnosed; where no sample comes for so long, the data are over. Both s.
+# Shorter recordings are not diagnosed; where no sample comes for so long, the data are over. Both
+# s.
 LEAST, QUIET = 8.0, 2.0
 
 PARAMETERS = {
@@ -86,7 +87,8 @@ class GapMonitorNode(SamplingNode):
     def forget(self) -> None:
         """Forget all samples, and what is being made of them."""
         self._window.clear()
-        # The question under way: the stamp of its last sample, and when it was asked; None when it no longer matters.
+        # The question under way: the stamp of its last sample, and when it was asked; None when it
+        # no longer matters.
         self._asked: tuple[int, float] | None = None
         self._found: dict[str, Any] | None = None
         self._sizes, self._changes, self._said = Sizes(), list[str](), ""

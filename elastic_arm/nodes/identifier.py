@@ -148,7 +148,10 @@ class IdentifierNode(SamplingNode):
         laws = [e for e in result.estimates if e.is_friction]
         sizes = [f"{e.short} {' ± '.join(rounded(e.value, e.std))} {e.unit}" for e in laws]
         found = " ".join([*result.summary(), *([f"{'; '.join(sizes)}."] if sizes else [])])
-        return f"{found} Estimate of {result.samples} samples, of {received} received, written to {file}"
+        return (
+            f"{found} Estimate of {result.samples} samples, of {received} received, written to"
+            f" {file}"
+        )
 
     def status(self) -> tuple[list[str], dict[str, Any]]:
         """Return what is wrong, in words, and figures."""
@@ -165,9 +168,9 @@ class IdentifierNode(SamplingNode):
                 "residual RMS, Nm": rms(self._fit.noise),
                 "condition number": self._fit.condition,
             }
-        return [
-            f"{absurd} samples hold absurd numbers, and are left out"
-        ] if absurd else [], figures
+        return (
+            [f"{absurd} samples hold absurd numbers, and are left out"] if absurd else []
+        ), figures
 
 
 def rms(noise: NDArray[np.float64]) -> float:

@@ -1,4 +1,5 @@
-"""What the launch files have in common: arguments with words, and nodes of which the first to end ends the others."""
+"""What the launch files have in common: arguments with words, and nodes of which the first to end
+ends the others."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -57,8 +58,9 @@ def scenario(
 ) -> LaunchDescription:
     """Return a launch of some nodes, all of which stop with the first that does.
 
-    arguments: default (None: it has to be given) and words of each; `namespace` is added; nodes: for each node the
-    arguments that it takes as parameters; the others are those of `config/elastic_arm.yaml`.
+    arguments: default (None: it has to be given) and words of each; `namespace` is added; nodes:
+    for each node the arguments that it takes as parameters; the others are those of
+    `config/elastic_arm.yaml`.
     """
     namespace = LaunchConfiguration("namespace")
     return LaunchDescription(
@@ -70,7 +72,8 @@ def scenario(
 
 
 def declared(arguments: Mapping[str, tuple[Any, str]]) -> list[DeclareLaunchArgument]:
-    """Return the declarations of arguments: default (None: it has to be given) and words of each."""
+    """Return the declarations of arguments: default (None: it has to be given) and words of
+    each."""
     return [
         DeclareLaunchArgument(name, default_value=given, description=text)
         for name, (given, text) in arguments.items()
@@ -86,8 +89,9 @@ def arm_node(
 ) -> Node:
     """Return a node of the package.
 
-    taken: arguments of the launch that it takes as parameters; renamed: parameters that have another name among the
-    arguments; on_exit: what happens when it ends; the launch ends as well by default.
+    taken: arguments of the launch that it takes as parameters; renamed: parameters that have
+    another name among the arguments; on_exit: what happens when it ends; the launch ends as well by
+    default.
     """
     defaults = [FindPackageShare(PACKAGE), "/config/elastic_arm.yaml"]
     given = {

@@ -120,12 +120,14 @@ class Recorder(ArmNode):
 
 
 _SEPARATOR = "=" * 80
-# A field's type at the beginning of a line: package, name; arrays, bounds and what follows do not matter.
+# A field's type at the beginning of a line: package, name; arrays, bounds and what follows do not
+# matter.
 _FIELD = re.compile(r"^\s*(?:(\w+)/(?:msg/)?)?([A-Z]\w*)", flags=re.MULTILINE)
 
 
 def installed_definition(type_name: str) -> tuple[str, str]:
-    """Return the full ros2msg text of a type and all it is made of, and its RIHS01 hash; empty where not found."""
+    """Return the full ros2msg text of a type and all it is made of, and its RIHS01 hash; empty
+    where not found."""
     package, _, name = type_name.split("/")
     texts: dict[str, str] = {}
     try:

@@ -128,7 +128,8 @@ class Replayer(ArmNode):
         return outputs
 
     def _placed(self, topic: str) -> str:
-        """Return where a topic of the bag is played: within this node's namespace, in which it may lie already."""
+        """Return where a topic of the bag is played: within this node's namespace, in which it may
+        lie already."""
         namespace = self.get_namespace().rstrip("/")
         return topic if topic.startswith(f"{namespace}/") else namespace + topic
 
@@ -174,7 +175,8 @@ class Replayer(ArmNode):
         problems = [] if self._listened() else ["nobody listens"]
         if problems and not self._begun:
             problems = [
-                "nobody listens: waiting for a subscriber (with wait:=false, the bag is played to nobody)"
+                "nobody listens: waiting for a subscriber (with wait:=false, the bag is played to"
+                " nobody)"
             ]
         return problems, {"messages": self._sent, "rate": self._rate, "rounds": self._rounds}
 

@@ -43,18 +43,23 @@ from elastic_arm.simulation import SimulationSettings, Simulator
 CLOCK_PERIOD = 0.01
 # How long the arm waits for a stream that is behind, where it can, real seconds.
 STREAM_PATIENCE = 5.0
-# The clock that waits publishes its time again after so long, real seconds: whoever missed it would wait as well.
+# The clock that waits publishes its time again after so long, real seconds: whoever missed it would
+# wait as well.
 REMINDER = 0.05
-# In real time, how much of what was missed is caught up on, seconds: a busy machine should leave no holes.
+# In real time, how much of what was missed is caught up on, seconds: a busy machine should leave no
+# holes.
 CATCH_UP = 10.0
-# With a clock of its own there is nothing to catch up with: a short delay is made good, or the pace would suffer.
+# With a clock of its own there is nothing to catch up with: a short delay is made good, or the pace
+# would suffer.
 MAKE_GOOD = 0.5
-# Behind the time of day by more, seconds, is worth a word; and what of the stream is missing is still on its way in.
+# Behind the time of day by more, seconds, is worth a word; and what of the stream is missing is
+# still on its way in.
 BEHIND = 0.2
 # Nobody notices a pace that is off by less.
 PACE_TOLERANCE = 0.02
-# Before the first sample, seconds on an idle machine, others can see that this one is about to publish, and it sees
-# those that start with it. Later another one is the newcomer, and this one stays.
+# Before the first sample, seconds on an idle machine, others can see that this one is about to
+# publish, and it sees those that start with it. Later another one is the newcomer, and this one
+# stays.
 SETTLING = 1.0
 PARAMETERS = {
     "robot": Setting("", "Arm file (YAML) or URDF; empty: the arm of the package"),
@@ -88,8 +93,9 @@ PARAMETERS = {
 class Pace:
     """A schedule of steps `1 / rate` of simulated time apart, run at `factor` times real time.
 
-    A late step is caught up on: the schedule is of absolute times, so delays do not add up. Only after falling behind
-    by more than `patience` seconds is the schedule moved, which :attr:`slipped` counts.
+    A late step is caught up on: the schedule is of absolute times, so delays do not add up. Only
+    after falling behind by more than `patience` seconds is the schedule moved, which
+    :attr:`slipped` counts.
     """
 
     def __init__(self, rate: float, factor: float = 1.0, patience: float = 0.5) -> None:
@@ -125,7 +131,8 @@ class Pace:
             self._due = max(self._due, now)
 
     def achieved(self, now: float) -> float:
-        """Return the steps per real second since the last call, relative to the rate set; 1 before the first step."""
+        """Return the steps per real second since the last call, relative to the rate set; 1 before
+        the first step."""
         if self._window is None or now <= self._window[0]:
             return 1.0
         began, steps = self._window
@@ -243,7 +250,8 @@ class SimulatorNode(ArmNode):
         return self._pace.wait(time.monotonic())
 
     def _skip(self, steps: int) -> None:
-        """Move on without publishing: real time does not wait for a process that was held up, and nor does an arm."""
+        """Move on without publishing: real time does not wait for a process that was held up, and
+        nor does an arm."""
         rows = [self._reference.at(self._step + k) for k in range(steps)]
         self._arm.follow(*(np.array(values) for values in zip(*rows, strict=True)))
         self._step += steps
@@ -272,7 +280,8 @@ class SimulatorNode(ArmNode):
         self._action.observe(stamp, row, motor["position"], motor["velocity"])
 
     def _stream_is_behind(self, now: float) -> bool:
-        """Return whether to wait until more of the reference arrives: in real time only while catching up."""
+        """Return whether to wait until more of the reference arrives: in real time only while
+        catching up."""
         if not self._reference.stream.starving():
             self._waited = now
             return False
@@ -310,12 +319,14 @@ class SimulatorNode(ArmNode):
         return "the arm is at rest at its initial position"
 
     def _obey(self, message: JointState) -> None:
-        """Take what a controller commands in one cycle, as ros2_control's topic-based system sends it."""
+        """Take what a controller commands in one cycle, as ros2_control's topic-based system sends
+        it."""
         if (goal := commanded(message, self._wanted.command_period)) is not None:
             self._reference.obey(goal)
 
     def _take_points(self, take: Callable[[Any], Goal | None], topic: str, message: Any) -> None:
-        """Take streamed points or a goal; what cannot be followed is refused, and the arm goes on as before."""
+        """Take streamed points or a goal; what cannot be followed is refused, and the arm goes on
+        as before."""
         try:
             goal = take(message)
         except GraphError as error:

@@ -25,15 +25,17 @@ from elastic_arm.recording import topics
 
 # The first points go out so long before their time: what arrives late is followed late.
 HEAD_START_NS = NANOSECONDS
-# Clocks further apart than this, seconds, are two clocks; an arm may be late with its samples, but not that late.
+# Clocks further apart than this, seconds, are two clocks; an arm may be late with its samples, but
+# not that late.
 LARGEST_OFFSET = 15.0
-# With two clocks there is nothing to wait for but a mistake to mend, or /clock that has not been heard yet: seconds.
-# States that say nothing of where the arm is are waited out as long: a driver may be starting.
+# With two clocks there is nothing to wait for but a mistake to mend, or /clock that has not been
+# heard yet: seconds. States that say nothing of where the arm is are waited out as long: a driver
+# may be starting.
 PATIENCE = 10.0
 # Joints stand at no larger angles, rad (or positions, m).
 LARGEST_POSITION = 1e4
-# The arm has this long, seconds, to find the generator that has found it; and this long where the arm's states and the
-# reader of the reference are two nodes, one of which may be a recorder.
+# The arm has this long, seconds, to find the generator that has found it; and this long where the
+# arm's states and the reader of the reference are two nodes, one of which may be a recorder.
 SETTLING = 0.3
 READER_PATIENCE = 3.0
 POINTS = 20  # in a message
@@ -48,7 +50,8 @@ PARAMETERS = {
 }
 
 
-# Peak speed and acceleration of a quintic from rest to rest: distance / duration and distance / duration² times these.
+# Peak speed and acceleration of a quintic from rest to rest: distance / duration and distance /
+# duration² times these.
 QUINTIC_SPEED = 15.0 / 8.0
 QUINTIC_ACCELERATION = 10.0 / np.sqrt(3.0)
 # Highest acceleration on the way to the start, rad/s².
@@ -100,7 +103,8 @@ class Plan:
 
 
 class TrajectoryGenerator(ArmNode):
-    """Waits for the arm, leads it to the start of a trajectory and streams the trajectory, a little ahead of time."""
+    """Waits for the arm, leads it to the start of a trajectory and streams the trajectory, a little
+    ahead of time."""
 
     def __init__(self) -> None:
         super().__init__("trajectory_generator")
@@ -167,7 +171,9 @@ class TrajectoryGenerator(ArmNode):
         remedy = "A simulator that is not in real time publishes /clock."
         stamp = message.header.stamp.sec + message.header.stamp.nanosec / NANOSECONDS
         now = self.get_clock().now().nanoseconds / NANOSECONDS
-        if not now:  # as a clock of the arm's own reads until it is heard; a start reckoned from there would be over
+        # as a clock of the arm's own reads until it is heard; a start reckoned from there would be
+        # over
+        if not now:
             return GraphError(f"use_sim_time is set, and nobody publishes {topics.CLOCK}", remedy)
         if abs(now - stamp) > LARGEST_OFFSET:
             return GraphError(
@@ -223,11 +229,13 @@ class TrajectoryGenerator(ArmNode):
         # On the grid of the clock, so that an arm stepping on the same grid needs no interpolation.
         self._start_ns = -(-(now + HEAD_START_NS) // self._step_ns) * self._step_ns
         self.get_logger().info(
-            f"streaming {self._plan.duration:.1f} s, {self._plan.approach:.1f} s of it the way there"
+            f"streaming {self._plan.duration:.1f} s, {self._plan.approach:.1f} s of it the way"
+            " there"
         )
 
     def _settled(self) -> bool:
-        """Return whether the arm reads the reference: its own node, or whoever has done so for a while."""
+        """Return whether the arm reads the reference: its own node, or whoever has done so for a
+        while."""
         readers = self.get_subscriptions_info_by_topic(self._publisher.topic_name)
         if not readers or not self._publisher.get_subscription_count():
             self._matched = None

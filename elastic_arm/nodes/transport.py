@@ -1,12 +1,14 @@
 """How the nodes' samples travel: UDP on this machine and beyond it, never Fast DDS's shared memory.
 
-Fast DDS 2.14 keeps the queue of a reader in a file of shared memory, under a lock that outlives whoever holds it
-(`boost::interprocess::interprocess_mutex`, not a robust one). A reader that is killed while it takes a sample leaves
-the lock held, and whoever publishes to it waits in `SharedMemManager::Port::try_push`: a recorder's death would stop
-the arm. A socket is closed with its process.
+Fast DDS 2.14 keeps the queue of a reader in a file of shared memory, under a lock that outlives
+whoever holds it (`boost::interprocess::interprocess_mutex`, not a robust one). A reader that is
+killed while it takes a sample leaves the lock held, and whoever publishes to it waits in
+`SharedMemManager::Port::try_push`: a recorder's death would stop the arm. A socket is closed with
+its process.
 
-`ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST` needs more than a variable, as rmw_fastrtps then sets up shared memory by
-itself: `fastdds_loopback.xml` states what it would set up otherwise, for the range that changes nothing.
+`ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST` needs more than a variable, as rmw_fastrtps then sets up
+shared memory by itself: `fastdds_loopback.xml` states what it would set up otherwise, for the range
+that changes nothing.
 """
 
 from collections.abc import MutableMapping
@@ -22,9 +24,11 @@ LOOPBACK_PROFILE = Path(__file__).with_name("fastdds_loopback.xml")
 
 
 def choose_transport(environment: MutableMapping[str, str]) -> None:
-    """Set the variables that Fast DDS and rmw_fastrtps read; other middleware does not look at them.
+    """Set the variables that Fast DDS and rmw_fastrtps read; other middleware does not look at
+    them.
 
-    A profile or transports of the user's own count. Static peers beside `LOCALHOST` keep what rmw_fastrtps sets up.
+    A profile or transports of the user's own count. Static peers beside `LOCALHOST` keep what
+    rmw_fastrtps sets up.
 
     environment: of the process, before ROS is initialised; changed in place.
     """

@@ -1,7 +1,7 @@
 """Recordings: the interchange type of the suite, stored in rosbag2 bags.
 
-`Recording` is what the rest of the suite sees; nothing downstream knows whether the arm was real. Names are loaded when
-they are first used: commands that read no bag import no reader.
+`Recording` is what the rest of the suite sees; nothing downstream knows whether the arm was real.
+Names are loaded when they are first used: commands that read no bag import no reader.
 """
 
 from typing import TYPE_CHECKING

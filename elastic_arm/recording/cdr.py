@@ -1,7 +1,9 @@
-"""Where the numbers lie in a CDR message, so that thousands of equal layout are read, or written, at once.
+"""Where the numbers lie in a CDR message, so that thousands of equal layout are read, or written,
+at once.
 
-The lengths of its sequences and strings alone decide where everything in a message lies. The layout of one message is
-found by walking its type; every message with the same lengths has the same layout, which is checked over whole arrays.
+The lengths of its sequences and strings alone decide where everything in a message lies. The layout
+of one message is found by walking its type; every message with the same lengths has the same
+layout, which is checked over whole arrays.
 """
 
 import struct
@@ -140,8 +142,10 @@ class Layouts:
         self._walked = 0
 
     def groups(self, spans: Spans) -> Iterator[tuple[Layout, Offsets | None]]:
-        """Yield the layouts that occur among messages, each with the indices of its messages; None for all of them."""
-        # Nearly always all messages of a block are like those before: then nothing has to be picked out.
+        """Yield the layouts that occur among messages, each with the indices of its messages; None
+        for all of them."""
+        # Nearly always all messages of a block are like those before: then nothing has to be picked
+        # out.
         if self._latest is not None and self._latest.matches(spans).all():
             yield self._latest, None
             return

@@ -1,6 +1,8 @@
-"""How much memory a bag may take, whatever it claims: stated here, and in part configurable by the environment.
+"""How much memory a bag may take, whatever it claims: stated here, and in part configurable by the
+environment.
 
-`$ELASTIC_ARM_MAX_CHUNK_MB` bounds what one chunk may unpack to, `$ELASTIC_ARM_MAX_UNPACKED_MB` what one file may.
+`$ELASTIC_ARM_MAX_CHUNK_MB` bounds what one chunk may unpack to, `$ELASTIC_ARM_MAX_UNPACKED_MB` what
+one file may.
 """
 
 import os
@@ -8,27 +10,30 @@ import os
 from elastic_arm.errors import RecordingError
 
 MEGABYTE = 1_000_000
-# What recorders write is below 20 MB a chunk; a file that unpacks to more than half of the memory cannot be decoded.
+# What recorders write is below 20 MB a chunk; a file that unpacks to more than half of the memory
+# cannot be decoded.
 CHUNK_MB = 512
 MEMORY_SHARE = 0.5
 
-# Of a message definition. The largest one of ROS (a planning scene of MoveIt) has 60 kB, 70 types and 400 fields.
+# Of a message definition. The largest one of ROS (a planning scene of MoveIt) has 60 kB, 70 types
+# and 400 fields.
 DEFINITION_BYTES = 1_000_000
 DEFINITION_FIELDS = 2000
 
-# Of the messages of one topic: fields met in walking one message, and layouts (lengths, names, orders of joints), whose
-# fields together are about so many.
+# Of the messages of one topic: fields met in walking one message, and layouts (lengths, names,
+# orders of joints), whose fields together are about so many.
 WALKED_FIELDS = 100_000
 LAYOUTS = 256
 LAYOUT_FIELDS = 1_000_000
-# Names in a message, and numbers in a field of its values: the largest robots have some hundred joints.
+# Names in a message, and numbers in a field of its values: the largest robots have some hundred
+# joints.
 COLUMNS = 10_000
 
 METADATA_BYTES = 10 * MEGABYTE
 FILES = 10_000  # that metadata.yaml names
 CHANNELS = 5000  # topics that a file describes; the largest systems have some thousand
-# Records of an MCAP file that are no messages: by number in a chunk, where they describe channels, and beside chunks by
-# the least bytes that one has with its share of what it stands for.
+# Records of an MCAP file that are no messages: by number in a chunk, where they describe channels,
+# and beside chunks by the least bytes that one has with its share of what it stands for.
 RECORDS = 200_000
 RECORD_BYTES = 50
 

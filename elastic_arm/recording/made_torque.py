@@ -1,10 +1,11 @@
-"""The torque that a described controller makes of recorded commands and states, where no torque was recorded,
+"""The torque that a described controller makes of recorded commands and states, where no torque was
+recorded,
 
     tau_m = limit(kp (r(t - d) - q) + kd (dr(t - d) - dq) + ki int(r - q) + feed-forward),
 
-a dead band taken off the error r - q where kp has one.
-Angles between samples are those of cubic splines. A held command is the mean, over the last interval of commands, of
-the motion that commands are samples of: within the band, that is what holding does.
+a dead band taken off the error r - q where kp has one. Angles between samples are those of cubic
+splines. A held command is the mean, over the last interval of commands, of the motion that commands
+are samples of: within the band, that is what holding does.
 """
 
 from dataclasses import replace
@@ -35,10 +36,12 @@ def is_commanded(recording: Recording) -> bool:
 
 
 def with_made_torque(recording: Recording, robot: Robot) -> Recording:
-    """Return a recording of commands and positions with the motor torques that the described controllers make of them.
+    """Return a recording of commands and positions with the motor torques that the described
+    controllers make of them.
 
-    Any other recording is returned as it is. The reference becomes the command as the drives take it, at the stamps of
-    the positions; what lies before the first command and after the last is left out.
+    Any other recording is returned as it is. The reference becomes the command as the drives take
+    it, at the stamps of the positions; what lies before the first command and after the last is
+    left out.
     """
     side = (
         recording.motor
@@ -87,8 +90,9 @@ def with_made_torque(recording: Recording, robot: Robot) -> Recording:
     motor = cut["motor"] if side is recording.motor else Side(stamps)
     whose = listed(recording.joints, [name in made for name in recording.joints])
     note = (
-        f"no torque was recorded: those of {whose} are what the described controllers make of commands and positions, "
-        "and what is found of torques, masses and friction has the scale of their gains"
+        f"no torque was recorded: those of {whose} are what the described controllers make of"
+        " commands and positions, and what is found of torques, masses and friction has the scale"
+        " of their gains"
     )
     return replace(
         recording,
@@ -169,7 +173,8 @@ def _torque(
 def _fed_forward(
     robot: Robot, t: Array, r: Array, controllers: list[JointController]
 ) -> dict[str, Array]:
-    """Return what is fed forward of a command (N, n) by the name of it, Nm: as if link and motor turned alike."""
+    """Return what is fed forward of a command (N, n) by the name of it, Nm: as if link and motor
+    turned alike."""
     found = {"none": np.zeros_like(r)}
     if all(controller.feedforward == "none" for controller in controllers):
         return found

@@ -1,8 +1,10 @@
-"""Message types without ROS: the standard ones of Jazzy, our own, and those that a foreign bag brings along.
+"""Message types without ROS: the standard ones of Jazzy, our own, and those that a foreign bag
+brings along.
 
-Definitions in a bag are read as data: no text of it is ever executed. The library's parser reads types, fields and
-array sizes. What it takes minutes for, or does not know (separators and preprocessor lines of bags, annotations), and
-what does not change where numbers lie (constants, defaults) is left out first.
+Definitions in a bag are read as data: no text of it is ever executed. The library's parser reads
+types, fields and array sizes. What it takes minutes for, or does not know (separators and
+preprocessor lines of bags, annotations), and what does not change where numbers lie (constants,
+defaults) is left out first.
 """
 
 import re
@@ -31,7 +33,8 @@ _SEPARATOR = re.compile(r"={20,}\s*")
 _HEAD = re.compile(rf"\s*MSG:\s*({_NAME})\s*")
 _NO_IDL = re.compile(r"#.*|={20,}\s*|\s*IDL:.*")
 _MEMBER = re.compile(r"\s*([^\s#@]\S*)\s+(\w+)\s*(=)?")
-# Comments and strings that do not end go on to the end of the text: so none is looked through twice.
+# Comments and strings that do not end go on to the end of the text: so none is looked through
+# twice.
 _SPOKEN = re.compile(r'//[^\n]*|/\*(?:[^*]|\*(?!/))*(?:\*/)?|"(?:\\.|[^"\\])*"?', re.DOTALL)
 _ANNOTATION = re.compile(r"@[\w:]+\s*(?:\([^()]*\))?")
 # Of these the library makes expressions, by all ways to read them, and numbers of any size.
@@ -42,7 +45,8 @@ _EMPTY: list[Any] = [("structure_needs_at_least_one_member", (Nodetype.BASE, ("u
 
 @lru_cache(maxsize=1)
 def typestore() -> Typestore:
-    """Return Jazzy's standard types with those of elastic_arm_msgs (whose .msg files lie in `recording/msg`)."""
+    """Return Jazzy's standard types with those of elastic_arm_msgs (whose .msg files lie in
+    `recording/msg`)."""
     store = get_typestore(Stores.ROS2_JAZZY)
     types = {}
     for file in sorted(
@@ -72,7 +76,8 @@ def definition(type_name: str) -> tuple[str, str]:
 
 
 def types_of(topic: Topic) -> Typesdict:
-    """Return the types that a topic's messages are made of: as the bag defines them, or else the known ones."""
+    """Return the types that a topic's messages are made of: as the bag defines them, or else the
+    known ones."""
     types = parse_definition(topic.type_name, topic.encoding, topic.definition)
     if topic.type_name not in types:
         problem = f"message type {topic.type_name} is not defined in the bag"
@@ -81,7 +86,10 @@ def types_of(topic: Topic) -> Typesdict:
 
 
 # What makes ROS messages, or tables, of messages in other languages.
-_AS_JSON = "Export them as JSON Lines and import these: mcap cat --json FILE > a.jsonl; elastic-arm bag import a.jsonl."
+_AS_JSON = (
+    "Export them as JSON Lines and import these: mcap cat --json FILE > a.jsonl; elastic-arm bag"
+    " import a.jsonl."
+)
 _FOREIGN = dict.fromkeys(("protobuf", "jsonschema", "flatbuffer", "omgidl"), _AS_JSON)
 _FOREIGN["ros1msg"] = (
     "Convert the bag to ROS 2 first: rosbags-convert --src FILE --dst BAG (pip install rosbags)."
@@ -90,7 +98,8 @@ _FOREIGN["ros1msg"] = (
 
 @lru_cache(maxsize=64)
 def parse_definition(type_name: str, encoding: str, text: str) -> Typesdict:
-    """Return the fields of a type and of all that it is made of; those known where there is no text."""
+    """Return the fields of a type and of all that it is made of; those known where there is no
+    text."""
     if not text:
         return typestore().fielddefs
     if encoding in _FOREIGN:

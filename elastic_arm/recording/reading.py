@@ -104,12 +104,13 @@ def read_recording(
     Parameters
     ----------
     path
-        A rosbag2 folder, an .mcap or .db3 file, or several of them (parts of one run, or its topics).
+        A rosbag2 folder, an .mcap or .db3 file, or several of them (parts of one run, or its
+        topics).
     channels
         A channel map or its file, for bags that use other names, units or signs.
     joints
-        The joints wanted, in robot-description order; by default all, in the order of the URDF in the bag, or else of
-        the numbers in their names.
+        The joints wanted, in robot-description order; by default all, in the order of the URDF in
+        the bag, or else of the numbers in their names.
     arrival
         Take the times at which messages were recorded for their stamps.
     namespace
@@ -135,10 +136,11 @@ def contents(
     strict: bool = True,
     most: float = np.inf,
 ) -> Iterator[Content]:
-    """Yield what bags, parts of one recording, hold of its topics, or of those `wanted`, with their series.
+    """Yield what bags, parts of one recording, hold of its topics, or of those `wanted`, with their
+    series.
 
-    Whenever it has grown by `most` messages, and at the end. With `strict` a damaged chunk raises, otherwise it is
-    skipped and noted.
+    Whenever it has grown by `most` messages, and at the end. With `strict` a damaged chunk raises,
+    otherwise it is skipped and noted.
     """
     paths = [path] if isinstance(path, str | Path) else list(path)
     if not paths:
@@ -181,10 +183,11 @@ def read_parts(
     namespace: str | None = None,
     most: float = PART,
 ) -> Iterator[tuple[Recording, float]]:
-    """Read a bag as :func:`read_recording` does, in parts of so many messages; yield each, and the share that is read.
+    """Read a bag as :func:`read_recording` does, in parts of so many messages; yield each, and the
+    share that is read.
 
-    A bag of fewer is one part. Parts of a longer one that lack a topic of the first are left out, and those after a
-    clock was set back come a second after what was before, as within a part.
+    A bag of fewer is one part. Parts of a longer one that lack a topic of the first are left out,
+    and those after a clock was set back come a second after what was before, as within a part.
     """
     topics: set[str] = set()
     end: int | None = None
@@ -203,8 +206,8 @@ def read_parts(
 def choose_namespace(bags: Sequence[Bag], wanted: str | None = None) -> str:
     """Return the namespace of the arm to read, "" for the root.
 
-    Where none is asked for, it is that of the topics without a namespace if they are there, and otherwise the only one
-    that holds states.
+    Where none is asked for, it is that of the topics without a namespace if they are there, and
+    otherwise the only one that holds states.
     """
     found = sorted(
         {
@@ -246,7 +249,8 @@ def recording_of(
     *,
     arrival: bool = False,
 ) -> tuple[Recording, list[Finding]]:
-    """Return the recording that decoded topics hold, and what had to be assumed or mended; its notes say so, too."""
+    """Return the recording that decoded topics hold, and what had to be assumed or mended; its
+    notes say so, too."""
     source, series = content.source, content.series
     if arrival or (channels is not None and channels.time != "header"):
         series = {topic: each.by_arrival() for topic, each in series.items()}
@@ -296,7 +300,8 @@ def _contract_recording(
         )
         raise RecordingError(
             f"neither {JOINT_STATES} nor {MOTOR_STATES} was recorded; the bag holds {listed}",
-            "Record one of them, or name in a channel map (--channels) the topics that hold the joints.",
+            "Record one of them, or name in a channel map (--channels) the topics that hold the"
+            " joints.",
         )
     joints = _joints(states, wanted, content.robot_description)
     sides = {
@@ -309,7 +314,8 @@ def _contract_recording(
     if called != joints:
         found.append(
             note(
-                f"{', '.join(joints)} are {', '.join(called)} by their names without what all of them share"
+                f"{', '.join(joints)} are {', '.join(called)} by their names without what all of"
+                " them share"
             )
         )
     return Recording(
@@ -324,7 +330,8 @@ def _place_torques(
     joints: tuple[str, ...],
     found: list[Finding],
 ) -> tuple[Side | None, Side | None]:
-    """Decide what /joint_states.effort measured, and take torques that stand in /joint_torques alone."""
+    """Decide what /joint_states.effort measured, and take torques that stand in /joint_torques
+    alone."""
     torques = series.get(JOINT_TORQUES)
     sensed, driven = (
         _side(torques, joints, {"effort": name}, found) for name in ("joint_torque", "motor_torque")
@@ -337,7 +344,8 @@ def _place_torques(
     ):
         found.append(
             note(
-                f"{JOINT_STATES}.effort was taken as the motor torque, as {MOTOR_STATES} was not recorded"
+                f"{JOINT_STATES}.effort was taken as the motor torque, as {MOTOR_STATES} was not"
+                " recorded"
             )
         )
         motor = Side(link.stamp_ns, effort=link.effort)
@@ -376,7 +384,8 @@ def _joints(
             missing = [name for name in wanted if name not in names]
             raise RecordingError(
                 f"not recorded: joint {', '.join(missing)}; there are {', '.join(names)}",
-                "Give the description of the recorded arm (--robot), or map its names in a channel map (--channels).",
+                "Give the description of the recorded arm (--robot), or map its names in a channel"
+                " map (--channels).",
             )
         return tuple(matched)
     known = urdf_joints(urdf)
@@ -394,7 +403,8 @@ def _joints(
 
 def _number_at_end(name: str) -> str:
     """Return the digits at the end of a name; nothing where they are too many to count joints."""
-    # From the end, as a search from the start would look through each run of digits once for every digit of it.
+    # From the end, as a search from the start would look through each run of digits once for every
+    # digit of it.
     found = re.match(r"\d*", name[::-1])
     return (
         "" if found is None or found.end() > 18 else found[0][::-1]
@@ -414,7 +424,8 @@ def urdf_joints(urdf: str | None) -> list[str]:
 def _side(
     series: Series | None, joints: tuple[str, ...], paths: dict[str, str], found: list[Finding]
 ) -> Side | None:
-    """Build a side from the messages that hold the joints, joined where several kinds have a part of them each."""
+    """Build a side from the messages that hold the joints, joined where several kinds have a part
+    of them each."""
     if series is None:
         return None
     side: Side | None = None
@@ -440,7 +451,10 @@ def _side(
         if side is None:
             side = own
             continue
-        words = f"{series.topic} holds messages of {', '.join(names)} apart from the others: they are joined"
+        words = (
+            f"{series.topic} holds messages of {', '.join(names)} apart from the others: they are"
+            " joined"
+        )
         found.append(note(words))
         own = checked(own.holding(), series.topic, joints)
         side, own = pair(

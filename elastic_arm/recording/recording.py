@@ -32,7 +32,8 @@ class Recording:
     joints
         Names, in robot-description order: the columns of every channel.
     link, motor
-        The two sides of the joints: (q, dq, tau_J) and (theta, dtheta, tau_m); None where not recorded.
+        The two sides of the joints: (q, dq, tau_J) and (theta, dtheta, tau_m); None where not
+        recorded.
     reference
         The commanded motion, with acceleration; None where not recorded.
     robot_description
@@ -42,14 +43,17 @@ class Recording:
     notes
         What a reader had to assume or mend.
     clock
-        What stamps mean where the user knows it, "regular" or "stamps"; None where the motion decides.
+        What stamps mean where the user knows it, "regular" or "stamps"; None where the motion
+        decides.
     currents
-        The torque channels, of "joint_torque" and "motor_torque", that are motor currents times a torque constant.
+        The torque channels, of "joint_torque" and "motor_torque", that are motor currents times a
+        torque constant.
     made_by
-        Joint -> controller that made its motor torque of command and state; the reference then is as the drives take
-        it. Empty where torques were measured.
+        Joint -> controller that made its motor torque of command and state; the reference then is
+        as the drives take it. Empty where torques were measured.
     read_ns
-        (M,) stamps at which torques were read that are recorded more often; None where every sample was.
+        (M,) stamps at which torques were read that are recorded more often; None where every sample
+        was.
     """
 
     joints: tuple[str, ...]
@@ -110,7 +114,8 @@ class Recording:
         return (max(int(side.stamp_ns[-1]) for side in self._measured()) - self.start_ns) * 1e-9
 
     def samples(self) -> Samples:
-        """Bring both sides to one time base; see :func:`elastic_arm.recording.timebase.joining.join`."""
+        """Bring both sides to one time base; see
+        :func:`elastic_arm.recording.timebase.joining.join`."""
         try:
             for side_name, side in self.measured().items():
                 if not (side.stamp_ns[1:] > side.stamp_ns[:-1]).all():
@@ -132,7 +137,10 @@ class Recording:
         sides: dict[str, Any] = {
             k: replace(side, stamp_ns=side.stamp_ns + by_ns) for k, side in self.sides().items()
         }
-        words = f"{self.source}: the clock was set back: later stamps are taken for {by_ns * 1e-9:.4g} s later"
+        words = (
+            f"{self.source}: the clock was set back: later stamps are taken for {by_ns * 1e-9:.4g}"
+            " s later"
+        )
         return replace(self, **sides, notes=(*self.notes, words))
 
     def between(self, begin: float, end: float) -> Recording:
@@ -146,7 +154,8 @@ class Recording:
 
     @staticmethod
     def joined(parts: Sequence[Recording]) -> Recording:
-        """Return parts of one recording, in the order of their times, as one: the channels that all of them have."""
+        """Return parts of one recording, in the order of their times, as one: the channels that all
+        of them have."""
         if len(parts) == 1:
             return parts[0]
         sides = {name: [part.sides().get(name) for part in parts] for name in parts[0].sides()}
@@ -163,8 +172,10 @@ class Recording:
         if called is None:
             unknown = [name for name in joints if name not in self.joints]
             raise RecordingError(
-                f"{self.source or 'the recording'} has no joint {', '.join(unknown)}; it has {', '.join(self.joints)}",
-                "Use a robot description with these joint names, or give the names in a channel map (--channels).",
+                f"{self.source or 'the recording'} has no joint {', '.join(unknown)}; it has"
+                f" {', '.join(self.joints)}",
+                "Use a robot description with these joint names, or give the names in a channel map"
+                " (--channels).",
             )
         if tuple(joints) == self.joints:
             return self

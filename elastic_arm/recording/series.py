@@ -80,7 +80,8 @@ class Series:
         return Series(self.topic, self.type_name, again, len(rows))
 
     def holding(self, joints: Sequence[str]) -> list[tuple[Series, list[str]]]:
-        """Return as few kinds of messages as together name all joints, each with the joints to take from it."""
+        """Return as few kinds of messages as together name all joints, each with the joints to take
+        from it."""
         counts: dict[frozenset[str], int] = {}
         for piece in self.pieces:
             own = frozenset(piece.names) & set(joints)
@@ -95,17 +96,22 @@ class Series:
             missing = ", ".join(joint for joint in joints if joint in left)
             raise RecordingError(
                 f"no message on {self.topic} names {missing}; there are {', '.join(self.names())}",
-                "Name the joints of the arm: give its robot description, or a channel map (--channels).",
+                "Name the joints of the arm: give its robot description, or a channel map"
+                " (--channels).",
             )
         return found
 
     def fullest(self, paths: Iterable[str], found: list[Finding]) -> Series:
-        """Return the series without messages that leave fields empty which others fill, which `found` gets."""
+        """Return the series without messages that leave fields empty which others fill, which
+        `found` gets."""
         partly = [path for path in paths if len({piece.has(path) for piece in self.pieces}) > 1]
         full = self.keep(lambda piece: all(piece.has(path) for path in partly))
         if not 0 < full.count < self.count:
             return self
-        words = f"{self.count - full.count} of {self.count} messages on {self.topic} leave {', '.join(partly)} empty"
+        words = (
+            f"{self.count - full.count} of {self.count} messages on {self.topic} leave"
+            f" {', '.join(partly)} empty"
+        )
         message = f"{words}, which others fill: a second publisher? They are left out"
         found.append(Finding("warning", "second_publisher", message, topic=self.topic))
         return full
@@ -146,7 +152,10 @@ class Series:
         at = moment(stamp_ns, int(order[other[0]]))
         words = f"{self.topic} repeats a stamp {len(other)} times, first that of {at}"
         if differ.any():
-            message = f"{words}, {differ.sum()} times with other numbers (two publishers?): the first of each is taken"
+            message = (
+                f"{words}, {differ.sum()} times with other numbers (two publishers?): the first of"
+                " each is taken"
+            )
         else:
             message = f"{words}, with the same numbers: one of each is taken"
         kept = np.sort(order[first])
@@ -160,7 +169,8 @@ class Series:
 
     @cached_property
     def order(self) -> Rows | slice:
-        """Where the messages stand that are used, in the order of their stamps, or of their arrival without any."""
+        """Where the messages stand that are used, in the order of their stamps, or of their arrival
+        without any."""
         if all(piece.stamp_ns is not None for piece in self.pieces):
             return self._in_order[1]
         log_ns = self._gather(np.int64, lambda piece: piece.log_ns)
@@ -175,7 +185,8 @@ class Series:
 
     @property
     def stamp_ns(self) -> Stamps:
-        """(N,) header stamps, in order; a RecordingError if the messages have none, or all the same."""
+        """(N,) header stamps, in order; a RecordingError if the messages have none, or all the
+        same."""
         return self._in_order[0]
 
     def names(self) -> list[str]:
@@ -193,7 +204,8 @@ class Series:
         )
 
     def columns(self, path: str, names: Sequence[str]) -> Array | None:
-        """Return field `path` for the columns named, (N, len(names)); None if no message carries it."""
+        """Return field `path` for the columns named, (N, len(names)); None if no message carries
+        it."""
         if not self.has(path):
             return None
         wanted = tuple(names)
@@ -202,7 +214,8 @@ class Series:
         )[self.order]
 
     def column(self, path: str, index: int) -> Array:
-        """Return one column of field `path` by its place, (N,); a RecordingError if a message has no such column."""
+        """Return one column of field `path` by its place, (N,); a RecordingError if a message has
+        no such column."""
 
         def one(piece: Piece) -> Array:
             if not piece.has(path) or piece.values[path].shape[1] <= index:
@@ -224,7 +237,8 @@ class Series:
         values = piece.values[path]
         if values.shape[1] != len(piece.names):
             raise RecordingError(
-                f"{self.topic}: field {path} has {values.shape[1]} values for {len(piece.names)} joints{_at(piece)}",
+                f"{self.topic}: field {path} has {values.shape[1]} values for {len(piece.names)}"
+                f" joints{_at(piece)}",
                 "The publisher must fill a field for all joints or for none.",
             )
         if piece.names == wanted:
@@ -234,8 +248,10 @@ class Series:
         missing = [name for name in wanted if name not in places]
         if missing:
             raise RecordingError(
-                f"{self.topic}: joint {', '.join(missing)} is missing{_at(piece)}; there are {', '.join(piece.names)}",
-                "Name the joints wanted in a channel map (--channels), or record again with all joints.",
+                f"{self.topic}: joint {', '.join(missing)} is missing{_at(piece)}; there are"
+                f" {', '.join(piece.names)}",
+                "Name the joints wanted in a channel map (--channels), or record again with all"
+                " joints.",
             )
         return values[:, [places[name] for name in wanted]]
 
@@ -251,7 +267,8 @@ class Series:
 
 
 def _spread(series: Series, path: str) -> tuple[Callable[[Piece], Array], int]:
-    """Return what lays the columns of a piece in a table with NaN where it has none, and the width of that."""
+    """Return what lays the columns of a piece in a table with NaN where it has none, and the width
+    of that."""
     width = series.width(path)
 
     def part(piece: Piece) -> Array:
@@ -285,8 +302,9 @@ class Decoder:
         try:
             for layout, index in self._types(file.topic(channel)).groups(spans):
                 if id(layout) not in self._tables:
-                    # What a file promises is believed up to a size; beyond it the table grows as it fills.
-                    # 2_000_000_000 bytes taken for messages that are promised; touched only as they come
+                    # What a file promises is believed up to a size; beyond it the table grows as it
+                    # fills. 2_000_000_000 bytes taken for messages that are promised; touched only
+                    # as they come
                     promised = min(
                         max(expected, _FIRST) if index is None else _FIRST,
                         2_000_000_000 // layout.size,
@@ -331,7 +349,8 @@ class Decoder:
 
 
 def _is_whole(part: cdr.Numbers | None) -> bool:
-    """Whether a part of a stamp is one whole number of at most 32 bits, as in ROS; a bag may define it otherwise."""
+    """Whether a part of a stamp is one whole number of at most 32 bits, as in ROS; a bag may define
+    it otherwise."""
     return (
         part is not None
         and part.count == 1
@@ -377,7 +396,8 @@ class _DecodedColumns:
         self.count = spot.stop
 
     def piece(self) -> Piece:
-        """Return the messages as arrays, without a copy where they have the machine's own byte order."""
+        """Return the messages as arrays, without a copy where they have the machine's own byte
+        order."""
         rows, log_ns = self.columns["rows"][: self.count], self.columns["log_ns"][: self.count]
         stamp_ns = self.columns["stamp_ns"][: self.count] if "stamp_ns" in self.columns else None
         names = tuple(next(iter(self.layout.strings.values()), []))

@@ -1,4 +1,5 @@
-"""The samples of an arm: one side of its joints, or both on one time base; and what joints are called."""
+"""The samples of an arm: one side of its joints, or both on one time base; and what joints are
+called."""
 
 from __future__ import annotations
 
@@ -40,8 +41,8 @@ class Side:
     stamp_ns
         (N,) int64, nanoseconds, strictly increasing.
     position, velocity, effort, acceleration
-        (N, n) rad, rad/s, Nm, rad/s²; None where not recorded. Torques and motor angles are reduced to the
-        harmonic-drive output. Joints without the channel have NaN throughout.
+        (N, n) rad, rad/s, Nm, rad/s²; None where not recorded. Torques and motor angles are reduced
+        to the harmonic-drive output. Joints without the channel have NaN throughout.
     """
 
     stamp_ns: Stamps
@@ -88,7 +89,8 @@ class Side:
 
 
 def joined_sides(parts: Sequence[Side]) -> Side:
-    """Return parts of one side as one, with the channels that all of them have; what is late is left out."""
+    """Return parts of one side as one, with the channels that all of them have; what is late is
+    left out."""
     stamps = np.concatenate([part.stamp_ns for part in parts])
     later = stamps > np.maximum.accumulate(np.concatenate([stamps[:1] - 1, stamps[:-1]]))
     names = [name for name in CHANNELS if all(name in part.channels() for part in parts)]
@@ -135,14 +137,16 @@ def _checked_stamps(values: object) -> Stamps:
 
 
 def joints_with(values: Array) -> NDArray[np.bool_]:
-    """Return which joints (n,) have a channel (N, n) that some have: the others hold NaN throughout."""
+    """Return which joints (n,) have a channel (N, n) that some have: the others hold NaN
+    throughout."""
     if len(values) and not np.isnan(values[0]).any():
         return np.ones(values.shape[1], np.bool_)
     return np.asarray(~np.isnan(values).all(axis=0))
 
 
 def short_names(names: Sequence[str]) -> list[str]:
-    """Return names without the longest common beginning, up to a mark such as `_`, that leaves each one a letter."""
+    """Return names without the longest common beginning, up to a mark such as `_`, that leaves each
+    one a letter."""
     ends = [match.end() for match in re.finditer(r"[_./-]", min(names, key=len, default=""))]
     cut = [end for end in ends if len({name[:end] for name in names}) == 1]
     whole = [end for end in cut if all(re.search("[a-zA-Z]", name[end:]) for name in names)]
@@ -150,10 +154,11 @@ def short_names(names: Sequence[str]) -> list[str]:
 
 
 def matched_names(wanted: Sequence[str], recorded: Sequence[str]) -> list[str] | None:
-    """Return what the joints wanted are called among those recorded; None where one of them is not there.
+    """Return what the joints wanted are called among those recorded; None where one of them is not
+    there.
 
-    Names that are the same but for a prefix that all of one arm share (`fer_`, `panda_`) are those of one joint, unless
-    two arms have them.
+    Names that are the same but for a prefix that all of one arm share (`fer_`, `panda_`) are those
+    of one joint, unless two arms have them.
     """
     if set(wanted) <= set(recorded):
         return list(wanted)
@@ -170,7 +175,8 @@ def listed(joints: Sequence[str], chosen: Any) -> str:
 
 
 def span_of(values: Array) -> str:
-    """Return the smallest and the largest of some numbers as text; one where they are alike, nothing of none."""
+    """Return the smallest and the largest of some numbers as text; one where they are alike,
+    nothing of none."""
     if not np.size(values):
         return ""
     # Three digits, and 1000 rather than 1e+03.
@@ -180,7 +186,8 @@ def span_of(values: Array) -> str:
 
 @dataclass(frozen=True)
 class Samples:
-    """All channels on one time base: those of equation (1), (N, n) each, None where not recorded."""
+    """All channels on one time base: those of equation (1), (N, n) each, None where not
+    recorded."""
 
     t: Array  # (N,) seconds from the first sample
     q: Array | None
@@ -194,8 +201,8 @@ class Samples:
     clock: ClockMode | None = (
         None  # what stamps mean where the user knows it; None where the motion decides
     )
-    # q, theta, tau_J, tau_m, each with the index of a joint that lacks it while others have it: there the angle is that
-    # of the joint's other side, and the torque is zero
+    # q, theta, tau_J, tau_m, each with the index of a joint that lacks it while others have it:
+    # there the angle is that of the joint's other side, and the torque is zero
     lacking: Lacking = frozenset()
     # (N, n) rad, command as the drives take it; None unless tau_m is what controllers make of it
     r: Array | None = None
@@ -210,7 +217,8 @@ class Samples:
         return {name: values for name in SAMPLED if (values := getattr(self, name)) is not None}
 
     def without_torque(self, joints: Sequence[str]) -> tuple[str, ...]:
-        """Return those of the joints, by name, that have no torque on either side while others have one."""
+        """Return those of the joints, by name, that have no torque on either side while others have
+        one."""
         there = [channel for channel in ("tau_J", "tau_m") if getattr(self, channel) is not None]
         bare = [all((channel, j) in self.lacking for channel in there) for j in range(len(joints))]
         return tuple(joint for joint, none in zip(joints, bare, strict=True) if there and none)

@@ -32,7 +32,8 @@ class Spans:
         return Spans(self.buffer, offsets_of(self.begin)[index], self.size[index])
 
     def in_a_row(self) -> Spans:
-        """Put messages of one size that stand at irregular places in a row: one copy spares gathering each field."""
+        """Put messages of one size that stand at irregular places in a row: one copy spares
+        gathering each field."""
         if len(self) < 2 or isinstance(self.begin, slice) or not (self.size == self.size[0]).all():
             return self
         width = int(self.size[0])
@@ -60,7 +61,8 @@ def place(buffer: Bytes, offsets: Offsets | slice, at: int, items: NDArray) -> N
 
 
 def _everywhere(buffer: Bytes, dtype: np.dtype) -> NDArray:
-    # Every byte is a possible beginning, so offsets of any alignment are a slice or an index of this view.
+    # Every byte is a possible beginning, so offsets of any alignment are a slice or an index of
+    # this view.
     return np.ndarray(
         (max(len(buffer) - dtype.itemsize + 1, 0),), dtype, buffer=buffer, strides=(1,)
     )
@@ -74,7 +76,8 @@ def shifted(offsets: Offsets | slice, at: int) -> Offsets | slice:
 
 
 def progression(offsets: Offsets) -> Offsets | slice:
-    """Return `offsets` as a slice if they are equally spaced, so that they can be viewed instead of gathered."""
+    """Return `offsets` as a slice if they are equally spaced, so that they can be viewed instead of
+    gathered."""
     if len(offsets) < 2:
         return offsets
     step = int(offsets[1] - offsets[0])
@@ -93,7 +96,8 @@ def offsets_of(where: Offsets | slice) -> Offsets:
 
 
 def by_value(values: NDArray) -> dict[int, NDArray[np.intp] | slice]:
-    """Return where each value stands in an array, in order; in one pass, however many different ones there are."""
+    """Return where each value stands in an array, in order; in one pass, however many different
+    ones there are."""
     if not len(values):
         return {}
     if (values == values[0]).all():

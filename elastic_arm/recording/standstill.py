@@ -1,4 +1,5 @@
-"""Standstill in a recording: what is left out, as it holds nothing that the motion around it does not."""
+"""Standstill in a recording: what is left out, as it holds nothing that the motion around it does
+not."""
 
 from dataclasses import replace
 from typing import Any
@@ -10,14 +11,17 @@ from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Side, Stamps, joints_with
 
 STANDS = 1e-3  # rad/s; slower than this a joint counts as standing, whatever the noise
-# s over which a joint's angle is averaged, before it is said to have moved: medians, as encoders have outliers.
+# s over which a joint's angle is averaged, before it is said to have moved: medians, as encoders
+# have outliers.
 AVERAGED = 0.5
-# s of standstill before and after motion that are kept: gravity at the pose, and what filters reach.
+# s of standstill before and after motion that are kept: gravity at the pose, and what filters
+# reach.
 KEPT = 3.0
 
 
 def without_standstill(recording: Recording) -> Recording:
-    """Return a recording with holes where all joints stand still for more than :data:`KEPT` from any motion.
+    """Return a recording with holes where all joints stand still for more than :data:`KEPT` from
+    any motion.
 
     A note states how much that is. An arm that does not move at all keeps everything.
     """
@@ -41,7 +45,8 @@ def standing_note(source: str, rest: float, whole: float) -> str:
 
 
 def moving_spans(recording: Recording) -> Stamps:
-    """Return from when to when the arm moves, with what is kept around, (k, 2) ns, in order and apart."""
+    """Return from when to when the arm moves, with what is kept around, (k, 2) ns, in order and
+    apart."""
     found = [
         _moving(side)
         for side in recording.measured().values()

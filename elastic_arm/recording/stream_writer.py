@@ -1,4 +1,5 @@
-"""Write a bag while it happens: what is older than a moment is on disk, whatever becomes of the process."""
+"""Write a bag while it happens: what is older than a moment is on disk, whatever becomes of the
+process."""
 
 import os
 import time
@@ -20,9 +21,10 @@ from elastic_arm.recording.writing import finish_bag
 class StreamWriter(AbstractContextManager["StreamWriter"]):
     """A bag being recorded, message by message, from raw CDR bytes.
 
-    Messages gather in a chunk; it is written when it is `flush_every` seconds old or holds `chunk_bytes`. A killed
-    process loses that one chunk. A power cut loses what the system had not carried to the disk yet: every
-    `sync_every` seconds it is flushed, in a thread of its own, as that can take longer than a queue of messages lasts.
+    Messages gather in a chunk; it is written when it is `flush_every` seconds old or holds
+    `chunk_bytes`. A killed process loses that one chunk. A power cut loses what the system had not
+    carried to the disk yet: every `sync_every` seconds it is flushed, in a thread of its own, as
+    that can take longer than a queue of messages lasts.
     """
 
     def __init__(
@@ -94,7 +96,8 @@ class StreamWriter(AbstractContextManager["StreamWriter"]):
             self.flush()
 
     def flush(self) -> None:
-        """Write the chunk gathered so far, and have the system carry it to the disk if that is due."""
+        """Write the chunk gathered so far, and have the system carry it to the disk if that is
+        due."""
         self._write_chunk()
         idle = self._syncing is None or self._syncing.done()
         if idle and self._flushed - self._synced >= self._sync_every:

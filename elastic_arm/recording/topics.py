@@ -1,4 +1,5 @@
-"""The names that every recording and every live graph uses; an arm in a namespace has them below it."""
+"""The names that every recording and every live graph uses; an arm in a namespace has them below
+it."""
 
 JOINT_STATES = "/joint_states"
 MOTOR_STATES = "/motor_states"

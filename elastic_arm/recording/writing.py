@@ -109,7 +109,8 @@ def write_recording(
     further
         What to write besides: topic -> a side of the same joints, as sensor_msgs/JointState.
     drawn
-        The arm that viewers are to show: its URDF takes the place of the recording's, and `/tf` moves its links.
+        The arm that viewers are to show: its URDF takes the place of the recording's, and `/tf`
+        moves its links.
 
     Returns
     -------
@@ -132,11 +133,17 @@ def write_recording(
         raise RecordingError("the recording holds no samples", "Nothing was written.")
     first_ns = min(int(stream.stamp_ns[0]) for stream in streams if len(stream.stamp_ns))
     if first_ns < 0:
-        problem = f"the recording begins at {first_ns * 1e-9:.6g} s, before time zero, and a bag has no such stamps"
+        problem = (
+            f"the recording begins at {first_ns * 1e-9:.6g} s, before time zero, and a bag has no"
+            " such stamps"
+        )
         raise RecordingError(problem, "Add a constant to all times.")
     last_ns = max(int(stream.stamp_ns[-1]) for stream in streams if len(stream.stamp_ns))
     if last_ns >= LAST_STAMP_NS:
-        problem = f"the recording ends at {last_ns * 1e-9:.10g} s; the stamps of ROS end at 2^31 s, in January 2038"
+        problem = (
+            f"the recording ends at {last_ns * 1e-9:.10g} s; the stamps of ROS end at 2^31 s, in"
+            " January 2038"
+        )
         raise RecordingError(problem, "Subtract a constant from all times.")
     if os.path.exists(folder):  # of a name that is too long Path.exists raises
         raise RecordingError(
@@ -200,7 +207,8 @@ def _streams(recording: Recording, further: Mapping[str, Side]) -> list[Stream]:
 
 
 def _drawn(robot: Robot, recording: Recording, further: Mapping[str, Side]) -> list[Stream]:
-    """Return the streams with the arm's URDF, and where its links are; not that where an angle was not recorded."""
+    """Return the streams with the arm's URDF, and where its links are; not that where an angle was
+    not recorded."""
     # Few bags are drawn, and what that takes is slow to import.
     from scipy.spatial.transform import Rotation
 

@@ -1,4 +1,5 @@
-"""Sections of a comparison: a real and a simulated recording, channel by channel, and which effects are in which."""
+"""Sections of a comparison: a real and a simulated recording, channel by channel, and which effects
+are in which."""
 
 from matplotlib.figure import Figure as MplFigure
 
@@ -20,13 +21,15 @@ def sections(found: SimulationComparison) -> list[Section]:
     rows = found.rows()
     effects = [
         Text(
-            "Effects of either recording that the model lacks, with size and probability in each of them."
+            "Effects of either recording that the model lacks, with size and probability in each of"
+            " them."
         ),
         Table(header, rows) if rows else Text("The model lacks no effect of either recording."),
     ]
     return [
         Section(
-            f"Compared with {found.simulated or 'the simulated recording'}: which effect is in which",
+            f"Compared with {found.simulated or 'the simulated recording'}: which effect is in"
+            " which",
             effects,
         ),
         Section("Compared channel by channel, without a model", _differences(found.difference)),
@@ -35,8 +38,9 @@ def sections(found: SimulationComparison) -> list[Section]:
 
 def _differences(found: RecordingDifference) -> list[Text | Table | Figure]:
     how = Text(
-        f"Real minus simulated, over {found.t[-1] - found.t[0]:.3g} s, aligned by {found.aligned_by} positions "
-        f"({1e3 * found.offset:.3f} ms). Share: of the real channel's standard deviation."
+        f"Real minus simulated, over {found.t[-1] - found.t[0]:.3g} s, aligned by"
+        f" {found.aligned_by} positions ({1e3 * found.offset:.3f} ms). Share: of the real channel's"
+        " standard deviation."
     )
     tables: list[Table] = []
     for one in found.channels:

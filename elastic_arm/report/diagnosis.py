@@ -71,7 +71,8 @@ def write_gap_report(
     replays: Sequence[Replay] = (),
     comparison: SimulationComparison | None = None,
 ) -> Path:
-    """Write the report of a diagnosis, with replays in MuJoCo and a comparison where there are any, as one file."""
+    """Write the report of a diagnosis, with replays in MuJoCo and a comparison where there are any,
+    as one file."""
     subtitle = f"{', '.join(found.identify) or 'a recording'} against {found.robot} ({found.model})"
     parts = sections(found)
     if replays:
@@ -172,17 +173,23 @@ def _where(found: Diagnosis) -> list[Block]:
     sides = figures.shown_sides(found)
     equations = {1: "one equation", 2: "two equations", 3: "three equations"}[len(sides)]
     text = (
-        f"Each joint has {equations}, and a residual each: what was measured minus what the model gives. The map "
-        f"shows it over the noise of the sensors, on validation data between 0 and {found.band:.3g} Hz: 1× is noise "
-        "alone, red is a gap."
+        f"Each joint has {equations}, and a residual each: what was measured minus what the model"
+        " gives. The map shows it over the noise of the sensors, on validation data between 0 and"
+        f" {found.band:.3g} Hz: 1× is noise alone, red is a gap."
     )
     rows = [[side, *(WHOLE if sides == ("motor",) else EQUATION[side])] for side in sides]
     blocks: list[Block] = [Text(text)]
     if found.causes and found.shrink is not None:
         low, high = found.shrink_interval or (np.nan, np.nan)
-        taken = f"take {percent(found.shrink)} off the gap (95 % interval {percent(low)} to {percent(high)})"
+        taken = (
+            f"take {percent(found.shrink)} off the gap (95 % interval {percent(low)} to"
+            f" {percent(high)})"
+        )
         taken = "make the gap as a whole larger" if taken.startswith("take -") else taken
-        what = f"All causes together {taken}, as power over the sensors' noise, on the recordings that judge."
+        what = (
+            f"All causes together {taken}, as power over the sensors' noise, on the recordings that"
+            " judge."
+        )
         blocks.append(Text(what))
     return [
         *blocks,
@@ -199,8 +206,9 @@ def _cause(found: Diagnosis, cause: Cause, k: int, context: DiagnosisContext) ->
         found.joints[row % len(found.joints)],
     )
     caption = (
-        f"{joint}, {side} side, on validation data. Grey: residual of the model as it is. Orange: what this cause "
-        "adds. Blue: what is left with this cause alone added. Drag to zoom, double-click for the whole."
+        f"{joint}, {side} side, on validation data. Grey: residual of the model as it is. Orange:"
+        " what this cause adds. Blue: what is left with this cause alone added. Drag to zoom,"
+        " double-click for the whole."
     )
     return [
         Text(f"{effect.description} Law: {effect.formula}."),
@@ -229,7 +237,8 @@ def _unexplained(found: Diagnosis, context: DiagnosisContext) -> list[Block]:
 
 
 def _determined(found: Diagnosis) -> list[Imperfection]:
-    """Return the numbers of which the recordings say clearly more than their priors, as narrow as trust makes them."""
+    """Return the numbers of which the recordings say clearly more than their priors, as narrow as
+    trust makes them."""
     trust = (
         TRUST[max(found.trust, key=lambda name: found.trust[name])].factor if found.trust else 1.0
     )
@@ -237,7 +246,10 @@ def _determined(found: Diagnosis) -> list[Imperfection]:
 
 
 def _numbers(determined: Sequence[Imperfection]) -> list[Block]:
-    text = "Numbers of the description and of the sensors that the recording determines, together with the causes."
+    text = (
+        "Numbers of the description and of the sensors that the recording determines, together with"
+        " the causes."
+    )
     rows = [
         [one.joint, _number(one), *map(Written, rounded(one.value, one.std)), one.unit.replace("1", ""),
          one.prior_std, one.ordinary]
@@ -275,7 +287,8 @@ def _sizes(found: Diagnosis, context: DiagnosisContext | None) -> list[Block]:
     if context is None:
         return [table]
     how = Text(
-        "On the longest stretch of validation data. Drag over a plot to zoom, double-click for the whole."
+        "On the longest stretch of validation data. Drag over a plot to zoom, double-click for the"
+        " whole."
     )
     return [table, how, *figures.before_and_after(found, context)]
 
@@ -285,9 +298,9 @@ def _prediction(found: Diagnosis) -> list[Block]:
     if prediction is None or prediction.before is None or prediction.after is None:
         return [Text(f"Not measured: {prediction.reason if prediction else ''}.", "warn")]
     text = (
-        f"From {prediction.starts} instants of the validation data the arm is put into its measured state and driven "
-        "by the measured motor torque in simulation. The root mean square of predicted minus measured angle shows how "
-        "far ahead the model can be trusted."
+        f"From {prediction.starts} instants of the validation data the arm is put into its measured"
+        " state and driven by the measured motor torque in simulation. The root mean square of"
+        " predicted minus measured angle shows how far ahead the model can be trusted."
     )
     acting = any(cause.acts for cause in found.causes)
     shown = (
@@ -327,15 +340,22 @@ def _next(found: Diagnosis) -> list[Block]:
         for p in proposal.pairs
     ]  # fmt: skip
     header = ["cause", "alternative", "this recording", "proposed motion", "expected to decide"]
-    caption = f"Log-likelihood by which a recording discriminates between the two; from {DECISIVE:g} on it decides"
+    caption = (
+        f"Log-likelihood by which a recording discriminates between the two; from {DECISIVE:g} on"
+        " it decides"
+    )
     table = Table(header, rows, caption)
     notes: list[Block] = [Text(f"Limits: {'; '.join(proposal.notes)}.")] if proposal.notes else []
     if proposal.trajectory is None or not proposal.worthwhile:
-        text = "No motion within the limits was found that is expected to tell these apart: another sensor is needed."
+        text = (
+            "No motion within the limits was found that is expected to tell these apart: another"
+            " sensor is needed."
+        )
         return [Text(text, "warn"), table, *notes]
     text = (
-        f"Record this motion of {proposal.trajectory.duration:g} s, the best of {proposal.candidates} judged, and "
-        f"diagnose it: {SEPARATING}, for `elastic-arm simulate --trajectory` and the trajectory node."
+        f"Record this motion of {proposal.trajectory.duration:g} s, the best of"
+        f" {proposal.candidates} judged, and diagnose it: {SEPARATING}, for `elastic-arm simulate"
+        " --trajectory` and the trajectory node."
     )
     return [Text(text), table, Figure(figures.motion(proposal.trajectory, found)), *notes]
 
@@ -357,9 +377,15 @@ def _grounds(found: Diagnosis) -> list[Block]:
     fitted = ", ".join(found.identify) or "the first two thirds"
     judged = ", ".join(found.validate) or "the last third"
     if found.context is not None and found.context.held_back:
-        text = f"Causes are chosen with all of {fitted}, their sizes by the first two thirds; the last third judges."
+        text = (
+            f"Causes are chosen with all of {fitted}, their sizes by the first two thirds; the last"
+            " third judges."
+        )
     else:
-        text = f"Causes are chosen with all recordings, their sizes are those of {fitted}; the gap is that of {judged}."
+        text = (
+            f"Causes are chosen with all recordings, their sizes are those of {fitted}; the gap is"
+            f" that of {judged}."
+        )
     return [
         Text(text),
         Text(f"Trust in the description: {trust_text(found.trust)}."),

@@ -1,4 +1,5 @@
-"""The figures of a gap diagnosis: map, cumulative shrink, residuals, prediction errors, proposed motion."""
+"""The figures of a gap diagnosis: map, cumulative shrink, residuals, prediction errors, proposed
+motion."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -86,10 +87,12 @@ def residual_blocks(
     cause: str | None,
     regime: str = "",
 ) -> list[Plot | Figure]:
-    """Return a residual over time, and over frequency, velocity, position and angle, with what was added.
+    """Return a residual over time, and over frequency, velocity, position and angle, with what was
+    added.
 
-    `left` is what is left of all residuals (N', R) of each stretch, `cause` what was added, None where nothing was, and
-    `regime` where it shows most: what follows the rotor is drawn over the angle of the rotor.
+    `left` is what is left of all residuals (N', R) of each stretch, `cause` what was added, None
+    where nothing was, and `regime` where it shows most: what follows the rotor is drawn over the
+    angle of the rotor.
     """
     n = len(found.joints)
     side, i = context.validate.layout.sides[row // n], row % n
@@ -146,7 +149,8 @@ def _draw_cloud(ax: Axes, x: Array, before: Array, cause: Array | None) -> None:
 def angle_within_turn(
     found: Diagnosis, context: DiagnosisContext, i: int, theta: Array, regime: str
 ) -> tuple[Array, str]:
-    """Return the angle within a turn of what turns fast, and its name: wave generator, rotor, or the joint itself."""
+    """Return the angle within a turn of what turns fast, and its name: wave generator, rotor, or
+    the joint itself."""
     gear = context.model.robot.joints[i].transmission
     if gear is None:
         # Around the middle of the motion: one about zero would be cut in two.

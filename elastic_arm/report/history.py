@@ -31,7 +31,10 @@ def write_history_report(
     ]
     for one in numbers:
         sized = one.sized
-        caption = f"Bars: 95 % intervals. Not the same in all recordings: {probability_text(one.changed)}."
+        caption = (
+            "Bars: 95 % intervals. Not the same in all recordings:"
+            f" {probability_text(one.changed)}."
+        )
         title = effect_at(sized.effect.replace("_", " "), sized.joint)
         sections.append(Section(title, [Figure(drawn(one, dates), caption)]))
     table = Table(["recording", "begins, UTC"], list(zip(found.identify, dates, strict=True)))
@@ -40,7 +43,8 @@ def write_history_report(
 
 
 def drawn(one: Course, dates: Sequence[str]) -> MplFigure:
-    """Draw a number over the recordings, in their order, with its levels before and after a change."""
+    """Draw a number over the recordings, in their order, with its levels before and after a
+    change."""
     sized, k = one.sized, np.arange(len(dates))
     with drawing(size=(8.4, 2.6)) as (figure, axes):
         ax = axes[0, 0]

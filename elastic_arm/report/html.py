@@ -1,4 +1,5 @@
-"""Self-contained HTML reports: sections of text, tables and figures in one file that needs no network."""
+"""Self-contained HTML reports: sections of text, tables and figures in one file that needs no
+network."""
 
 import datetime
 import io
@@ -23,7 +24,8 @@ from elastic_arm.report.style import envelope_indices, style
 from elastic_arm.version import __version__
 
 _counter = itertools.count()
-# Text of up to so many characters is never broken into lines; numbers below are written without a power of ten.
+# Text of up to so many characters is never broken into lines; numbers below are written without a
+# power of ten.
 SHORT = 16
 LARGEST_PLAIN = 1e7
 POINTS = 1500  # of a signal that is drawn
@@ -38,12 +40,14 @@ class Text:
 
 
 class Written(str):
-    """A number that is text already, as its digits depend on more than itself; it stands where numbers stand."""
+    """A number that is text already, as its digits depend on more than itself; it stands where
+    numbers stand."""
 
 
 @dataclass(frozen=True)
 class Table:
-    """A table; numbers are right-aligned and written with `digits` significant digits, one count or one a column."""
+    """A table; numbers are right-aligned and written with `digits` significant digits, one count or
+    one a column."""
 
     header: Sequence[str]
     rows: Sequence[Sequence[Any]]
@@ -51,7 +55,8 @@ class Table:
     digits: int | Sequence[int] = 4
 
     def heads(self) -> list[tuple[str, str]]:
-        """Return each heading as (text, CSS class): columns of numbers are headed where their numbers stand."""
+        """Return each heading as (text, CSS class): columns of numbers are headed where their
+        numbers stand."""
         numeric = self._numeric()
         return [(text, "number" if numeric[k] else "") for k, text in enumerate(self.header)]
 
@@ -78,7 +83,8 @@ class Table:
 
 
 def written(value: Any, digits: int) -> str:
-    """Return a table's value as text: numbers with `digits` significant digits, thousands apart, no needless powers."""
+    """Return a table's value as text: numbers with `digits` significant digits, thousands apart, no
+    needless powers."""
     if value is None or (isinstance(value, float) and not math.isfinite(value)):
         return "–"
     if isinstance(value, bool):
@@ -125,7 +131,8 @@ class Figure:
 
 @dataclass(frozen=True)
 class Plot:
-    """Signals (N,) over time, each with its colour, that a reader zooms into by dragging and reads by pointing."""
+    """Signals (N,) over time, each with its colour, that a reader zooms into by dragging and reads
+    by pointing."""
 
     t: Array
     signals: Mapping[str, tuple[Array, str]]
@@ -146,7 +153,8 @@ Block = Text | Table | Figure | Plot
 
 @dataclass(frozen=True)
 class Section:
-    """A heading and what stands under it; details are folded until the heading is clicked, or the page printed."""
+    """A heading and what stands under it; details are folded until the heading is clicked, or the
+    page printed."""
 
     title: str
     blocks: Sequence[Block] = field(default_factory=tuple)

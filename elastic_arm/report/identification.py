@@ -96,7 +96,8 @@ def torques(equations: BaseRegression, motion: Motion, result: Identification) -
 
 
 def _predicted(equations: BaseRegression, motion: Motion, Psi_base: Array) -> dict[str, Array]:
-    """Return what base parameters predict, side -> (N, n) Nm, with a gap where a joint sticks: no law states that."""
+    """Return what base parameters predict, side -> (N, n) Nm, with a gap where a joint sticks: no
+    law states that."""
     predicted, left_out = equations.predict(motion, Psi_base), equations.left_out(motion)
     return {side: np.where(left_out[side], np.nan, values) for side, values in predicted.items()}
 
@@ -172,8 +173,9 @@ def _verdict(result: Identification) -> list[Block]:
     if result.consistency is not None:
         blocks.append(
             Text(
-                f"All parameters were filled in so that every body is physically possible, trusting the nominal arm to "
-                f"{result.consistency['trust']:.0%} (the value under which the recording is most probable)."
+                "All parameters were filled in so that every body is physically possible, trusting"
+                f" the nominal arm to {result.consistency['trust']:.0%} (the value under which the"
+                " recording is most probable)."
             )
         )
     return blocks
@@ -222,6 +224,7 @@ def _validation(result: Identification) -> Table:
 
 
 def sentence(note: str) -> str:
-    """Return a note as a sentence; one that begins with the name of a file, recording or joint keeps it as it is."""
+    """Return a note as a sentence; one that begins with the name of a file, recording or joint
+    keeps it as it is."""
     first = note.partition(" ")[0]
     return f"{note[:1].upper() if first.isalpha() else note[:1]}{note[1:]}.".replace("..", ".")

@@ -16,7 +16,9 @@ MEANINGS = {
     "follows": "what the residual changes with",
     "left": "root mean square of what remains with all causes added",
     "number": "a number of the arm or of a sensor",
-    "value": "as found: a ratio to the description where there is no unit, else a difference from it",
+    "value": (
+        "as found: a ratio to the description where there is no unit, else a difference from it"
+    ),
     "± std": "one standard deviation",
     "prior std": "how far off such a number usually is, one standard deviation",
     "usual": "whether it is no further off than is usual of an arm",
@@ -36,7 +38,9 @@ MEANINGS = {
     "parameter": "combination that the equations determine, by its first term; in full below",
     "identified": "value that fits the recordings best",
     "nominal": "value of the description",
-    "determined": "whether the standard deviation is small against what such a number has of this arm",
+    "determined": (
+        "whether the standard deviation is small against what such a number has of this arm"
+    ),
     "equation": "side of the joint, or torque, that is compared",
     "arm": "nominal, identified, or consistent (numbers that bodies can have)",
     "recording": "data that no fit has seen",

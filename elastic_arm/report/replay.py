@@ -1,4 +1,5 @@
-"""Sections of a replay's report: errors of all models side by side, and recorded and replayed courses overlaid."""
+"""Sections of a replay's report: errors of all models side by side, and recorded and replayed
+courses overlaid."""
 
 from collections.abc import Sequence
 
@@ -16,8 +17,9 @@ def sections(found: Sequence[Replay]) -> list[Section]:
     """Return the sections, most important first."""
     first = found[0]
     how = Text(
-        f"The arm is driven by the recorded motor torque for {first.window:g} s from each of {first.windows} starts, "
-        "in MuJoCo itself. Torque: what was recorded, against MuJoCo's inverse dynamics of the recorded motion."
+        f"The arm is driven by the recorded motor torque for {first.window:g} s from each of"
+        f" {first.windows} starts, in MuJoCo itself. Torque: what was recorded, against MuJoCo's"
+        " inverse dynamics of the recorded motion."
     )
     units = first.units
     tables = [

@@ -1,4 +1,5 @@
-"""The arm file's fields and their types; what the numbers mean is checked by the description itself."""
+"""The arm file's fields and their types; what the numbers mean is checked by the description
+itself."""
 
 from typing import Annotated, Any, Literal
 
@@ -122,8 +123,8 @@ class TransmissionEntry(_Entry):
 class JointEntry(TransmissionEntry):
     """A joint: placed by `dh` or by `before` and `after`; with a whole transmission or none.
 
-    `armature` is the inertia of motor and gears at a joint without transmission, kg m^2. At a prismatic joint all
-    numbers are linear ones: m, N, kg.
+    `armature` is the inertia of motor and gears at a joint without transmission, kg m^2. At a
+    prismatic joint all numbers are linear ones: m, N, kg.
     """
 
     name: Name
@@ -137,7 +138,8 @@ class JointEntry(TransmissionEntry):
 
 
 class BaseEntry(_Entry):
-    """The base: placed by its Denavit-Hartenberg row or by `placement`; else at the ground's origin."""
+    """The base: placed by its Denavit-Hartenberg row or by `placement`; else at the ground's
+    origin."""
 
     mass: Number = 0.0
     a: Number | None = None
@@ -172,8 +174,8 @@ class ArmEntry(_Entry):
 class OverlayEntry(_Entry):
     """A URDF and what it cannot hold.
 
-    `chain` is the arm's first and last link, base:tip; `transmissions`, `limits` and `controller` are by the URDF's
-    joint names.
+    `chain` is the arm's first and last link, base:tip; `transmissions`, `limits` and `controller`
+    are by the URDF's joint names.
     """
 
     urdf: Name

@@ -1,8 +1,9 @@
 """The arm as data: its joints in a row.
 
-Frames (paper, (2) and (3)): ``O_G`` is the ground and ``O_0 = T_0^G``; link i's frame is that of link i-1 followed by
-``before . Ry(q_iy) . Rx(q_ix) . Rz(q_i) . after``, with ``Tz(q_i)`` at a prismatic joint. Links are described in their
-own frame, all inertias about the body's own centre of mass. SI units and radians throughout.
+Frames (paper, (2) and (3)): ``O_G`` is the ground and ``O_0 = T_0^G``; link i's frame is that of
+link i-1 followed by ``before . Ry(q_iy) . Rx(q_ix) . Rz(q_i) . after``, with ``Tz(q_i)`` at a
+prismatic joint. Links are described in their own frame, all inertias about the body's own centre of
+mass. SI units and radians throughout.
 """
 
 from collections.abc import Mapping, Sequence
@@ -48,15 +49,15 @@ MOST_JOINTS = 64
 class Joint:
     """A joint, the link it moves and what drives it.
 
-    All numbers of a prismatic joint are linear ones: travel in m for an angle, force in N for a torque, kg for an
-    armature, rad of the rotor per m for a ratio.
+    All numbers of a prismatic joint are linear ones: travel in m for an angle, force in N for a
+    torque, kg for an armature, rad of the rotor per m for a ratio.
     """
 
     name: str  # of the joint, as in recordings
     link_name: str  # of the link it moves
     link: Inertia  # inertia of that link, in its frame ``O_i``
-    # before, after: (4, 4) Link i-1's frame -> the joint's frame ``O_{i-1}`` (z is the axis), and the turned joint
-    # frame -> ``O_i``
+    # before, after: (4, 4) Link i-1's frame -> the joint's frame ``O_{i-1}`` (z is the axis), and
+    # the turned joint frame -> ``O_i``
     before: np.ndarray = field(default_factory=lambda: np.eye(4))
     after: np.ndarray = field(default_factory=lambda: np.eye(4))
     limits: Limits = field(default_factory=Limits)
@@ -64,8 +65,9 @@ class Joint:
     dh: DH | None = (
         None  # the row that `after` comes from, where there is one; only kept to be written again
     )
-    # inertia of the motor and its gears, as the joint feels it, of a joint without transmission, kg m^2: it counts for
-    # the joint's own acceleration alone. None where nothing is known of it, and no model then holds it
+    # inertia of the motor and its gears, as the joint feels it, of a joint without transmission, kg
+    # m^2: it counts for the joint's own acceleration alone. None where nothing is known of it, and
+    # no model then holds it
     armature: float | None = None
     prismatic: bool = False  # whether it slides along z instead of turning about it
     controller: JointController | None = None  # of its drive; None where nothing is known of it
@@ -82,7 +84,8 @@ class Joint:
         object.__setattr__(self, "after", checked_placement(self.after, "after"))
 
     def unit(self, unit: str) -> str:
-        """Return the unit at this joint of a quantity that has `unit` at a revolute one: N for Nm, m for rad."""
+        """Return the unit at this joint of a quantity that has `unit` at a revolute one: N for Nm,
+        m for rad."""
         return linear_unit(unit) if self.prismatic else unit
 
     @classmethod
@@ -109,9 +112,11 @@ class Robot:
     # torque_noise_std, sample_rate: of the recordings this arm makes: Nm, Hz
     torque_noise_std: float = 0.26
     sample_rate: float = 1000.0
-    # what this arm has beyond mod3, as plain data: ``{"effect": id, "joint": name or None, "parameters": {...}}``
+    # what this arm has beyond mod3, as plain data: ``{"effect": id, "joint": name or None,
+    # "parameters": {...}}``
     effects: tuple[Mapping[str, Any], ...] = ()
-    # what was read otherwise than written (like a URDF's fixed joints), one sentence each; not part of an arm file
+    # what was read otherwise than written (like a URDF's fixed joints), one sentence each; not part
+    # of an arm file
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -133,7 +138,8 @@ class Robot:
         require(len(self.joints) > 0, f"robot {self.name} has no joints", "Give it at least one")
         require(
             len(self.joints) <= MOST_JOINTS,
-            f"robot {self.name} has {len(self.joints)} joints in a row, {MOST_JOINTS} are the limit",
+            f"robot {self.name} has {len(self.joints)} joints in a row, {MOST_JOINTS} are the"
+            " limit",
             "Name the part that is the arm by its first and last link: --chain base:tip",
         )
         _check_unique(self.joint_names, "joint")
@@ -184,7 +190,8 @@ class Robot:
         return self.base_mass + sum(j.link.mass for j in self.joints) + sum(parts)
 
     def carriers(self, i: int) -> tuple[str, str]:
-        """Return the two bodies on which transmission i (from 0) can ride: the one before its joint and its link."""
+        """Return the two bodies on which transmission i (from 0) can ride: the one before its joint
+        and its link."""
         return ("base", *self.link_names)[i], self.link_names[i]
 
     def with_(self, **changes: Any) -> Self:
@@ -199,11 +206,12 @@ class Robot:
         return self.with_(joints=joints)
 
     def with_armatures(self) -> Self:
-        """Return a copy whose models hold the inertia of its motors, from zero, where its description states none.
+        """Return a copy whose models hold the inertia of its motors, from zero, where its
+        description states none.
 
-        A description of links alone, like a URDF, has no motor inertia. Geared motors have as much as the links that
-        they move (it counts by the square of the ratio), and all torque that they make has passed it. A single joint
-        has none beside its link's: no motion separates the two.
+        A description of links alone, like a URDF, has no motor inertia. Geared motors have as much
+        as the links that they move (it counts by the square of the ratio), and all torque that they
+        make has passed it. A single joint has none beside its link's: no motion separates the two.
         """
         if self.n == 1 or self.elastic or all(joint.armature for joint in self.joints):
             return self

@@ -1,4 +1,5 @@
-"""Where the links of an arm are, for whole arrays of poses, and the simple shapes that stand for them."""
+"""Where the links of an arm are, for whole arrays of poses, and the simple shapes that stand for
+them."""
 
 from collections.abc import Iterable
 
@@ -8,7 +9,8 @@ from elastic_arm.arrays import Array
 from elastic_arm.robot.description import Robot
 from elastic_arm.robot.parts import Inertia
 
-# Radius of the cylinders that stand for links, in lengths of the stretched arm; real arms have 0.04 to 0.07.
+# Radius of the cylinders that stand for links, in lengths of the stretched arm; real arms have 0.04
+# to 0.07.
 SLENDERNESS = 0.05
 # Radius for an arm whose joints all meet in a point, m.
 SMALLEST_RADIUS = 0.01
@@ -37,8 +39,8 @@ def link_placements(robot: Robot, q: Array) -> tuple[Array, Array]:
 def link_points(robot: Robot, q: Array) -> Array:
     """Return the ends of the links (N, n + 2, 3) in the ground frame, m.
 
-    The ground's origin, the origins of the n joints and the last link's frame: link k runs from point k to point
-    k + 1, and link 0 is the base.
+    The ground's origin, the origins of the n joints and the last link's frame: link k runs from
+    point k to point k + 1, and link 0 is the base.
     """
     joints, links = link_placements(robot, q)
     ground = np.zeros((len(joints), 1, 3))
@@ -54,7 +56,8 @@ def link_radius(robot: Robot) -> float:
 
 
 def moved(body: Inertia, placement: Array) -> Inertia:
-    """Return the same body described in another frame, in which its own frame stands at `placement` (4, 4)."""
+    """Return the same body described in another frame, in which its own frame stands at `placement`
+    (4, 4)."""
     rotation = placement[:3, :3]
     return _inertia(
         body.mass, rotation @ body.com + placement[:3, 3], rotation @ body.inertia @ rotation.T

@@ -1,4 +1,5 @@
-"""From an arm file to a robot, or to an error that names the file, the field, the reason and the remedy."""
+"""From an arm file to a robot, or to an error that names the file, the field, the reason and the
+remedy."""
 
 import os
 import re
@@ -55,18 +56,20 @@ def load_robot(
     Parameters
     ----------
     path
-        An arm file (``.yaml``, ``.yml``), a ``.urdf``, an MJCF (``.xml``), or an overlay: YAML that names a ``urdf``
-        and adds what a URDF cannot hold (``transmissions`` and ``limits`` by joint). The nominal three-joint arm when
-        None.
+        An arm file (``.yaml``, ``.yml``), a ``.urdf``, an MJCF (``.xml``), or an overlay: YAML that
+        names a ``urdf`` and adds what a URDF cannot hold (``transmissions`` and ``limits`` by
+        joint). The nominal three-joint arm when None.
     chain
-        The arm's first and last link as ``base:tip``, for a URDF or MJCF that holds more than the arm.
+        The arm's first and last link as ``base:tip``, for a URDF or MJCF that holds more than the
+        arm.
     at
         Where joints outside the chain of an MJCF are held: a keyframe, or ``joint=value,…``.
 
     Raises
     ------
     RobotError
-        If it cannot be read, or describes no arm that can exist; names file, field, reason and remedy.
+        If it cannot be read, or describes no arm that can exist; names file, field, reason and
+        remedy.
     """
     if not isinstance(path, str | Path | None):
         raise RobotError(
@@ -114,7 +117,8 @@ def is_mjcf(path: Path) -> bool:
 
 
 def _first_element(content: bytes) -> bytes:
-    """Return the name of the first element of XML; nothing where there is none. Every byte is looked at once."""
+    """Return the name of the first element of XML; nothing where there is none. Every byte is
+    looked at once."""
     at = content.find(b"<")
     while at >= 0:
         if (match := _ELEMENT.match(content, at)) is not None:
@@ -156,7 +160,8 @@ def _controlled(robot: Robot, entries: Mapping[str, ControllerEntry]) -> Robot:
 
 
 def _overlaid(entry: OverlayEntry, folder: Path) -> Robot:
-    """Return the URDF's robot with what the overlay adds; limits that it does not state stay the URDF's."""
+    """Return the URDF's robot with what the overlay adds; limits that it does not state stay the
+    URDF's."""
     robot = read_urdf(
         folder / entry.urdf, None if entry.chain is None else parse_chain(entry.chain)
     )

@@ -1,4 +1,5 @@
-"""What an arm is made of: inertias, solids of revolution, bearings, transmissions, limits, Denavit-Hartenberg rows.
+"""What an arm is made of: inertias, solids of revolution, bearings, transmissions, limits,
+Denavit-Hartenberg rows.
 
 Every object checks its own physics when it is made. SI units and radians.
 """
@@ -12,20 +13,25 @@ import numpy as np
 
 from elastic_arm.errors import RobotError
 
-# A moment or a sum of moments may miss its bound by this share of the trace: rounding of a description on its edge.
+# A moment or a sum of moments may miss its bound by this share of the trace: rounding of a
+# description on its edge.
 _INERTIA_TOLERANCE = 1e-9
-# Sizes of an arm's numbers, SI units, zero apart; products of several beyond leave the range of floating-point numbers.
+# Sizes of an arm's numbers, SI units, zero apart; products of several beyond leave the range of
+# floating-point numbers.
 _SMALLEST, _LARGEST = 1e-30, 1e30
-# A stage of a transmission. Two that are larger leave no trace of the stiffness beside the motor's inertia.
+# A stage of a transmission. Two that are larger leave no trace of the stiffness beside the motor's
+# inertia.
 _RATIO = 1e4
 # Of the largest second moment: as flat as a plate.
 _THIN = 1e-4
-# Direction cosines below this are rounding of a right angle; kept, they would create false base parameters.
+# Direction cosines below this are rounding of a right angle; kept, they would create false base
+# parameters.
 _SNAP = 1e-12
 
 
 def checked_array(values: Any, shape: tuple[int, ...], what: str) -> np.ndarray:
-    """Return `values` as a read-only float array of `shape`; refuse other shapes and numbers that no arm has."""
+    """Return `values` as a read-only float array of `shape`; refuse other shapes and numbers that
+    no arm has."""
     try:
         array = np.array(values, dtype=float)
     except (TypeError, ValueError) as error:
@@ -79,7 +85,8 @@ def check_number(value: float, what: str, *, positive: bool = False) -> None:
 
 
 def snap(matrix: np.ndarray) -> np.ndarray:
-    """Return `matrix` with direction cosines like cos(pi/2) = 6e-17 replaced by the 0, 1 or -1 that they stand for."""
+    """Return `matrix` with direction cosines like cos(pi/2) = 6e-17 replaced by the 0, 1 or -1 that
+    they stand for."""
     snapped = np.array(matrix, dtype=float)
     for exact in (-1.0, 0.0, 1.0):
         snapped[np.abs(snapped - exact) < _SNAP] = exact
@@ -87,7 +94,8 @@ def snap(matrix: np.ndarray) -> np.ndarray:
 
 
 def placed(rotation: Any = None, position: Any = 0.0) -> np.ndarray:
-    """Return the placement (4, 4) of a frame that is turned by a rotation (3, 3), none by default, and moved."""
+    """Return the placement (4, 4) of a frame that is turned by a rotation (3, 3), none by default,
+    and moved."""
     placement = np.eye(4)
     placement[:3, :3] = (
         np.eye(3) if rotation is None else np.asarray(rotation, dtype=float).reshape(3, 3)
@@ -97,7 +105,8 @@ def placed(rotation: Any = None, position: Any = 0.0) -> np.ndarray:
 
 
 def moved_joint(by: float, prismatic: bool) -> np.ndarray:
-    """Return the placement (4, 4) after a joint that has turned about z, rad, or slid along it, m."""
+    """Return the placement (4, 4) after a joint that has turned about z, rad, or slid along it,
+    m."""
     c, s = np.cos(by), np.sin(by)
     return (
         placed(position=[0.0, 0.0, by])
@@ -114,7 +123,8 @@ def tensor_of(six: Any) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Inertia:
-    """Inertial parameters of a rigid body; a RobotError if no body of positive density has these numbers."""
+    """Inertial parameters of a rigid body; a RobotError if no body of positive density has these
+    numbers."""
 
     mass: float  # kg, not negative
     # (3,) centre of mass in the body's frame, m
@@ -142,7 +152,8 @@ class Inertia:
         require(
             moments[0] + moments[1] >= moments[2] - tolerance,
             f"inertia violates the triangle inequality: its principal moments are {text} kg m^2",
-            "No moment may exceed the sum of the other two; check that it is about the centre of mass",
+            "No moment may exceed the sum of the other two; check that it is about the centre of"
+            " mass",
         )
         require(
             self.mass > 0.0 or not (self.inertia.any() or self.com.any()),
@@ -152,10 +163,11 @@ class Inertia:
 
 
 def nearest_tensor(inertia: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return the inertia (3, 3) about a centre of mass nearest to this one that a body can have, and how far it is off.
+    """Return the inertia (3, 3) about a centre of mass nearest to this one that a body can have,
+    and how far it is off.
 
-    The distance is a share of the largest moment. A body's second moments about its centre of mass are nowhere
-    negative; those that are count as a thin body's.
+    The distance is a share of the largest moment. A body's second moments about its centre of mass
+    are nowhere negative; those that are count as a thin body's.
     """
     second = 0.5 * np.trace(inertia) * np.eye(3) - inertia
     values, axes = np.linalg.eigh(second)
@@ -176,8 +188,8 @@ class Component:
     ixx: float
     izz: float
     carrier: str  # body that holds the component: ``"base"`` or a link's name
-    # (3,) centre in ``O_{i-1}`` of its own joint, m. Where the carrier is the link the joint drives, in the frame that
-    # turns with it there
+    # (3,) centre in ``O_{i-1}`` of its own joint, m. Where the carrier is the link the joint
+    # drives, in the frame that turns with it there
     position: np.ndarray = field(default_factory=lambda: np.zeros(3))
     kind: str | None = None  # of a spline: ``"circular"`` or ``"flex"``
 
@@ -188,7 +200,8 @@ class Component:
         check_number(self.izz, "izz", positive=True)
         require(
             self.izz <= 2.0 * self.ixx * (1.0 + _INERTIA_TOLERANCE),
-            f"inertia violates the triangle inequality: izz = {self.izz:g} exceeds 2 ixx = {2 * self.ixx:g} kg m^2",
+            f"inertia violates the triangle inequality: izz = {self.izz:g} exceeds 2 ixx ="
+            f" {2 * self.ixx:g} kg m^2",
             "A solid of revolution has izz <= ixx + iyy = 2 ixx; check both",
         )
 
@@ -209,11 +222,13 @@ class Bearing:
 class Transmission:
     """Rotor, belt and harmonic drive between motor and link."""
 
-    # rotor, wave_generator, spline: turn by ``r_b r_hd theta``, ``r_hd theta`` and ``theta`` relative to their carriers
+    # rotor, wave_generator, spline: turn by ``r_b r_hd theta``, ``r_hd theta`` and ``theta``
+    # relative to their carriers
     rotor: Component
     wave_generator: Component
     spline: Component
-    # stiffness, damping: of the drive about z, belt and harmonic drive combined, Nm/rad and Nm s/rad
+    # stiffness, damping: of the drive about z, belt and harmonic drive combined, Nm/rad and Nm
+    # s/rad
     stiffness: float
     damping: float
     # belt_ratio, harmonic_drive_ratio: r_b and r_hd
@@ -229,7 +244,8 @@ class Transmission:
             require(
                 bool(np.isfinite(ratio)) and ratio != 0.0,
                 f"{what} is {ratio:g}, but a transmission ratio cannot be zero or infinite",
-                "Give turns of the input for one turn of the output; 1 where there is no such stage",
+                "Give turns of the input for one turn of the output; 1 where there is no such"
+                " stage",
             )
             sized = 1.0 / _RATIO <= abs(ratio) <= _RATIO
             require(
@@ -243,7 +259,8 @@ class Transmission:
 
     @property
     def components(self) -> dict[str, tuple[Component, float]]:
-        """Name -> component and its turns relative to its carrier for one turn of theta, rotor first."""
+        """Name -> component and its turns relative to its carrier for one turn of theta, rotor
+        first."""
         return {
             "rotor": (self.rotor, self.r_tot),
             "wave_generator": (self.wave_generator, self.harmonic_drive_ratio),
@@ -276,7 +293,8 @@ class Limits:
         if self.position_min is not None and self.position_max is not None:
             require(
                 self.position_min < self.position_max,
-                f"position_min {self.position_min:g} is not below position_max {self.position_max:g}",
+                f"position_min {self.position_min:g} is not below position_max"
+                f" {self.position_max:g}",
                 "Exchange them",
             )
 
@@ -290,10 +308,11 @@ CONTROLLED = (
 
 @dataclass(frozen=True)
 class JointController:
-    """tau_m = limit(kp (r(t - d) - theta) + kd (dr(t - d) - dtheta) + ki int(r - theta) + feed-forward)."""
+    """tau_m = limit(kp (r(t - d) - theta) + kd (dr(t - d) - dtheta) + ki int(r - theta) +
+    feed-forward)."""
 
-    # what is commanded: ``"position"`` r alone, dr is zero; ``"velocity"`` dr alone, ki integrates its error and there
-    # is no kp; ``"both"``
+    # what is commanded: ``"position"`` r alone, dr is zero; ``"velocity"`` dr alone, ki integrates
+    # its error and there is no kp; ``"both"``
     mode: str = "position"
     # kp, kd, ki: Nm/rad, Nm s/rad, and Nm/(rad s), of velocity Nm/rad; at the harmonic-drive output
     kp: float = 0.0
@@ -334,11 +353,13 @@ class JointController:
 
     @property
     def gains(self) -> tuple[float, float, float]:
-        """Gains of the error of the angle, of its rate, and of its integral: an integral of speeds is an angle."""
+        """Gains of the error of the angle, of its rate, and of its integral: an integral of speeds
+        is an angle."""
         return (self.ki, self.kd, 0.0) if self.mode == "velocity" else (self.kp, self.kd, self.ki)
 
     def scaled(self, kp: float = 1.0, kd: float = 1.0) -> Self:
-        """Return it with other gains of the error of the angle and of its rate, as ratios to its own."""
+        """Return it with other gains of the error of the angle and of its rate, as ratios to its
+        own."""
         own = "ki" if self.mode == "velocity" else "kp"
         return replace(self, **{own: kp * getattr(self, own), "kd": kd * self.kd})
 
@@ -350,7 +371,8 @@ class JointController:
 
 @dataclass(frozen=True)
 class DH:
-    """Denavit-Hartenberg row: ``Rz(q + offset) Tz(d) Tx(a) Rx(alpha)``, m and rad (paper, Table I)."""
+    """Denavit-Hartenberg row: ``Rz(q + offset) Tz(d) Tx(a) Rx(alpha)``, m and rad (paper, Table
+    I)."""
 
     a: float
     d: float

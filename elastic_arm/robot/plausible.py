@@ -1,6 +1,7 @@
 """What numbers of an arm are plausible: beyond, a unit is not what it was taken for.
 
-Ranges are wide: from a servo of a finger to the largest arm that is sold (2300 kg at a reach of 4 m).
+Ranges are wide: from a servo of a finger to the largest arm that is sold (2300 kg at a reach of 4
+m).
 """
 
 from collections.abc import Iterator
@@ -28,13 +29,17 @@ class Range:
     too_large: str
 
     def doubts(self, whose: str, value: float) -> str | None:
-        """Return in words why a value cannot be meant; None where it can, or where it is zero, which states nothing."""
+        """Return in words why a value cannot be meant; None where it can, or where it is zero,
+        which states nothing."""
         size = abs(value)
         if size == 0.0 or not np.isfinite(size) or self.least <= size <= self.most:
             return None
         beyond, hint = ("less", self.too_small) if size < self.least else ("more", self.too_large)
         bound = self.least if size < self.least else self.most
-        words = f"{whose}: {self.what} of {value:.4g} {self.unit} is {beyond} than any arm has ({bound:g} {self.unit})"
+        words = (
+            f"{whose}: {self.what} of {value:.4g} {self.unit} is {beyond} than any arm has"
+            f" ({bound:g} {self.unit})"
+        )
         return f"{words}: {hint}"
 
 
@@ -85,7 +90,8 @@ TABLE = (
 
 
 def doubtful(robot: Robot) -> list[str]:
-    """Return in words which numbers of a description are of no arm, each with its number and a hint."""
+    """Return in words which numbers of a description are of no arm, each with its number and a
+    hint."""
     found = [words for joint in robot.joints for words in _of_joint(joint, robot)]
     length = sum(
         float(np.linalg.norm(joint.before[:3, 3] + joint.after[:3, 3]))
@@ -160,8 +166,10 @@ def _inertia(whose: str, mass: float, moments: np.ndarray, robot: Robot) -> str 
     )
     said = f"{whose}: inertia of {largest:.4g} kg m² at {mass:.4g} kg"
     if radius > 2.0 * longest:
-        return f"{said} is of a body {2.0 * radius:.3g} m wide, and no link is longer than {longest - 0.5:.3g} m: g m² or \
-kg mm² taken as kg m²?"
+        return (
+            f"{said} is of a body {2.0 * radius:.3g} m wide, and no link is longer than"
+            f" {longest - 0.5:.3g} m: g m² or kg mm² taken as kg m²?"
+        )
     if largest < PLACEHOLDER * least:
         return f"{said} is of no body: a ball of osmium has {least:.3g} kg m²: another unit?"
     return None

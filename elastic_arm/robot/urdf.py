@@ -1,8 +1,10 @@
-"""URDF in: any serial chain of revolute and prismatic joints, with its links' inertials and its joints' limits.
+"""URDF in: any serial chain of revolute and prismatic joints, with its links' inertials and its
+joints' limits.
 
-The root link is the base. Frames are kept: link i's frame is the URDF's, its joint's ``before`` and ``after`` turn z
-into the URDF's axis and back. A URDF knows no elasticity, so that the robot has no transmissions unless an overlay
-gives them (:func:`elastic_arm.robot.load_robot`). ``Robot.notes`` list what is read otherwise than written.
+The root link is the base. Frames are kept: link i's frame is the URDF's, its joint's ``before`` and
+``after`` turn z into the URDF's axis and back. A URDF knows no elasticity, so that the robot has no
+transmissions unless an overlay gives them (:func:`elastic_arm.robot.load_robot`). ``Robot.notes``
+list what is read otherwise than written.
 """
 
 import xml.etree.ElementTree as ET
@@ -32,8 +34,8 @@ from elastic_arm.robot.urdf_elements import (
 from elastic_arm.robot.urdf_tree import Chain, UrdfTree
 
 MOVING = ("revolute", "continuous", "prismatic")
-# Inertias of vendors' files that miss what a body can have by no more than this share of the largest moment are rounded
-# or of simplified shapes; beyond it something is wrong.
+# Inertias of vendors' files that miss what a body can have by no more than this share of the
+# largest moment are rounded or of simplified shapes; beyond it something is wrong.
 ROUNDED = 0.1
 # What <dynamics> may state, and the effects, with their parameters, that these are.
 DYNAMICS = {
@@ -52,11 +54,12 @@ def read_urdf(path: str | Path, chain: Chain | None = None) -> Robot:
 def parse_urdf(text: str | bytes, chain: Chain | None = None) -> Robot:
     """Make a robot of URDF text.
 
-    Fixed joints join their child's inertia to their parent, continuous joints are revolute ones without limits, a link
-    without inertial has no mass, and an inertia without mass none; joints of a gripper, which mimic one another, are
-    held at zero. Where `chain` names first and last link, what stands on the last one and all other moving branches are
-    left out. Each such reading leaves a sentence in ``Robot.notes``. Raises a RobotError if it is no URDF of a serial
-    chain of joints; it names the element, the reason and the remedy.
+    Fixed joints join their child's inertia to their parent, continuous joints are revolute ones
+    without limits, a link without inertial has no mass, and an inertia without mass none; joints of
+    a gripper, which mimic one another, are held at zero. Where `chain` names first and last link,
+    what stands on the last one and all other moving branches are left out. Each such reading leaves
+    a sentence in ``Robot.notes``. Raises a RobotError if it is no URDF of a serial chain of joints;
+    it names the element, the reason and the remedy.
     """
     return _Reading(parse(text), chain).robot()
 
@@ -120,14 +123,16 @@ class _Reading:
         return found
 
     def _stand(self) -> Array:
-        """Return where the arm's first link stands in the root link, whose frame gravity is given in."""
+        """Return where the arm's first link stands in the root link, whose frame gravity is given
+        in."""
         placement = np.eye(4)
         for name in self._tree.path_to(self._tree.first):
             placement = placement @ self._origin(self._tree.joints[name], f"joint {name!r}")
         return placement
 
     def _rigid(self, link: str, placement: Array) -> tuple[Inertia, list[tuple[ET.Element, Array]]]:
-        """Gather a link at `placement` and all that is fixed to it; return also the moving joints it carries."""
+        """Gather a link at `placement` and all that is fixed to it; return also the moving joints
+        it carries."""
         bodies, onward = [self._inertia(link, placement)], []
         for element in self._tree.children[link]:
             name, child = str(element.get("name")), self._moves(element)
@@ -139,7 +144,8 @@ class _Reading:
             body, further = self._rigid(child, placement @ self._origin(element, f"joint {name!r}"))
             if body.mass > 0.0 and name not in self._tree.held:
                 self._notes.append(
-                    f"joint {name!r} is fixed: link {child!r} ({body.mass:g} kg) is part of {link!r}"
+                    f"joint {name!r} is fixed: link {child!r} ({body.mass:g} kg) is part of"
+                    f" {link!r}"
                 )
             bodies.append(body)
             onward += further
@@ -150,7 +156,8 @@ class _Reading:
             names = ", ".join(repr(element.get("name")) for element, _ in onward)
             raise RobotError(
                 f"the chain branches: joints {names} move from one body",
-                "Name the arm's first and last link (chain base:tip), or make the joints of the other branches fixed",
+                "Name the arm's first and last link (chain base:tip), or make the joints of the"
+                " other branches fixed",
             )
         return onward[0] if onward else None
 
@@ -162,7 +169,8 @@ class _Reading:
         if kind not in MOVING:
             raise RobotError(
                 f"joint {name!r} is {kind or 'of no type'}",
-                "Only revolute, continuous, prismatic and fixed joints are handled: make it fixed or take it out",
+                "Only revolute, continuous, prismatic and fixed joints are handled: make it fixed"
+                " or take it out",
             )
         if element.find("mimic") is not None:
             raise RobotError(
@@ -197,7 +205,8 @@ class _Reading:
         origin = self._origin(inertial, where)
         with located(f"{where}: "):
             if self._resting:
-                # Of what stands still the mass alone counts; antennas and covers may state inertias that no body has.
+                # Of what stands still the mass alone counts; antennas and covers may state inertias
+                # that no body has.
                 return Inertia(mass)
             if mass == 0.0:
                 if tensor.any():
@@ -206,7 +215,8 @@ class _Reading:
             nearest, off = nearest_tensor(tensor)
             if 0.0 < off <= ROUNDED:
                 self._notes.append(
-                    f"{where}: no body has its inertia, by {off:.1%}: the nearest possible one is taken"
+                    f"{where}: no body has its inertia, by {off:.1%}: the nearest possible one is"
+                    " taken"
                 )
                 tensor = nearest
             return moved(Inertia(mass, inertia=tensor), placement @ origin)
@@ -284,9 +294,15 @@ class _Reading:
             elif inertia is not None:
                 words = f"rotor inertia {inertia:g} kg m² by a ratio of {ratio:g} is its armature"
             elif ratio == 0.0:
-                words = "it couples several joints and is left out; `coupling` of a channel map states that"
+                words = (
+                    "it couples several joints and is left out; `coupling` of a channel map states"
+                    " that"
+                )
             elif ratio != 1.0:
-                words = f"its reduction of {ratio:g} is left out, as no rotor inertia is stated (drake:rotor_inertia)"
+                words = (
+                    f"its reduction of {ratio:g} is left out, as no rotor inertia is stated"
+                    " (drake:rotor_inertia)"
+                )
             if words:
                 self._notes.append(f"<transmission> of joint {name!r}: {words}")
 

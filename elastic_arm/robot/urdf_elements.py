@@ -7,8 +7,8 @@ import numpy as np
 from elastic_arm.arrays import Array
 from elastic_arm.errors import RobotError
 
-# An angle this near a right angle is one that was written with few digits (1.5708, 3.1416); taken as it stands, it
-# would make parameters seem identifiable that are not.
+# An angle this near a right angle is one that was written with few digits (1.5708, 3.1416); taken
+# as it stands, it would make parameters seem identifiable that are not.
 _RIGHT_ANGLE = 1e-5
 # Tags of Drake, ROS 1 and ros2_control that state turns of a motor per turn of its joint.
 _RATIOS = ("gear_ratio", "mechanicalReduction", "mechanical_reduction")
@@ -23,7 +23,8 @@ def parse(text: str | bytes) -> ET.Element:
     try:
         tree = ET.fromstring(text)
     except (ET.ParseError, LookupError, ValueError) as error:
-        # The last two for encodings that nobody knows, and for text that is none of the encoding it claims.
+        # The last two for encodings that nobody knows, and for text that is none of the encoding it
+        # claims.
         raise RobotError(f"is no XML ({error})", "Give a URDF file") from error
     if tree.tag != "robot":
         remedy = "Give a URDF file" + (
@@ -54,10 +55,12 @@ def by_name(tree: ET.Element, tag: str) -> dict[str, ET.Element]:
 
 
 def motors(tree: ET.Element) -> dict[str, tuple[float | None, float]]:
-    """Return rotor inertia (kg m², None where none is stated) and ratio (0 where motors are coupled) by joint.
+    """Return rotor inertia (kg m², None where none is stated) and ratio (0 where motors are
+    coupled) by joint.
 
-    As Drake's tags in <actuator> state them, or as the reduction of ROS 1 and ros2_control, in <actuator> or <joint>.
-    Whoever states it, a joint has one ratio and one rotor: statements that differ are a RobotError.
+    As Drake's tags in <actuator> state them, or as the reduction of ROS 1 and ros2_control, in
+    <actuator> or <joint>. Whoever states it, a joint has one ratio and one rotor: statements that
+    differ are a RobotError.
     """
     stated: dict[str, dict[str, list[tuple[str, float]]]] = {}
     coupled: set[str] = set()
@@ -81,7 +84,8 @@ def motors(tree: ET.Element) -> dict[str, tuple[float | None, float]]:
 
 
 def _statements(transmission: ET.Element) -> dict[str, list[tuple[str, float]]]:
-    """Return what a <transmission> states of a rotor's inertia and of a ratio: tag and number of each."""
+    """Return what a <transmission> states of a rotor's inertia and of a ratio: tag and number of
+    each."""
     found: dict[str, list[tuple[str, float]]] = {"rotor_inertia": [], "ratio": []}
     for element in transmission.iter():
         tag = str(element.tag).rpartition("}")[2].rpartition(":")[2]
@@ -99,7 +103,8 @@ def _statements(transmission: ET.Element) -> dict[str, list[tuple[str, float]]]:
 
 
 def _one(statements: list[tuple[str, float]], joint: str) -> float | None:
-    """Return the number that all statements of one quantity of a joint agree on; None where there is none."""
+    """Return the number that all statements of one quantity of a joint agree on; None where there
+    is none."""
     if not statements:
         return None
     first, value = statements[0]
@@ -107,14 +112,16 @@ def _one(statements: list[tuple[str, float]], joint: str) -> float | None:
         # A sign is which way a motor turns, and no part of what it weighs.
         if abs(abs(also) - abs(value)) > _DIGITS * max(abs(also), abs(value)):
             raise RobotError(
-                f"joint {joint!r} has two numbers for one: {first} is {value:g}, {other} is {also:g}",
+                f"joint {joint!r} has two numbers for one: {first} is {value:g}, {other} is"
+                f" {also:g}",
                 "State it once, or the same number everywhere",
             )
     return value
 
 
 def agreed(element: ET.Element, tag: str, where: str) -> ET.Element | None:
-    """Return the child of an element, None where there is none; children that state different numbers are an error."""
+    """Return the child of an element, None where there is none; children that state different
+    numbers are an error."""
     children = element.findall(tag)
     if any(_content(child) != _content(children[0]) for child in children[1:]):
         raise RobotError(

@@ -1,9 +1,10 @@
 """URDF out: a rigid arm of the same gravity and inertia, drawn with simple shapes.
 
-A URDF knows rigid links alone. Rotors, wave generators and splines are joined to the links that carry them, so that
-masses and gravity are right; that they spin with their ratios, and the elasticity, is not in it. Link frames have the
-axes of ``O_i`` and stand on the joint's axis. Shapes are for the eye: there are none for collisions, because cylinders
-from joint to joint touch their neighbours.
+A URDF knows rigid links alone. Rotors, wave generators and splines are joined to the links that
+carry them, so that masses and gravity are right; that they spin with their ratios, and the
+elasticity, is not in it. Link frames have the axes of ``O_i`` and stand on the joint's axis. Shapes
+are for the eye: there are none for collisions, because cylinders from joint to joint touch their
+neighbours.
 """
 
 import xml.etree.ElementTree as ET
@@ -27,7 +28,8 @@ _UNKNOWN = 0.0
 
 
 def to_urdf(robot: Robot) -> str:
-    """Return `robot` as URDF text; reading it back gives the same rigid dynamics (see the module)."""
+    """Return `robot` as URDF text; reading it back gives the same rigid dynamics (see the
+    module)."""
     tree = ET.Element("robot", name=robot.name)
     tree.append(
         ET.Comment(
@@ -72,7 +74,8 @@ def to_urdf(robot: Robot) -> str:
 
 
 def urdf_placements(robot: Robot, q: Array) -> list[tuple[str, str, Array]]:
-    """Return parent, child and placements (N, 4, 4) in the parent of the links of :func:`to_urdf`."""
+    """Return parent, child and placements (N, 4, 4) in the parent of the links of
+    :func:`to_urdf`."""
     joints, _ = link_placements(robot, q)
     own = [joints[:, i] @ _urdf_frame(joint) for i, joint in enumerate(robot.joints)]
     base = np.broadcast_to(robot.base_placement, own[0].shape)
@@ -86,7 +89,8 @@ def _ground(robot: Robot) -> str:
 
 
 def _urdf_frame(joint: Joint) -> Array:
-    """Return the URDF's link frame in the turned joint frame: the axes of ``O_i`` at the joint's origin."""
+    """Return the URDF's link frame in the turned joint frame: the axes of ``O_i`` at the joint's
+    origin."""
     return placed(joint.after[:3, :3])
 
 

@@ -1,4 +1,5 @@
-"""The tree of links and joints of a URDF, and which part of it is the arm: grippers and other branches are not."""
+"""The tree of links and joints of a URDF, and which part of it is the arm: grippers and other
+branches are not."""
 
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
@@ -8,7 +9,8 @@ from elastic_arm.robot.urdf_elements import attribute, by_name, child_of, number
 
 Chain = tuple[str, str]
 
-# What may stand in one file: far beyond any robot, and little enough for trees to be walked by recursion.
+# What may stand in one file: far beyond any robot, and little enough for trees to be walked by
+# recursion.
 MOST_LINKS = 1000
 DEEPEST = 200
 
@@ -79,13 +81,15 @@ class UrdfTree:
         if self.held:
             mass = self.mass_of({link for joint in self.held for link in self.links_from(joint)})
             notes.append(
-                f"joints {', '.join(sorted(self.held))} mimic one another, as a gripper's do: they are fixed at zero, "
-                f"and their links ({mass:.3g} kg) are part of what they stand on"
+                f"joints {', '.join(sorted(self.held))} mimic one another, as a gripper's do: they"
+                f" are fixed at zero, and their links ({mass:.3g} kg) are part of what they"
+                " stand on"
             )
         if self.left_out:
             links = {link for joint in self.left_out for link in self.links_from(joint)}
             notes.append(
-                f"links {', '.join(sorted(links))} ({self.mass_of(links):.3g} kg) are no part of the chain"
+                f"links {', '.join(sorted(links))} ({self.mass_of(links):.3g} kg) are no part of"
+                " the chain"
             )
         return notes
 
@@ -100,7 +104,8 @@ class UrdfTree:
                     )
             if child in self.parent_joint:
                 raise RobotError(
-                    f"link {child!r} is the child of joints {self.parent_joint[child]!r} and {name!r}",
+                    f"link {child!r} is the child of joints {self.parent_joint[child]!r} and"
+                    f" {name!r}",
                     "A serial arm has no loops: take one of the joints out",
                 )
             self.parent_joint[child] = name
@@ -128,9 +133,11 @@ class UrdfTree:
         return self.links_from(str(element.get("name")))
 
     def _hold_grippers(self) -> None:
-        """Hold the joints that mimic a joint beside them, or one that is held, the mimicked ones, and what they carry.
+        """Hold the joints that mimic a joint beside them, or one that is held, the mimicked ones,
+        and what they carry.
 
-        A joint that mimics one before it in the chain is a coupled arm's, not a gripper's, and stays.
+        A joint that mimics one before it in the chain is a coupled arm's, not a gripper's, and
+        stays.
         """
         leaders = {
             name: str(mimic.get("joint"))

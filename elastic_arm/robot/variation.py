@@ -10,10 +10,12 @@ from elastic_arm.robot.parts import Component, Inertia
 
 
 def varied(robot: Robot, rng: np.random.Generator, spread: float = 0.15) -> Robot:
-    """Return an arm whose masses, centres of mass, inertias, stiffnesses and dampings differ from `robot`'s.
+    """Return an arm whose masses, centres of mass, inertias, stiffnesses and dampings differ from
+    `robot`'s.
 
-    Each number is scaled by a factor drawn uniformly from 1 - spread to 1 + spread. Mass and inertia of a body share
-    theirs, so the body stays physical; geometry and ratios, which are known of every arm, stay as they are.
+    Each number is scaled by a factor drawn uniformly from 1 - spread to 1 + spread. Mass and
+    inertia of a body share theirs, so the body stays physical; geometry and ratios, which are known
+    of every arm, stay as they are.
     """
 
     def factor() -> float:

@@ -1,4 +1,5 @@
-"""An arm that moves: forward dynamics with effects, a controller, sensors; whole runs, or one sample at a time."""
+"""An arm that moves: forward dynamics with effects, a controller, sensors; whole runs, or one
+sample at a time."""
 
 from elastic_arm.simulation.controller import Controller, tuned
 from elastic_arm.simulation.rollout import record, simulate

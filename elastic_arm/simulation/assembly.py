@@ -1,4 +1,5 @@
-"""The equations that are integrated: those of the arm, and the laws of the effects added to them."""
+"""The equations that are integrated: those of the arm, and the laws of the effects added to
+them."""
 
 from collections import OrderedDict
 from collections.abc import Sequence
@@ -34,11 +35,12 @@ class System:
         ca.Function
     )  # (Psi, p, speed) -> all that depends on parameters alone, evaluated once
     accelerations: ca.Function  # (x, dx, z, tau_m, constants) -> (ddx, dz, tau_J)
-    # (x, dx, z, Psi, p, speed) -> left side of (1) with the effects at no acceleration and no motor torque
+    # (x, dx, z, Psi, p, speed) -> left side of (1) with the effects at no acceleration and no motor
+    # torque
     balance: ca.Function
     stiffness_of_balance: ca.Function  # its derivative by x
-    # (x, dx, z, tau_m, Psi, p, speed) -> derivative of the left side by the signs of the velocities (dof, 2n), and the
-    # mass matrix
+    # (x, dx, z, tau_m, Psi, p, speed) -> derivative of the left side by the signs of the velocities
+    # (dof, 2n), and the mass matrix
     friction: ca.Function
     integrators: dict[str, Any]  # made of it so far, by name; shared by all systems of its shape
 
@@ -58,7 +60,8 @@ class System:
         return int(self.effect_set.z.numel())
 
     def evaluate_constants(self, speed: np.ndarray) -> np.ndarray:
-        """Return the values of the constants for the arm's own parameters and regularisation speeds (2n,)."""
+        """Return the values of the constants for the arm's own parameters and regularisation speeds
+        (2n,)."""
         return np.array(
             self.constants(self.equations.nominal, self.effect_set.numbers(), speed)
         ).ravel()
@@ -79,7 +82,8 @@ def assemble(
         EffectSet(instances, equations.robot, duration),
     )
     if shape not in _known:
-        # On disk an arm of its own is worth keeping; every arm with effects and numbers of its own would fill it.
+        # On disk an arm of its own is worth keeping; every arm with effects and numbers of its own
+        # would fill it.
         functions = (
             _derive(equations, effect_set)
             if instances
@@ -93,7 +97,8 @@ def assemble(
 
 
 def _shape(equations: ArmEquations, instances: Sequence[EffectInstance]) -> str:
-    """What the straight-line code depends on; laws may read any number of the nominal arm, an arm alone does not."""
+    """What the straight-line code depends on; laws may read any number of the nominal arm, an arm
+    alone does not."""
     laws = [
         (
             instance.effect.id,
@@ -117,8 +122,8 @@ def _shape(equations: ArmEquations, instances: Sequence[EffectInstance]) -> str:
 def _derive(equations: ArmEquations, effect_set: EffectSet) -> list[ca.Function]:
     """Derive the functions of a system, in the order of :data:`_DERIVED`.
 
-    With tau_J taken from the drive equation, (1) reads `left side + effects = [0; tau_m]`, linear in the accelerations
-    also where a law contains them (an added mass).
+    With tau_J taken from the drive equation, (1) reads `left side + effects = [0; tau_m]`, linear
+    in the accelerations also where a law contains them (an added mass).
     """
     n, dof, Psi = equations.robot.n, equations.dof, equations.Psi
     x, dx, ddx = (SX.sym(name, dof) for name in ("x", "dx", "ddx"))
@@ -174,9 +179,11 @@ def _derive(equations: ArmEquations, effect_set: EffectSet) -> list[ca.Function]
 
 
 def law_rows(equations: ArmEquations, effect_set: EffectSet) -> ca.Function:
-    """Return (x, dx, ddx, z, tau_m, Psi, p, speed) -> what the laws add to the left side of (1), and the rates of z.
+    """Return (x, dx, ddx, z, tau_m, Psi, p, speed) -> what the laws add to the left side of (1),
+    and the rates of z.
 
-    For engines that are not ours: `speed` (2n,) regularises the signs of the velocities, as in the simulator.
+    For engines that are not ours: `speed` (2n,) regularises the signs of the velocities, as in the
+    simulator.
     """
     n, dof = equations.robot.n, equations.dof
     x, dx, ddx = (SX.sym(name, dof) for name in ("x", "dx", "ddx"))
@@ -222,7 +229,8 @@ def _joint_torque(motion: SymbolicMotion, added: Contribution, tau_m: SX) -> SX:
 
 
 def _rows(motion: SymbolicMotion, added: Contribution) -> SX:
-    """What the effects add to the left side of (1): the drive pulls the link and holds the motor back."""
+    """What the effects add to the left side of (1): the drive pulls the link and holds the motor
+    back."""
     if not motion.robot.elastic:
         return added.link + added.motor
     tilts = motion.x.shape[0] - 2 * motion.n

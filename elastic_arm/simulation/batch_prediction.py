@@ -1,8 +1,9 @@
 """Many short predictions at once: from measured states on, motor torque in, angles out.
 
-The arm is put into the measured state at many instants and driven by the measured motor torque from each of them. All
-starts are integrated in one call a step, with the equations and the scheme of the simulator; where a light link under
-strong friction makes them too stiff for that, with a linearly implicit scheme.
+The arm is put into the measured state at many instants and driven by the measured motor torque from
+each of them. All starts are integrated in one call a step, with the equations and the scheme of the
+simulator; where a light link under strong friction makes them too stiff for that, with a linearly
+implicit scheme.
 """
 
 from collections.abc import Callable, Sequence
@@ -27,7 +28,8 @@ GAMMA = 1.0 - np.sqrt(0.5)  # of the scheme ROS2, which is L-stable with it
 
 
 class MeasuredMotion(Protocol):
-    """A measured motion: times (N,) s, and (N, n) angles, rates, accelerations of both sides, and torques, Nm.
+    """A measured motion: times (N,) s, and (N, n) angles, rates, accelerations of both sides, and
+    torques, Nm.
 
     `span` is begin and end of its recording on the axis of the times.
     """
@@ -90,20 +92,24 @@ class BatchPrediction:
         return np.stack(link, axis=1), np.stack(motor, axis=1)
 
     def _start(self, motion: MeasuredMotion, begins: NDArray[np.intp]) -> Array:
-        """Return states (S, 2 dof + states): measured motors, links behind them by the measured joint torque."""
+        """Return states (S, 2 dof + states): measured motors, links behind them by the measured
+        joint torque."""
         x, dx = self._coordinates(motion)
         self._prepare(len(begins), x[begins[0]], motion.tau_m[begins[0]])
         y = np.hstack([values[begins] for values in (x, dx, self._internal_states(motion, x, dx))])
         if self._system.dof > self._system.n:
             for _ in range(
                 12
-            ):  # 12 steps of a fixed point that contracts as true over nominal stiffness comes near to one
+                # 12 steps of a fixed point that contracts as true over nominal stiffness comes near to
+                # one
+            ):
                 excess = self._evaluate(y, motion.tau_m[begins])[2] - motion.tau_J[begins]
                 y[:, : self._system.n] += excess / self._K
         return y
 
     def _coordinates(self, motion: MeasuredMotion) -> tuple[Array, Array]:
-        """Return x, dx (N, dof) along the motion; bearings tilt by the moments that the motion puts on them."""
+        """Return x, dx (N, dof) along the motion; bearings tilt by the moments that the motion puts
+        on them."""
         if not self._equations.robot.elastic:
             return motion.q, motion.dq
         pairs = ((motion.q, motion.theta), (motion.dq, motion.dtheta), (motion.ddq, motion.ddtheta))
@@ -161,7 +167,8 @@ class BatchPrediction:
         ).ravel()
 
     def _fastest(self, x: Array, z: Array, torque: Array) -> float:
-        """Return the largest eigenvalue, 1/s, of the arm at rest, dry friction aside (its slope follows the step)."""
+        """Return the largest eigenvalue, 1/s, of the arm at rest, dry friction aside (its slope
+        follows the step)."""
         system = self._system
         constants = system.constants(
             self._Psi, system.effect_set.numbers(), np.full(2 * system.n, np.inf)
@@ -174,7 +181,8 @@ class BatchPrediction:
         )
 
     def _state_jacobian(self) -> ca.Function:
-        """Return the derivative of the state's rate with respect to the state: (y, torque, constants) -> (m, m)."""
+        """Return the derivative of the state's rate with respect to the state: (y, torque,
+        constants) -> (m, m)."""
         system = self._system
         x, dx, z, torque, constants = (
             ca.SX.sym(f"given_{k}", *system.accelerations.size_in(k)) for k in range(5)
@@ -212,7 +220,8 @@ class BatchPrediction:
     def _implicit_step(
         self, rate: Callable[[Array], Array], y: Array, torque: Array, h: float
     ) -> Array:
-        """Return the states a step later by ROS2 (Verwer, Spee, Blom, Hundsdorfer, SIAM J. Sci. Comput. 20, 1999)."""
+        """Return the states a step later by ROS2 (Verwer, Spee, Blom, Hundsdorfer, SIAM J. Sci.
+        Comput. 20, 1999)."""
         assert self._jacobian is not None
         m = y.shape[1]
         constants = np.tile(self._constants[:, None], len(y))

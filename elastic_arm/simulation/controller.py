@@ -1,8 +1,10 @@
 """The controller of the motor side,
 
-    tau_m = limit(kp (r(t - d) - theta) + kd (dr(t - d) - dtheta) + ki int(r - theta) + feed-forward),
+    tau_m = limit(kp (r(t - d) - theta) + kd (dr(t - d) - dtheta) + ki int(r - theta) +
+    feed-forward),
 
-held from one command to the next: by default computed torque, else what the arm's description states of its drives.
+held from one command to the next: by default computed torque, else what the arm's description
+states of its drives.
 """
 
 from __future__ import annotations
@@ -38,7 +40,8 @@ def no_feedforward(q: Array, dq: Array, ddq: Array) -> Array:
 class Controller:
     """A controller that reads the motor side without noise."""
 
-    # kp, kd, ki: (n,) Nm/rad, Nm s/rad, Nm/(rad s). The integral rests where the torque is at its limit
+    # kp, kd, ki: (n,) Nm/rad, Nm s/rad, Nm/(rad s). The integral rests where the torque is at its
+    # limit
     kp: Array
     kd: Array
     feedforward: Feedforward = no_feedforward  # reference q, dq, ddq (N, n) -> torque (N, n)
@@ -46,7 +49,8 @@ class Controller:
     # limit, delay: (n,) Nm, beside the joint's own limit, and s by which the reference comes late
     limit: Array | float = np.inf
     delay: Array | float = 0.0
-    # (n,) 1 where the reference's rate is followed; 0 where it counts as zero, so that kd damps the motor's own
+    # (n,) 1 where the reference's rate is followed; 0 where it counts as zero, so that kd damps the
+    # motor's own
     speed: Array | float = 1.0
     commands: int = 1  # a sample: 1, or an even number
     dead_band: Array | float = (
@@ -72,9 +76,11 @@ class Controller:
             raise SimulationError(f"{self.commands} commands a sample", "Give 1 or an even number.")
 
     def commanded(self, q: Array, dq: Array, ddq: Array, rate: float) -> Array:
-        """Return what the drives are given over samples (N, n) at a rate (Hz): theta, dtheta, torque (N commands, 3n).
+        """Return what the drives are given over samples (N, n) at a rate (Hz): theta, dtheta,
+        torque (N commands, 3n).
 
-        Between samples the reference goes on with its acceleration: what comes next is not known to a live arm.
+        Between samples the reference goes on with its acceleration: what comes next is not known to
+        a live arm.
         """
         if self.commands == 1:
             return np.concatenate([q, self.speed * dq, self.feedforward(q, dq, ddq)], axis=1)
@@ -120,11 +126,13 @@ def controller_of(robot: Robot, *, model: str = "mod3", rate: float = 1000.0) ->
 def tuned(
     robot: Robot, *, bandwidth: float = BANDWIDTH, model: str = "mod3", rate: float = 1000.0
 ) -> Controller:
-    """Return a controller for a nominal arm: well damped at `bandwidth` (Hz), with feed-forward by a model's variant.
+    """Return a controller for a nominal arm: well damped at `bandwidth` (Hz), with feed-forward by
+    a model's variant.
 
-    The gains fit the inertia of each whole joint, link and motor, in the zero position; but the motor alone, on its
-    drive's damper, must stay stable under a held command. Where the ratio is low and the motor light, that bounds both
-    gains. At a low sample rate, Hz, the drives are commanded several times a sample, as real ones are.
+    The gains fit the inertia of each whole joint, link and motor, in the zero position; but the
+    motor alone, on its drive's damper, must stay stable under a held command. Where the ratio is
+    low and the motor light, that bounds both gains. At a low sample rate, Hz, the drives are
+    commanded several times a sample, as real ones are.
     """
     equations = ArmEquations(robot, model)
     feedforward = RigidFeedforward(equations)
@@ -138,10 +146,11 @@ def tuned(
 
 
 def _commands(kp: Array, kd: Array, rigid: RigidFeedforward, rate: float) -> int:
-    """Return how many commands a sample it takes that none is held for longer than the loop's fastest time constant.
+    """Return how many commands a sample it takes that none is held for longer than the loop's
+    fastest time constant.
 
-    The joints turn one another: a light wrist may follow a shoulder's gains much faster than its own. Poses are those
-    of any arm, as the fastest eigenvalue varies by a small factor over them.
+    The joints turn one another: a light wrist may follow a shoulder's gains much faster than its
+    own. Poses are those of any arm, as the fastest eigenvalue varies by a small factor over them.
     """
     # 8 poses at which the inertia of an arm is looked at
     poses = np.random.default_rng(0).uniform(-np.pi, np.pi, (8, len(kp)))
@@ -160,7 +169,8 @@ def fastest_eigenvalue(mass: Array, stiffness: Array, damping: Array) -> float:
 
 
 def _largest_held_damping(equations: ArmEquations, rate: float) -> Array:
-    """Return the kd (n,) at which B dv/dt = -D v - kd v_k, v_k held for a sample, ceases to decay."""
+    """Return the kd (n,) at which B dv/dt = -D v - kd v_k, v_k held for a sample, ceases to
+    decay."""
     if not equations.robot.elastic:
         return np.full(equations.robot.n, np.inf)
     numbers = ca.Function("numbers", [equations.Psi], [equations.D, equations.B])

@@ -9,7 +9,8 @@ from elastic_arm.simulation.assembly import System
 # A residual torque below this counts as equilibrium, Nm.
 TOLERANCE = 1e-9
 ITERATIONS = 100
-# Deflection from which a second search begins, rad: beyond every play, where a drive's torque has a slope.
+# Deflection from which a second search begins, rad: beyond every play, where a drive's torque has a
+# slope.
 WOUND = 5e-3
 # Largest deflection of an equilibrium, rad: an arm that hangs upside down in its drives is none.
 NEARBY = 0.5
@@ -27,7 +28,8 @@ def equilibrium(system: System, theta: Array, speed: Array) -> tuple[Array, Arra
     load = np.array(system.balance(x, rest, z, *given)).ravel()[free]
     found = _solved(system, x, free, given)
     if found is None:
-        # Within its play a drive holds nothing, and the slope of gravity alone may point away from the loaded end.
+        # Within its play a drive holds nothing, and the slope of gravity alone may point away from
+        # the loaded end.
         wound = x.copy()
         wound[free] -= WOUND * np.sign(load) * (np.abs(load) > TOLERANCE)
         found = _solved(system, wound, free, given)
@@ -36,8 +38,9 @@ def equilibrium(system: System, theta: Array, speed: Array) -> tuple[Array, Arra
     if found is None:
         worst = int(np.abs(load).argmax())
         raise SimulationError(
-            f"no static equilibrium was found with the motors at {np.array2string(theta, precision=3)} rad: most is to "
-            f"be held at {system.equations.robot.joint_names[free[worst] % n]}, {np.abs(load[worst]):.3g} Nm",
+            "no static equilibrium was found with the motors at"
+            f" {np.array2string(theta, precision=3)} rad: most is to be held at"
+            f" {system.equations.robot.joint_names[free[worst] % n]}, {np.abs(load[worst]):.3g} Nm",
             "Check stiffness, masses and the effects' parameters.",
         )
     return found[0], found[1][motor]
@@ -46,7 +49,8 @@ def equilibrium(system: System, theta: Array, speed: Array) -> tuple[Array, Arra
 def _solved(
     system: System, x: Array, free: Array, given: tuple[Array, Array, Array]
 ) -> tuple[Array, Array] | None:
-    """Return coordinates and torques (dof,) of an equilibrium by Newton's steps from x (dof,); None where none is."""
+    """Return coordinates and torques (dof,) of an equilibrium by Newton's steps from x (dof,); None
+    where none is."""
     rest, z = np.zeros(system.dof), np.zeros(system.states)
     torque = np.array(system.balance(x, rest, z, *given)).ravel()
     for _ in range(ITERATIONS):
@@ -61,7 +65,8 @@ def _solved(
 def _is_stable(
     system: System, x: Array, held: Array, free: Array, given: tuple[Array, Array, Array]
 ) -> bool:
-    """Whether an arm stays at coordinates x (dof,), which are near those of the motors, held (dof,)."""
+    """Whether an arm stays at coordinates x (dof,), which are near those of the motors, held
+    (dof,)."""
     rest, z = np.zeros(system.dof), np.zeros(system.states)
     slope = np.array(system.stiffness_of_balance(x, rest, z, *given))[np.ix_(free, free)]
     return bool(

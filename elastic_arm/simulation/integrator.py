@@ -1,7 +1,9 @@
-"""Integrators of a closed loop from sample to sample: in C, and without a compiler by CasADi's interpreter (slower).
+"""Integrators of a closed loop from sample to sample: in C, and without a compiler by CasADi's
+interpreter (slower).
 
-Both integrate with the classical Runge-Kutta scheme of fourth order and hold the command between samples. The mean of
-tau_J over a sample interval is a state of its own, so it is as exact as the motion.
+Both integrate with the classical Runge-Kutta scheme of fourth order and hold the command between
+samples. The mean of tau_J over a sample interval is a state of its own, so it is as exact as the
+motion.
 """
 
 import ctypes
@@ -27,9 +29,10 @@ log = logging.getLogger(__name__)
 class IntegratorState:
     """What passes from one sample to the next.
 
-    `y` (2 dof + states,) holds the generalized coordinates, their rates and the internal states of effects. Of the half
-    interval before the sample, (n,) each: the integral of tau_J, Nm s, and half the mean of tau_m, Nm; then the motor
-    torque held until the sample, Nm, and the integral of the error of theta, rad s.
+    `y` (2 dof + states,) holds the generalized coordinates, their rates and the internal states of
+    effects. Of the half interval before the sample, (n,) each: the integral of tau_J, Nm s, and
+    half the mean of tau_m, Nm; then the motor torque held until the sample, Nm, and the integral of
+    the error of theta, rad s.
     """
 
     y: Array
@@ -55,7 +58,8 @@ class ClosedLoop:
     """What does not change during a run."""
 
     constants: Array  # of the system, as its function of that name gives them
-    gains: Array  # (5, n) kp in Nm/rad, kd in Nm s/rad, ki in Nm/(rad s), torque limit in Nm, dead band in rad
+    # (5, n) kp in Nm/rad, kd in Nm s/rad, ki in Nm/(rad s), torque limit in Nm, dead band in rad
+    gains: Array
     period: float  # of the samples, s
     half_steps: int  # integration steps in half a period
     commands: int = 1  # a sample: 1, or an even number that divides the steps
@@ -67,7 +71,8 @@ class Integrator(Protocol):
     name: str
 
     def run(self, loop: ClosedLoop, reference: Array, state: IntegratorState) -> Solution:
-        """Advance `state` over a reference (N commands, 3n): theta (rad), dtheta (rad/s), feed-forward torque (Nm).
+        """Advance `state` over a reference (N commands, 3n): theta (rad), dtheta (rad/s),
+        feed-forward torque (Nm).
 
         Where numbers stop being finite the solution ends early.
         """
@@ -146,7 +151,8 @@ def _solution(rows: Array, ode: int, n: int) -> Solution:
 
 
 def runge_kutta_step(rate: Callable[[Any], Any], y: Any, h: Any) -> Any:
-    """Return the state a step of h (s) later by the classical Runge-Kutta scheme, from its rate under held inputs."""
+    """Return the state a step of h (s) later by the classical Runge-Kutta scheme, from its rate
+    under held inputs."""
     k1 = rate(y)
     k2 = rate(y + h / 2 * k1)
     k3 = rate(y + h / 2 * k2)

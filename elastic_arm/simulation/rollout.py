@@ -38,15 +38,18 @@ def simulate(
 ) -> Recording:
     """Let an arm follow a trajectory, and record it.
 
-    The arm starts where and as fast as the trajectory does, its links hanging in their drives. The recording holds
-    what the sensors read, the reference, and the description of the nominal arm: nothing of the truth.
+    The arm starts where and as fast as the trajectory does, its links hanging in their drives. The
+    recording holds what the sensors read, the reference, and the description of the nominal arm:
+    nothing of the truth.
 
     Parameters
     ----------
     robot
-        The true arm; the settings' `nominal`, if given, is what the controller and the recording know instead.
+        The true arm; the settings' `nominal`, if given, is what the controller and the recording
+        know instead.
     trajectory
-        Reference of the motor side: what `load_trajectory` reads, or `excitation.random_trajectories` makes.
+        Reference of the motor side: what `load_trajectory` reads, or
+        `excitation.random_trajectories` makes.
     settings
         Model, effects, sensors, controller, sample rate.
     duration
@@ -109,7 +112,8 @@ def record(
     measured: dict[str, Array],
     reference: tuple[Array, Array, Array] | None = None,
 ) -> Recording:
-    """Put channels (N, n) measured at times t (N,), s, into a recording, with the stamps that the sensors give them.
+    """Put channels (N, n) measured at times t (N,), s, into a recording, with the stamps that the
+    sensors give them.
 
     The reference is its q, dq, ddq (N, n); none is recorded when None.
     """

@@ -1,4 +1,5 @@
-"""What a simulated arm is made of and how finely it is computed, for commands, nodes and callers alike."""
+"""What a simulated arm is made of and how finely it is computed, for commands, nodes and callers
+alike."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,7 +16,8 @@ class SimulationSettings:
 
     model: str = "mod3"  # mod1, mod2 or mod3
     bearings: bool = False  # let the bearings tilt (12 coordinates for three joints)
-    # effects in addition to those that the description lists; as text, too ("coulomb_friction:joint_2:torque=6")
+    # effects in addition to those that the description lists; as text, too
+    # ("coulomb_friction:joint_2:torque=6")
     effects: Sequence[EffectInstance | str] = ()
     sensors: Sensors | None = (
         None  # what the measured channels add to the truth; those of `Sensors()` when None
@@ -26,7 +28,8 @@ class SimulationSettings:
     nominal: Robot | None = (
         None  # what the controller, and a recording, believe; the true arm when None
     )
-    # rate, substeps: samples a second, and integration steps a sample (an even number), or more where the arm is stiff
+    # rate, substeps: samples a second, and integration steps a sample (an even number), or more
+    # where the arm is stiff
     rate: float = 1000.0
     substeps: int = 10
     engine: str | None = None  # "c", "casadi", or None for the faster one that this machine has

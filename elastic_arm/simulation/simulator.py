@@ -19,8 +19,8 @@ from elastic_arm.simulation.equilibrium import equilibrium
 from elastic_arm.simulation.integrator import ClosedLoop, IntegratorState, Solution, make_integrator
 from elastic_arm.simulation.settings import USUAL, SimulationSettings
 
-# The sign of a velocity is tanh(w / speed): far below the speeds of an excitation (0.1 to 2 rad/s), yet wide enough
-# that a motion through zero takes some steps.
+# The sign of a velocity is tanh(w / speed): far below the speeds of an excitation (0.1 to 2 rad/s),
+# yet wide enough that a motion through zero takes some steps.
 SIGN_SPEED = 1e-4
 # Friction steeper than this share of what the integrator can follow in a step is widened.
 STEEPEST = 0.7
@@ -28,10 +28,12 @@ STEEPEST = 0.7
 
 @dataclass(frozen=True)
 class Truth:
-    """What really happened: t (N,) s; (N, n) q, dq, tau_J, theta, dtheta, tau_m as sensors without fault read them.
+    """What really happened: t (N,) s; (N, n) q, dq, tau_J, theta, dtheta, tau_m as sensors without
+    fault read them.
 
-    `x`, `dx` (N, dof) hold all coordinates, `z` (N, states) the internal states of effects, `command` (N, n) the torque
-    held from each sample on. Torques at a stamp are means over the sample interval centred on it.
+    `x`, `dx` (N, dof) hold all coordinates, `z` (N, states) the internal states of effects,
+    `command` (N, n) the torque held from each sample on. Torques at a stamp are means over the
+    sample interval centred on it.
     """
 
     t: Array
@@ -77,9 +79,10 @@ class Truth:
 class Simulator:
     """An arm with effects, sensors and a controller.
 
-    What the arm's description lists under `effects` acts too, and its `controller` drives it. The motors start at q0
-    with dq0 (n,), zero when None; `duration`, s, is that of the run for effects that change over it, None where it has
-    no end. Raises an EffectError or SimulationError if an effect cannot act on this arm, or the settings make no sense.
+    What the arm's description lists under `effects` acts too, and its `controller` drives it. The
+    motors start at q0 with dq0 (n,), zero when None; `duration`, s, is that of the run for effects
+    that change over it, None where it has no end. Raises an EffectError or SimulationError if an
+    effect cannot act on this arm, or the settings make no sense.
     """
 
     def __init__(
@@ -129,7 +132,8 @@ class Simulator:
         self.sensors = SensorBank(plant.sensors, self.robot.n, self.rate, self._rng)
 
     def _controlled(self, plant: Robot) -> Controller:
-        """Return the controller that the nominal arm states, with what effects have changed of the true arm's."""
+        """Return the controller that the nominal arm states, with what effects have changed of the
+        true arm's."""
         robot = self.nominal
         for name, true, own in zip(robot.joint_names, plant.joints, self.robot.joints, strict=True):
             if true.controller != own.controller:
@@ -137,7 +141,8 @@ class Simulator:
         return controller_of(robot, model=self._settings.model, rate=self.rate)
 
     def reset(self, q0: Array, dq0: Array | None = None) -> None:
-        """Put the motors at `q0` (n,), links where gravity leaves them, at rest or at velocities `dq0` (n,)."""
+        """Put the motors at `q0` (n,), links where gravity leaves them, at rest or at velocities
+        `dq0` (n,)."""
         n = self.robot.n
         dq0 = np.zeros(n) if dq0 is None else dq0
         for what in (q0, dq0):
@@ -164,7 +169,8 @@ class Simulator:
         self.state.y[2 * n : len(x)] = x[2 * n :]
 
     def _steps(self, x: Array, hold: Array) -> int:
-        """Return the integration steps a sample: none longer than the time constant of the arm's fastest eigenvalue."""
+        """Return the integration steps a sample: none longer than the time constant of the arm's
+        fastest eigenvalue."""
         system, rest, z = self.system, np.zeros_like(x), np.zeros(self.system.states)
         given = (
             system.equations.nominal,
@@ -212,8 +218,8 @@ class Simulator:
     ) -> tuple[Truth, dict[str, Array]]:
         """Advance by one sample under a reference (q, dq, ddq), each (n,), or a motor torque (n,).
 
-        Returns truth and measured channels of the sample from which it advanced, (1, n) each: the very bits of
-        :meth:`follow` or :meth:`drive` over many samples.
+        Returns truth and measured channels of the sample from which it advanced, (1, n) each: the
+        very bits of :meth:`follow` or :meth:`drive` over many samples.
         """
         if (reference is None) == (torque is None):
             raise SimulationError("a step needs a reference or a torque", "Give one of the two.")
@@ -232,10 +238,11 @@ class Simulator:
         command: Array | None = None,
         z: Array | None = None,
     ) -> None:
-        """Put the arm into a motion, (n,) each: from where a prediction over a short horizon starts.
+        """Put the arm into a motion, (n,) each: from where a prediction over a short horizon
+        starts.
 
-        Bearings start untilted. `command` is the motor torque held until now, `z` the internal states of effects;
-        both are zero when None.
+        Bearings start untilted. `command` is the motor torque held until now, `z` the internal
+        states of effects; both are zero when None.
         """
         dof = self.system.dof
         parts = (q, theta) if self.robot.elastic else (q,)
@@ -306,7 +313,8 @@ class Simulator:
 def sign_speed(system: System, Psi: Array, x: Array, z: Array, hold: Array, step: float) -> Array:
     """Return the speed (2n,) below which friction of each side is regularised, rad/s.
 
-    :data:`SIGN_SPEED`, or more where friction would outrun an integrator of this step (s): `friction step / inertia`.
+    :data:`SIGN_SPEED`, or more where friction would outrun an integrator of this step (s):
+    `friction step / inertia`.
     """
     rest, speed = np.zeros_like(x), np.full(2 * system.n, SIGN_SPEED)
     slope, mass = (
@@ -323,7 +331,8 @@ def check_same_joints(robot: Robot, nominal: Robot) -> None:
     """Refuse, by a SimulationError, a nominal arm with another number of joints than `robot`."""
     if nominal.n != robot.n:
         raise SimulationError(
-            f"the true arm {robot.name} has {robot.n} joints, the nominal arm {nominal.name} has {nominal.n}",
+            f"the true arm {robot.name} has {robot.n} joints, the nominal arm {nominal.name} has"
+            f" {nominal.n}",
             "Describe the same joints twice: the true arm, and what the controller believes of it.",
         )
 

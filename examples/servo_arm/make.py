@@ -1,9 +1,10 @@
-"""Make the recordings of docs/servo_arm.md: a servo arm in MuJoCo, not quite that of arm.xml, in the form of LeRobot.
+"""Make the recordings of docs/servo_arm.md: a servo arm in MuJoCo, not quite that of arm.xml, in
+the form of LeRobot.
 
     python examples/servo_arm/make.py FOLDER
 
-Commands at 50 Hz, encoders of 12 bits, no torque. Its commands reach the servos 20 ms late, its elbow has more dry
-friction, and its masses, armatures and gains are a few percent off.
+Commands at 50 Hz, encoders of 12 bits, no torque. Its commands reach the servos 20 ms late, its
+elbow has more dry friction, and its masses, armatures and gains are a few percent off.
 """
 
 import sys

@@ -55,7 +55,8 @@ def test_check_ends_with_1_for_a_torn_bag_and_repairs_it(bag: Path) -> None:
 
 
 def test_several_bags_and_folders_are_checked_one_by_one(bag: Path, tmp_path: Path) -> None:
-    """Each has an opinion of its own; what is no bag does not stop the others, and is the exit status."""
+    """Each has an opinion of its own; what is no bag does not stop the others, and is the exit
+    status."""
     again = tmp_path / "runs" / "again"
     shutil.copytree(bag, again)
     done = run("bag", "check", bag, again.parent, "--json")
@@ -113,7 +114,8 @@ def test_shipped_bags_have_nothing_wrong(name: str) -> None:
 def test_a_dataset_becomes_a_bag_an_episode_and_a_bag_becomes_arrays_and_the_same_bag(
     tmp_path: Path, bag: Path
 ) -> None:
-    """What is done is printed: rows left out, samples of each side, and the command that makes the bag again."""
+    """What is done is printed: rows left out, samples of each side, and the command that makes the
+    bag again."""
     t = np.arange(100) / 50.0
     rows = [f"{k},{a},{np.sin(a)},{np.cos(a) if a != t[5] else ''}" for k in (0, 1) for a in t]
     (tmp_path / "run.csv").write_text("run,t,q1,q2\n" + "\n".join(rows) + "\n")

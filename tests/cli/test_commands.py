@@ -38,7 +38,8 @@ def motion(tmp_path: Path) -> Path:
 
 
 def test_excite_writes_a_trajectory_and_says_what_it_reached(tmp_path: Path) -> None:
-    """`elastic-arm excite` writes a file that loads, and JSON with the condition before and after."""
+    """`elastic-arm excite` writes a file that loads, and JSON with the condition before and
+    after."""
     file = tmp_path / "t.yaml"
     further = ("--csv", tmp_path / "traj.csv", "--goal", tmp_path / "goal.yaml")
     search = ("--evaluations", 30, "--harmonics", 3)
@@ -55,7 +56,8 @@ def test_excite_writes_a_trajectory_and_says_what_it_reached(tmp_path: Path) -> 
 
 
 def test_describe_tells_joints_and_base_parameters() -> None:
-    """`elastic-arm describe --json` gives the arm file's content, mass and named base parameters."""
+    """`elastic-arm describe --json` gives the arm file's content, mass and named base
+    parameters."""
     told = json.loads(run("describe", "--json").stdout)
     assert told["mass_kg"] == pytest.approx(139.0)
     assert [joint["name"] for joint in told["robot"]["joints"]] == ["joint_1", "joint_2", "joint_3"]
@@ -79,7 +81,8 @@ KEPT: dict[
 
 @pytest.mark.parametrize("command", KEPT)
 def test_nothing_is_overwritten_unasked(tmp_path: Path, command: str) -> None:
-    """Before the work a command refuses to write over a file, in a folder or by its name, and leaves it as it is."""
+    """Before the work a command refuses to write over a file, in a folder or by its name, and
+    leaves it as it is."""
     name, arguments, words = KEPT[command]
     (tmp_path / name).write_text("mine")
     said = refusal(command, *(str(word).format(tmp_path) for word in arguments))
@@ -120,7 +123,8 @@ COMMANDS: dict[str, list[object]] = {
 def test_a_place_that_cannot_be_written_is_found_before_the_work(
     tmp_path: Path, bag: Path, command: str
 ) -> None:
-    """Where a file stands in the way of the folder, every command says so at once, and leaves no trace."""
+    """Where a file stands in the way of the folder, every command says so at once, and leaves no
+    trace."""
     (tmp_path / "file").write_text("mine")
     there = sorted(tmp_path.rglob("*"))
     arguments = [bag if word == "BAG" else word for word in COMMANDS[command]]
@@ -157,7 +161,8 @@ USAGE: dict[str, tuple[str, str]] = {
 
 @pytest.mark.parametrize("arguments", USAGE)
 def test_usage_errors_are_one_line_with_the_help_to_read(arguments: str) -> None:
-    """Unknown options, missing arguments and wrong values of every command end as all unusable input does."""
+    """Unknown options, missing arguments and wrong values of every command end as all unusable
+    input does."""
     words, command = USAGE[arguments]
     said = refusal(*arguments.split())
     assert words in said
@@ -178,7 +183,8 @@ def test_help_and_version_end_with_0(arguments: str) -> None:
 
 
 def test_without_arguments_four_ways_in_are_shown() -> None:
-    """`elastic-arm` alone shows commands for a start, each with options that it has; a group shows its help."""
+    """`elastic-arm` alone shows commands for a start, each with options that it has; a group shows
+    its help."""
     result = run()
     assert (result.exit_code, result.stderr) == (2, "")
     shown = re.findall(r"elastic-arm (\w.*)", result.stdout)
@@ -215,7 +221,8 @@ UNUSABLE: dict[str, str] = {  # a command but for --out -> what its refusal name
 
 @pytest.mark.parametrize("command", UNUSABLE)
 def test_what_makes_no_sense_is_refused_and_nothing_is_begun(tmp_path: Path, command: str) -> None:
-    """Unusable options, sizes that no arm has and recordings that no memory holds: one line, status 2, no file."""
+    """Unusable options, sizes that no arm has and recordings that no memory holds: one line, status
+    2, no file."""
     assert UNUSABLE[command] in refusal(*command.split(), "--out", tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
@@ -278,7 +285,8 @@ def test_missing_channel_maps_and_arrays_are_said_without_numbers_of_the_system(
 
 
 def test_summaries_are_the_first_sentences_of_the_subcommands() -> None:
-    """What the help of the application shows of a subcommand is what the subcommand itself begins with."""
+    """What the help of the application shows of a subcommand is what the subcommand itself begins
+    with."""
     for name, subcommand in SUBCOMMANDS.items():
         first = str(load(name).help).split("\n\n")[0]
         assert " ".join(first.split()) == subcommand.summary
@@ -295,7 +303,8 @@ SPARED = {  # command -> what it shows, and what it does not import
 
 @pytest.mark.parametrize("command", SPARED)
 def test_commands_import_no_library_that_they_do_not_need(command: str) -> None:
-    """The help needs neither NumPy nor CasADi, a description neither estimators nor readers of bags."""
+    """The help needs neither NumPy nor CasADi, a description neither estimators nor readers of
+    bags."""
     shown, heavy = SPARED[command]
     lines = (
         "import sys",
@@ -334,7 +343,8 @@ def test_a_table_in_a_pipe_is_not_padded(capsys: pytest.CaptureFixture[str]) -> 
     ],
 )
 def test_shells_complete_effects_joints_and_parameters(written: str, offered: list[str]) -> None:
-    """`elastic-arm simulate --effect TAB` offers the catalogue, behind a colon the arm's joints, then the numbers."""
+    """`elastic-arm simulate --effect TAB` offers the catalogue, behind a colon the arm's joints,
+    then the numbers."""
     environment = {
         "_ELASTIC_ARM_COMPLETE": "complete_fish",
         "_TYPER_COMPLETE_FISH_ACTION": "get-args",

@@ -40,7 +40,8 @@ def test_what_was_asked_for_ends_with_status_one(
 
 
 def test_a_known_effect_that_is_not_as_stated_is_a_change() -> None:
-    """Friction stated as 6 Nm and found to be 9 Nm changed by half; a cause of which nothing is stated did not."""
+    """Friction stated as 6 Nm and found to be 9 Nm changed by half; a cause of which nothing is
+    stated did not."""
     torque = {"torque": SimpleNamespace(value=9.0)}
     stated = SimpleNamespace(
         effect="coulomb_friction", joint="joint_2", parameters=torque, stated={"torque": 6.0}

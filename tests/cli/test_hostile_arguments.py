@@ -118,7 +118,8 @@ def test_results_are_there_whatever_the_folder_is_called(
 def test_a_bag_is_replayed_whatever_it_is_called(
     monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
-    """The node gets the name of the bag as a text, also where YAML takes it for a number or a mapping."""
+    """The node gets the name of the bag as a text, also where YAML takes it for a number or a
+    mapping."""
     called: list[list[str]] = []
     monkeypatch.setattr(bag_commands, "require_ros", lambda what: None)
     monkeypatch.setattr(os, "execv", lambda _, arguments: called.append(arguments))
@@ -142,7 +143,10 @@ def test_numbers_that_json_lacks_are_null_and_named(capsys: pytest.CaptureFixtur
 
 
 MAIN = "from elastic_arm.app import main; main()"
-HEED = "import signal; [signal.signal(number, signal.SIG_DFL) for number in (signal.SIGINT, signal.SIGTERM)]"
+HEED = (
+    "import signal; [signal.signal(number, signal.SIG_DFL) for number in (signal.SIGINT,"
+    " signal.SIGTERM)]"
+)
 BAG = str(Path(__file__).parents[2] / "bags" / "validation")
 SPEAKING = {"describe": ("describe",), "bag info": ("bag", "info", BAG, "--json")}
 
@@ -150,7 +154,8 @@ SPEAKING = {"describe": ("describe",), "bag info": ("bag", "info", BAG, "--json"
 def in_a_process(
     arguments: Sequence[str], before: str = "", **options: Any
 ) -> subprocess.CompletedProcess[str]:
-    """Run a command in a process of its own, after some Python; it heeds signals, also where the tests ignore them."""
+    """Run a command in a process of its own, after some Python; it heeds signals, also where the
+    tests ignore them."""
     command = [sys.executable, "-c", f"{HEED}\n{before}\n{MAIN}", *arguments]
     return subprocess.run(command, text=True, timeout=60, **options)
 
@@ -170,7 +175,10 @@ def test_an_output_that_takes_nothing_is_an_error_in_one_line(command: str) -> N
 def test_outputs_that_are_closed_are_done_without(command: str, closed: str) -> None:
     """As behind `>&-`: the command does its work, and says nothing."""
     shut = "import os; " + "; ".join(f"os.close({number})" for number in closed)
-    code = f"{shut}; os.execv({sys.executable!r}, [{sys.executable!r}, '-c', {MAIN!r}, *{SPEAKING[command]!r}])"
+    code = (
+        f"{shut}; os.execv({sys.executable!r}, [{sys.executable!r}, '-c', {MAIN!r},"
+        f" *{SPEAKING[command]!r}])"
+    )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
     assert done.returncode == 0
     assert not done.stderr

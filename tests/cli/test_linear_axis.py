@@ -1,4 +1,5 @@
-"""A single linear drive, from an amplifier's log to parameters and verdict, with the units of a linear axis."""
+"""A single linear drive, from an amplifier's log to parameters and verdict, with the units of a
+linear axis."""
 
 import json
 from pathlib import Path
@@ -61,8 +62,9 @@ def test_mass_and_friction_of_a_linear_axis_are_identified(folder: Path) -> None
 
 
 def test_friction_of_a_linear_axis_is_diagnosed(folder: Path) -> None:
-    """Coulomb and viscous friction, a zero and the mass, or what it cannot be told from, are the causes, no bent law in
-    their place; sizes are within their deviations, which the gain that scales them all makes large."""
+    """Coulomb and viscous friction, a zero and the mass, or what it cannot be told from, are the
+    causes, no bent law in their place; sizes are within their deviations, which the gain that
+    scales them all makes large."""
     told = run(
         "diagnose", folder / "fit", "--validate", folder / "judge", "--robot", folder / "axis.yaml", "--refit",
         "--out", folder / "diagnosed",

@@ -1,4 +1,5 @@
-"""Commands whose results have no room, or no permission, on a real file system: a line each, whatever they write."""
+"""Commands whose results have no room, or no permission, on a real file system: a line each,
+whatever they write."""
 
 import shutil
 from collections.abc import Iterator

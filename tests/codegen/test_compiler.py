@@ -92,7 +92,8 @@ def hand_over(cache: Path, what: Path) -> None:
 
 @pytest.mark.parametrize("how", ["another's", "writable by all", "a link"])
 def test_a_file_that_others_put_into_the_cache_is_not_loaded(cache: Path, how: str) -> None:
-    """A digest is no secret: whoever could write here once may have left a library that matches its own."""
+    """A digest is no secret: whoever could write here once may have left a library that matches its
+    own."""
     assert used() == "42"
     (library,) = cache.iterdir()
     planted = compiler._compiled(
@@ -115,7 +116,8 @@ def test_a_file_that_others_put_into_the_cache_is_not_loaded(cache: Path, how: s
 def test_a_cache_that_others_could_exchange_is_not_used(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, way: str
 ) -> None:
-    """A private folder within one that others write to may be another by the next run; so may the end of a link."""
+    """A private folder within one that others write to may be another by the next run; so may the
+    end of a link."""
     between = tmp_path / "between"
     between.mkdir()
     folder = between / "cache"

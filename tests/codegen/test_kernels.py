@@ -1,4 +1,5 @@
-"""Kernels: C and numpy give the same numbers, the cache is shared safely, a missing compiler is survived and said."""
+"""Kernels: C and numpy give the same numbers, the cache is shared safely, a missing compiler is
+survived and said."""
 
 import itertools
 import logging
@@ -36,7 +37,8 @@ def states() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def every_operation() -> ca.Function:
-    """A function that uses all that the effects' laws may: branches, signs, hysteresis, saturation."""
+    """A function that uses all that the effects' laws may: branches, signs, hysteresis,
+    saturation."""
     x, p = ca.SX.sym("x", 3), ca.SX.sym("p", 2)
     a, b, c = x[0], x[1], x[2]
     parts = [
@@ -59,7 +61,8 @@ def every_operation() -> ca.Function:
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("samples", [1, 7, 9, 4999])
 def test_kernels_are_the_function(engine: str, samples: int) -> None:
-    """For any number of samples, every operation gives CasADi's own value, shared inputs and matrices included."""
+    """For any number of samples, every operation gives CasADi's own value, shared inputs and
+    matrices included."""
     function = every_operation()
     kernel = kernels.compile(function, engine, shared=("p",))
     x, p = np.random.default_rng(samples).normal(size=(samples, 3)), np.array([0.3, -0.2])
@@ -154,7 +157,8 @@ print(model.inverse_dynamics(*np.ones((3, 2, 6))).sum())
 
 
 def test_later_use_derives_and_compiles_nothing(cache: Path) -> None:
-    """A second process finds derivation and kernel in the cache: it never loads CasADi and calls no compiler."""
+    """A second process finds derivation and kernel in the cache: it never loads CasADi and calls no
+    compiler."""
     first = run_python(USE)
     made = {path.name: path.stat().st_mtime_ns for path in cache.iterdir()}
     second = run_python(USE + "import sys; print('casadi' in sys.modules)")
@@ -181,7 +185,8 @@ def test_without_a_compiler_numpy_serves_and_says_so_once(
     caplog: pytest.LogCaptureFixture,
     states: tuple[np.ndarray, ...],
 ) -> None:
-    """An empty CC means no compiler: one warning, the same numbers; asking for C by name is refused."""
+    """An empty CC means no compiler: one warning, the same numbers; asking for C by name is
+    refused."""
     expected = build_model(load_robot()).inverse_dynamics(*states)
     monkeypatch.setenv("CC", "")
     kernels._say_once.cache_clear()
@@ -229,7 +234,8 @@ def test_a_branch_that_is_not_taken_leaves_zero(engine: str) -> None:
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("samples", [3, 30_000])
 def test_results_written_to_given_memory_are_those_returned(engine: str, samples: int) -> None:
-    """`out` holds the same numbers, whatever it held before, aligned or not; what does not fit is refused."""
+    """`out` holds the same numbers, whatever it held before, aligned or not; what does not fit is
+    refused."""
     model = build_model(load_robot(), engine=engine)
     states = np.random.default_rng(1).normal(size=(3, samples, 6))
     expected = model.regressor(*states)
@@ -247,7 +253,8 @@ def test_results_written_to_given_memory_are_those_returned(engine: str, samples
 def test_information_is_exact_to_seventy_six_bits(
     engine: str, states: tuple[np.ndarray, ...]
 ) -> None:
-    """Every entry of a row's matrix equals the exact sum of products, relative to the columns' norms."""
+    """Every entry of a row's matrix equals the exact sum of products, relative to the columns'
+    norms."""
     model = build_model(load_robot(), engine=engine)
     rng = np.random.default_rng(3)
     columns = np.arange(0, 72, 3)
@@ -268,7 +275,8 @@ def test_information_is_exact_to_seventy_six_bits(
 
 @pytest.mark.parametrize("engine", ENGINES)
 def test_information_adds_up_over_parts(engine: str, states: tuple[np.ndarray, ...]) -> None:
-    """Fed in uneven parts, or by two accumulators merged, the sums are the same but for the rounding of products."""
+    """Fed in uneven parts, or by two accumulators merged, the sums are the same but for the
+    rounding of products."""
     model = build_model(load_robot(), engine=engine)
     x, dx, ddx = states
     y = np.random.default_rng(4).normal(size=x.shape)
@@ -293,7 +301,8 @@ def test_information_adds_up_over_parts(engine: str, states: tuple[np.ndarray, .
 def test_rounded_information_is_the_exact_sum_of_a_matrix_that_close(
     states: tuple[np.ndarray, ...],
 ) -> None:
-    """Where entries may be rounded, they are to 51 bits below the largest of their column and part of the samples."""
+    """Where entries may be rounded, they are to 51 bits below the largest of their column and part
+    of the samples."""
     model = build_model(load_robot(), engine="c")
     columns = np.arange(0, 72, 3)
     x, dx, ddx = (v[:192] for v in states)  # no more than a tile, whose columns have one unit
@@ -324,7 +333,8 @@ def test_rounded_information_is_the_exact_sum_of_a_matrix_that_close(
 def test_a_sum_over_samples_of_all_sizes_is_that_of_its_parts(
     rounded: bool, states: tuple[np.ndarray, ...]
 ) -> None:
-    """Columns that grow beyond their range on the way, and more samples than integers hold at a time, are no matter."""
+    """Columns that grow beyond their range on the way, and more samples than integers hold at a
+    time, are no matter."""
     model = build_model(load_robot(), engine="c")
     rng = np.random.default_rng(6)
     x, dx, ddx = (np.tile(v, (20, 1)) for v in states)
@@ -349,7 +359,8 @@ def test_a_sum_over_samples_of_all_sizes_is_that_of_its_parts(
 def test_what_is_not_finite_makes_sums_that_are_not(
     rounded: bool, value: float, states: tuple[np.ndarray, ...]
 ) -> None:
-    """A sample without a number is not taken for one, and rows that it does not touch stay as they are."""
+    """A sample without a number is not taken for one, and rows that it does not touch stay as they
+    are."""
     model = build_model(load_robot(), engine="c")
     sums = []
     for given in (0.0, value):
@@ -364,7 +375,8 @@ def test_what_is_not_finite_makes_sums_that_are_not(
 
 
 def test_squaring_a_condition_of_1e7_loses_no_digit() -> None:
-    """The solution from the doubled Gram matrix of a badly conditioned problem is as good as a QR's."""
+    """The solution from the doubled Gram matrix of a badly conditioned problem is as good as a
+    QR's."""
     rng = np.random.default_rng(5)
     left, _ = np.linalg.qr(rng.normal(size=(3000, 12)))
     right, _ = np.linalg.qr(rng.normal(size=(12, 12)))

@@ -13,7 +13,8 @@ FOLDER = PACKAGE / "codegen"
 
 
 def test_the_example_of_the_page_runs() -> None:
-    """What docs/codegen.md shows runs as it stands, and gives the torque and the derivatives of a pendulum."""
+    """What docs/codegen.md shows runs as it stands, and gives the torque and the derivatives of a
+    pendulum."""
     (example,) = re.findall(
         r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), flags=re.DOTALL
     )

@@ -1,4 +1,5 @@
-"""Work shared out among threads: as by one alone, in order, and never waiting for a pool that is busy."""
+"""Work shared out among threads: as by one alone, in order, and never waiting for a pool that is
+busy."""
 
 import multiprocessing
 import subprocess
@@ -88,7 +89,8 @@ def test_after_an_interrupt_nothing_further_is_begun(monkeypatch: pytest.MonkeyP
 
 
 def test_shared_work_shares_nothing_out_itself(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Within a thread of the pool there is one thread, and work shared out there ends all the same."""
+    """Within a thread of the pool there is one thread, and work shared out there ends all the
+    same."""
     monkeypatch.setattr(parallel.os, "sched_getaffinity", lambda _: range(2), raising=False)
     monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
     met = threading.Barrier(2, timeout=10.0)

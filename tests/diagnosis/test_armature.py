@@ -1,4 +1,5 @@
-"""Motor inertia without elasticity: a rigid arm with armatures, simulated, identified and diagnosed."""
+"""Motor inertia without elasticity: a rigid arm with armatures, simulated, identified and
+diagnosed."""
 
 from dataclasses import replace
 
@@ -50,7 +51,8 @@ def test_an_armature_is_felt_by_its_own_joint_alone() -> None:
 def test_identification_finds_armatures_that_the_motion_determines(
     recordings: list[Recording],
 ) -> None:
-    """The armature of the last joint, which its link's inertia does not hide, comes out; the arm predicts torques."""
+    """The armature of the last joint, which its link's inertia does not hide, comes out; the arm
+    predicts torques."""
     result = identify(recordings[0], rigid())
     assert result.identified is not None
     named = {estimate.name: estimate for estimate in result.estimates}
@@ -69,7 +71,8 @@ def bare() -> Robot:
 def test_motor_inertia_that_no_description_states_is_identified(
     recordings: list[Recording],
 ) -> None:
-    """From a URDF and motor torques the motors' inertia comes out, and no link gets it: masses stay as described."""
+    """From a URDF and motor torques the motors' inertia comes out, and no link gets it: masses stay
+    as described."""
     result = identify(recordings[0], bare())
     assert result.identified is not None
     third = result.identified.joints[2].armature
@@ -80,7 +83,8 @@ def test_motor_inertia_that_no_description_states_is_identified(
 
 
 def test_a_link_described_as_a_point_gets_an_inertia(recordings: list[Recording]) -> None:
-    """A vendor's last link without moments of inertia, and too heavy, comes out as a body, and the arm is written."""
+    """A vendor's last link without moments of inertia, and too heavy, comes out as a body, and the
+    arm is written."""
     last = bare().joints[2]
     point = replace(last.link, mass=1.5 * last.link.mass, inertia=np.zeros((3, 3)))
     described = bare().with_joint(last.name, link=point)
@@ -91,7 +95,8 @@ def test_a_link_described_as_a_point_gets_an_inertia(recordings: list[Recording]
 
 
 def test_motor_inertia_that_no_description_states_is_no_gain(recordings: list[Recording]) -> None:
-    """With --refit, motors' inertia that a URDF leaves out is a number of the arm, no gain and no link."""
+    """With --refit, motors' inertia that a URDF leaves out is a number of the arm, no gain and no
+    link."""
     effects = tuple(
         EFFECTS[name] for name in ("coulomb_friction", "motor_torque_gain", "link_inertia_mismatch")
     )

@@ -1,4 +1,5 @@
-"""Recordings that a diagnosis cannot use, or not without a remark: each is named in a line that says what to do."""
+"""Recordings that a diagnosis cannot use, or not without a remark: each is named in a line that
+says what to do."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -79,7 +80,8 @@ def drifting(recording: Recording, rate: float) -> Recording:
 def test_unusable_bag_ends_in_one_line_and_status_2(
     spoil: Callable[[Recording], Recording], words: tuple[str, ...], tmp_path: Path
 ) -> None:
-    """No motion, too short, no torque in any channel: one line says what is wrong and what to do, and that is all."""
+    """No motion, too short, no torque in any channel: one line says what is wrong and what to do,
+    and that is all."""
     bag = write_recording(tmp_path / "bag", spoil(record(motions()[0].repeated(2))))
     told = CliRunner().invoke(APP, [str(bag), "--out", str(tmp_path / "out")])
     assert told.exit_code == 2
@@ -89,7 +91,8 @@ def test_unusable_bag_ends_in_one_line_and_status_2(
 
 
 def test_one_dead_torque_channel_is_left_out_with_a_remark(clean: list[Recording]) -> None:
-    """Joint torques that are 0 throughout were not recorded: the rest is diagnosed, and the result says so."""
+    """Joint torques that are 0 throughout were not recorded: the rest is diagnosed, and the result
+    says so."""
     dead = [with_effort(r, lambda e: 0 * e, "link") for r in clean]
     found = diagnose([dead[0]], Question(ROBOT, effects=()), [dead[1]])
     assert found.verdict == "none"
@@ -101,7 +104,8 @@ def test_one_dead_torque_channel_is_left_out_with_a_remark(clean: list[Recording
 def test_clocks_that_drift_apart_are_brought_together_with_a_remark(
     rate: float, clean: list[Recording]
 ) -> None:
-    """Two topics stamped by clocks 10 or 100 us a second apart: stamps are as they were, and the figure is said."""
+    """Two topics stamped by clocks 10 or 100 us a second apart: stamps are as they were, and the
+    figure is said."""
     found, plain = usable(drifting(clean[0], rate)), clean[0]
     assert found.link is not None and found.motor is not None and plain.link is not None
     since = found.link.stamp_ns - found.motor.stamp_ns
@@ -123,7 +127,8 @@ def test_no_effect_of_the_drive_is_taken_for_a_drift(effect: str) -> None:
 
 
 def test_zeros_beside_joints_without_a_torque_are_no_torques(clean: list[Recording]) -> None:
-    """Where the torques that there are hold 0 throughout, and the other joints have none, every channel is empty."""
+    """Where the torques that there are hold 0 throughout, and the other joints have none, every
+    channel is empty."""
     bare = with_effort(
         clean[0],
         lambda effort: np.where([True, False, True], 0.0 * effort, np.nan),

@@ -1,4 +1,5 @@
-"""Refitted diagnoses of realistic arms, recorded on an engine that shares nothing with the diagnosis."""
+"""Refitted diagnoses of realistic arms, recorded on an engine that shares nothing with the
+diagnosis."""
 
 import json
 
@@ -17,7 +18,8 @@ FRICTION = known_effects(("coulomb_friction", "viscous_friction"), ROBOT)
 
 @pytest.fixture(scope="module")
 def ordinary_arm() -> tuple[Diagnosis, list[Fault], Robot]:
-    """An imprecise arm with ordinary friction and sensors: its diagnosis, what sensors and joints have, and itself."""
+    """An imprecise arm with ordinary friction and sensors: its diagnosis, what sensors and joints
+    have, and itself."""
     rng = np.random.default_rng(31)
     true, ordinary = imprecise(ROBOT, rng), ordinary_faults(ROBOT.n, rng)
     first, judge = record(true, ordinary, (16.0, 8.0), rng)
@@ -44,7 +46,8 @@ def test_an_arm_that_is_only_ordinarily_wrong_has_no_cause(
 def test_a_common_scale_of_torques_and_inertias_is_as_uncertain_as_its_priors(
     ordinary_arm: tuple[Diagnosis, list[Fault], Robot],
 ) -> None:
-    """Nothing but the priors of six gains tells the scale of torques, rotors and stiffnesses; joints differ by less."""
+    """Nothing but the priors of six gains tells the scale of torques, rotors and stiffnesses;
+    joints differ by less."""
     found, ordinary, true = ordinary_arm
     known = {(one.what, one.joint): one for one in found.imperfections}
     values = {}

@@ -1,4 +1,5 @@
-"""Servo arms in MuJoCo, recorded by commands and positions alone: what is withheld is named, and no more."""
+"""Servo arms in MuJoCo, recorded by commands and positions alone: what is withheld is named, and no
+more."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -33,7 +34,8 @@ def answer(
 
 
 def test_a_clean_arm_has_no_cause(nominal: MjcfArm) -> None:
-    """Where arm and controllers are as described nothing is found, and the scale of torque is stated."""
+    """Where arm and controllers are as described nothing is found, and the scale of torque is
+    stated."""
     found = answer(nominal, *SLOW)
     assert (found.verdict, found.causes) == ("none", ())
     assert set(found.torque_scale) == set(nominal.robot.joint_names)
@@ -60,7 +62,8 @@ def test_what_is_withheld_is_named(
     wanted: tuple[str, str | None, str, float],
     recorded: tuple[float, int],
 ) -> None:
-    """Friction, kp, late commands and a weak drive come first, sizes right to 3 %; nothing else closes 2 % of the gap.
+    """Friction, kp, late commands and a weak drive come first, sizes right to 3 %; nothing else
+    closes 2 % of the gap.
 
     MuJoCo's friction turns over within a millisecond, which the law's sign does not.
     """
@@ -77,7 +80,8 @@ def test_what_is_withheld_is_named(
     [("dead_band", 0.02, "position_dead_band"), ("ki", 15.0, "integral_gain")],
 )
 def test_what_no_actuator_of_mujoco_has_is_named(number: str, size: float, effect: str) -> None:
-    """A dead band and an integral of the controller are the one cause, right to 3 %; ki is no surer than its scale."""
+    """A dead band and an integral of the controller are the one cause, right to 3 %; ki is no surer
+    than its scale."""
     stated = servo_arm(
         {LIMIT: LIMIT.replace("4", "30")}
     )  # Nm; an integral beside a torque at its limit would rest
@@ -100,7 +104,10 @@ def test_what_no_actuator_of_mujoco_has_is_named(number: str, size: float, effec
 PLAY = pytest.param(
     *("play", 0.015, 0.1),
     marks=pytest.mark.xfail(
-        reason="the frontier ends with dead bands, a gain and laws: no move exchanges three terms for the play"
+        reason=(
+            "the frontier ends with dead bands, a gain and laws: no move exchanges three terms for"
+            " the play"
+        )
     ),
 )
 
@@ -109,9 +116,11 @@ PLAY = pytest.param(
 def test_a_joint_that_yields_behind_its_encoder_is_named(
     tmp_path: Path, kind: str, size: float, within: float
 ) -> None:
-    """Of play, and of a spring, between encoder and link MuJoCo's servos show joint and size by their encoders alone.
+    """Of play, and of a spring, between encoder and link MuJoCo's servos show joint and size by
+    their encoders alone.
 
-    MuJoCo presses joints a millirad beyond their limits; a spring is known no better than the scale of its torques.
+    MuJoCo presses joints a millirad beyond their limits; a spring is known no better than the scale
+    of its torques.
     """
     text, told = bench_servo_fit.recorded(kind, 0)
     (tmp_path / "arm.xml").write_text(text)
@@ -138,7 +147,8 @@ def test_a_joint_that_yields_behind_its_encoder_is_named(
 
 
 def test_gains_that_are_off_together_are_a_scale_and_no_cause(nominal: MjcfArm) -> None:
-    """kp and kd that are both 15 % higher are ordinary: the scale of that joint's torque, in the corrected arm, too."""
+    """kp and kd that are both 15 % higher are ordinary: the scale of that joint's torque, in the
+    corrected arm, too."""
     true = servo_arm({STATED: 'kp="20.47" kv="0.69" joint="lift"'})
     runs = [recorded(true, 250.0, 17, seed=seed) for seed in (0, 1)]
     found = diagnose(runs[:1], Question(nominal.robot, refit=True), runs[1:])
@@ -149,7 +159,8 @@ def test_gains_that_are_off_together_are_a_scale_and_no_cause(nominal: MjcfArm) 
 
 
 def test_a_gain_of_speed_and_viscous_friction_are_alternatives(nominal: MjcfArm) -> None:
-    """Of a controller that damps the motor's own speed, both are the same torque, and both are named."""
+    """Of a controller that damps the motor's own speed, both are the same torque, and both are
+    named."""
     (cause,) = answer(nominal, *SLOW, {STATED: STATED.replace("0.6", "0.9")}).causes
     assert {cause.effect, *(a.effect for a in cause.alternatives)} == {
         "viscous_friction",
@@ -158,7 +169,8 @@ def test_a_gain_of_speed_and_viscous_friction_are_alternatives(nominal: MjcfArm)
 
 
 def test_nothing_anchors_the_scale_of_a_vertical_axis(nominal: MjcfArm) -> None:
-    """Where the description may be off, the scale of the first axis is known by its controller alone."""
+    """Where the description may be off, the scale of the first axis is known by its controller
+    alone."""
     true = servo_arm()
     runs = [recorded(true, 50.0, 12, seed=seed) for seed in (0, 1)]
     found = diagnose(runs[:1], Question(nominal.robot, refit=True), runs[1:])

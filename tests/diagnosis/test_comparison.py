@@ -1,4 +1,5 @@
-"""A real and a simulated recording of the same commands: where they differ, and which effect is in which."""
+"""A real and a simulated recording of the same commands: where they differ, and which effect is in
+which."""
 
 import json
 from pathlib import Path
@@ -35,7 +36,8 @@ def compared(folder: Path, real: Recording, simulated: Recording) -> tuple[dict[
 
 
 def test_an_effect_of_one_recording_is_told_from_one_of_both(tmp_path: Path) -> None:
-    """Dry friction of the real arm, viscous friction of the simulated one, and a load of both are told apart."""
+    """Dry friction of the real arm, viscous friction of the simulated one, and a load of both are
+    told apart."""
     (motion,) = random_trajectories(
         MODEL, LIMITS, 1, rng=np.random.default_rng(3), shape=Shape(5, 10.0, 1.0)
     )

@@ -10,7 +10,8 @@ ROWS = 4 * HARMONICS
 
 
 def fits(amplitude_judging: float) -> tuple[Fit, Fit]:
-    """Return the fits with and without a law whose size in the judging half is this, and 3 in the fitted half."""
+    """Return the fits with and without a law whose size in the judging half is this, and 3 in the
+    fitted half."""
     rng = np.random.default_rng(3)
     column = rng.standard_normal(ROWS)
     fitted = np.arange(ROWS) % (2 * HARMONICS) < HARMONICS

@@ -1,4 +1,5 @@
-"""What a diagnosis writes leaves no gap: the same recording against robot.yaml and the corrected URDF or MJCF."""
+"""What a diagnosis writes leaves no gap: the same recording against robot.yaml and the corrected
+URDF or MJCF."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -91,7 +92,8 @@ def causes(found: Diagnosis) -> set[str]:
     ("name", "effects"), ARMS, ids=lambda one: one if isinstance(one, str) else one[0].split(":")[0]
 )
 def test_what_was_written_has_no_cause_left(tmp_path: Path, name: str, effects: list[str]) -> None:
-    """The effects come out, robot.yaml has none left, and the corrected file none but those that it lists."""
+    """The effects come out, robot.yaml has none left, and the corrected file none but those that it
+    lists."""
     base = tmp_path / name
     base.write_text(FILES[name])
     first, judge = recorded(base, effects)
@@ -108,7 +110,8 @@ def test_what_was_written_has_no_cause_left(tmp_path: Path, name: str, effects: 
 
 
 def test_the_corrected_arm_has_the_numbers_of_the_answer(tmp_path: Path) -> None:
-    """Answered by a set that was met where a link is 6 deviations heavier, the arm has the mass that the set finds."""
+    """Answered by a set that was met where a link is 6 deviations heavier, the arm has the mass
+    that the set finds."""
     base = tmp_path / "two.urdf"
     base.write_text(FILES["two.urdf"])
     first, judge = recorded(base, ["coulomb_friction:j1:torque=0.3"])
@@ -130,7 +133,8 @@ def test_the_corrected_arm_has_the_numbers_of_the_answer(tmp_path: Path) -> None
 
 
 def test_a_zero_that_is_another_one_in_a_second_recording_is_a_change(tmp_path: Path) -> None:
-    """An encoder that is referenced anew: 0.06 rad in one recording, 0.12 rad in the next, within 4 deviations."""
+    """An encoder that is referenced anew: 0.06 rad in one recording, 0.12 rad in the next, within 4
+    deviations."""
     base = tmp_path / "two.urdf"
     base.write_text(FILES["two.urdf"])
     offsets = (0.06, 0.12)

@@ -38,14 +38,16 @@ def test_a_zero_beyond_what_loads_can_wind_is_taken_out_of_each_recording() -> N
 
 
 def test_a_common_zero_and_one_that_a_load_could_explain_stay() -> None:
-    """One zero for all recordings is for the diagnosis to find; a small difference may be the drive's."""
+    """One zero for all recordings is for the diagnosis to find; a small difference may be the
+    drive's."""
     for zeros in ((0.02, 0.02), (0.0, 1e-3)):
         given = [recording(zero) for zero in zeros]
         assert with_common_zeros(given, ROBOT) == given
 
 
 def test_what_a_weight_winds_that_the_torques_lack_stays() -> None:
-    """Of torques without gravity, 10 Nm, the deflections that it makes in two poses are no zeros of encoders."""
+    """Of torques without gravity, 10 Nm, the deflections that it makes in two poses are no zeros of
+    encoders."""
     given = []
     for pose in (0.2, 0.8):
         angle = pose + 0.1 * np.sin(np.pi * 1e-3 * np.arange(4000)[:, None] + [0.0, 1.0, 2.0])

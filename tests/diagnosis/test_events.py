@@ -1,4 +1,5 @@
-"""Events inside a recording: found where they are, left out of the fit, and none where there is none."""
+"""Events inside a recording: found where they are, left out of the fit, and none where there is
+none."""
 
 from dataclasses import replace
 
@@ -43,7 +44,8 @@ def test_stretches_that_the_rest_contradicts_are_found(stretches: list[tuple[int
 
 
 def touched(recording: Recording, begin: float, end: float, torque: float) -> Recording:
-    """Return a recording in which something presses on the second link for a while: torques and wind-up hold it."""
+    """Return a recording in which something presses on the second link for a while: torques and
+    wind-up hold it."""
     stiffness, sides = ROBOT.joints[1].transmission.stiffness, {}
     for name in ("link", "motor"):
         side = getattr(recording, name)
@@ -66,7 +68,8 @@ def contact() -> Diagnosis:
 
 
 def test_a_contact_of_half_a_second_is_named_with_its_times(contact: Diagnosis) -> None:
-    """To half a second, at its joint alone, in the result, a note and its file; the verdict is unknown."""
+    """To half a second, at its joint alone, in the result, a note and its file; the verdict is
+    unknown."""
     assert {(e.recording, e.joint) for e in contact.events} == {("run_0", "joint_2")}
     link = [e for e in contact.events if e.side == "link"]
     assert [(e.begin, e.end) for e in link] == [

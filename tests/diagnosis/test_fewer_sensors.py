@@ -11,7 +11,8 @@ from tests.helpers.gap_recordings import ROBOT, motions, record
 
 
 def test_motor_torques_without_motor_angles_show_friction_of_the_motors() -> None:
-    """Beside joint torque sensors a current alone gives the motor's equation: its friction has its place and size."""
+    """Beside joint torque sensors a current alone gives the motor's equation: its friction has its
+    place and size."""
 
     def without_motor_angles(recording: Recording) -> Recording:
         assert recording.motor is not None

@@ -41,7 +41,8 @@ def white(seed: int) -> np.ndarray:
 
 
 def test_noise_of_the_sensors_is_no_gap() -> None:
-    """Of a hundred residuals of noise alone none has an octave beyond it, and there is nothing to shrink."""
+    """Of a hundred residuals of noise alone none has an octave beyond it, and there is nothing to
+    shrink."""
     for seed in range(100):
         gap = measured(white(seed))
         assert not gap.significant.any()
@@ -50,7 +51,8 @@ def test_noise_of_the_sensors_is_no_gap() -> None:
 
 
 def test_powers_are_those_of_the_signal() -> None:
-    """Over all octaves, power and noise are the mean squares of residual and sensors; rmse and peak are its own."""
+    """Over all octaves, power and noise are the mean squares of residual and sensors; rmse and peak
+    are its own."""
     sine = 2.0 * np.sin(2 * np.pi * 3.0 * T)
     gap = measured(sine + white(1))
     assert gap.power.sum() == pytest.approx(2.0 + np.mean(white(1) ** 2), rel=0.02)
@@ -66,7 +68,8 @@ def test_a_slow_effect_below_the_noise_of_the_band_is_plain_in_its_octave() -> N
 
 
 def test_shrink_is_the_share_of_power_over_noise_that_is_gone() -> None:
-    """Half the amplitude is three quarters of the power; rows count by their power; the interval holds the share."""
+    """Half the amplitude is three quarters of the power; rows count by their power; the interval
+    holds the share."""
     sine, slow = 2.0 * np.sin(2 * np.pi * 3.0 * T), 1.0 * np.sin(2 * np.pi * 0.7 * T)
     before = measured(sine + white(3), slow + white(4), white(5))
     found = shrink(before, measured(sine / 2 + white(3), slow + white(4), white(5)))

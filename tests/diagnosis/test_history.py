@@ -39,7 +39,8 @@ def course(values: Array | list[float], covariance: Array, wrong: float = ODDS /
 
 
 def test_a_step_is_found_where_it_is_with_its_levels() -> None:
-    """Levels are means of the sizes on either side; what all sizes share, and little scatter, widen them."""
+    """Levels are means of the sizes on either side; what all sizes share, and little scatter, widen
+    them."""
     found = course([6.0, 6.01, 5.99, 9.0, 9.01, 8.99], 1e-4 * np.eye(6) + COMMON)
     step = found.step
     assert found.changed > 0.99 and step is not None and step.after == 2 and step.probability > 0.99
@@ -51,7 +52,8 @@ def test_a_step_is_found_where_it_is_with_its_levels() -> None:
 
 
 def test_the_posterior_of_a_step_of_two_sizes_is_that_of_the_integrals() -> None:
-    """By adaptive quadrature over level and scatter, for two sizes of 6.0 and 6.5 ± 0.1 Nm, none wrong."""
+    """By adaptive quadrature over level and scatter, for two sizes of 6.0 and 6.5 ± 0.1 Nm, none
+    wrong."""
     x, s, R = np.array([6.0, 6.5]), 0.1, 6.5
 
     def evidence(t: float) -> tuple[float, float]:
@@ -65,7 +67,8 @@ def test_the_posterior_of_a_step_of_two_sizes_is_that_of_the_integrals() -> None
 
 
 def test_scatter_is_no_change_and_a_step_beyond_it_is() -> None:
-    """Of 1000 recordings in histories of ten, scattered as the prior states, at most 1 in 200 has a false change."""
+    """Of 1000 recordings in histories of ten, scattered as the prior states, at most 1 in 200 has a
+    false change."""
     rng = np.random.default_rng(0)
     t = rng.exponential(1.0, (100, 1))
     stds = np.sqrt(0.02**2 + t**2 * (0.02**2 + (SCATTER * 6.0) ** 2))
@@ -77,7 +80,8 @@ def test_scatter_is_no_change_and_a_step_beyond_it_is() -> None:
 
 
 def test_a_drift_within_the_deviations_and_two_sizes_of_an_unknown_arm_are_no_change() -> None:
-    """A size that holds a part of what is unknown may be wrong; sizes that agree again and again are not all wrong."""
+    """A size that holds a part of what is unknown may be wrong; sizes that agree again and again
+    are not all wrong."""
     assert course(np.linspace(6.0, 6.1, 6), 0.01 * np.eye(6)).changed < 0.01
     assert course([6.0, 9.0], 4e-4 * np.eye(2), UNSURE).changed < 0.05
     assert course([6.0] * 6 + [9.0] * 6, 4e-4 * np.eye(12), UNSURE).changed > 0.99
@@ -85,7 +89,8 @@ def test_a_drift_within_the_deviations_and_two_sizes_of_an_unknown_arm_are_no_ch
 
 
 def test_friction_that_rises_is_a_change_and_other_friction_is_none(tmp_path: Path) -> None:
-    """From 6 to 9 Nm at one joint, known to 2 %; that of another stays the same. The report draws each number."""
+    """From 6 to 9 Nm at one joint, known to 2 %; that of another stays the same. The report draws
+    each number."""
     effects = [
         f"coulomb_friction:joint_1:torque=5|coulomb_friction:joint_2:torque={size}"
         for size in (6, 9)
@@ -122,7 +127,8 @@ def test_friction_that_rises_is_a_change_and_other_friction_is_none(tmp_path: Pa
 
 
 def test_what_a_recording_lacks_the_channels_for_is_not_compared() -> None:
-    """Without motor torques friction is not absent; beside all channels a recording without it shows that it is."""
+    """Without motor torques friction is not absent; beside all channels a recording without it
+    shows that it is."""
     link, motor = ("joint_1", "link"), ("joint_1", "motor")
     size = SimpleNamespace(value=6.0, std=0.01, unit="Nm")
     friction = SimpleNamespace(
@@ -163,7 +169,8 @@ def test_a_payload_that_is_picked_up_and_kept_is_a_change_between_parts_of_a_rec
 
 
 def test_a_cause_that_appears_for_good_is_a_change_and_one_that_may_hide_is_none() -> None:
-    """2 kg from the third recording on; 0.3 kg that the first cannot tell; one now and then; less from `unknown`."""
+    """2 kg from the third recording on; 0.3 kg that the first cannot tell; one now and then; less
+    from `unknown`."""
 
     def courses_of(
         *masses: float | None, std: float, verdict: str = "explained", shown: int = 1

@@ -1,4 +1,5 @@
-"""Internal states of effects run through a recording that is cut in two, and begin where the recording says."""
+"""Internal states of effects run through a recording that is cut in two, and begin where the
+recording says."""
 
 import numpy as np
 import pytest
@@ -33,7 +34,8 @@ def recording(seconds: float = 12.0, skipped: float = 0.0) -> Recording:
 
 
 def left(found: Recording) -> tuple[np.ndarray, np.ndarray]:
-    """Drive residual of joint 2 over its noise that the true effect leaves, in the fitted and in the judging part."""
+    """Drive residual of joint 2 over its noise that the true effect leaves, in the fitted and in
+    the judging part."""
     prepared = prepare([found], [], Question(ROBOT, effects=(EFFECTS["hysteresis"],)))
     feature = feature_of(parse(HYSTERESIS, ROBOT), ArmEquations(ROBOT)).whole()
     rows = []

@@ -1,4 +1,5 @@
-"""A real robot: KUKA LWR 4+, seven joints with torque sensors, and what must be said about its poor excitation.
+"""A real robot: KUKA LWR 4+, seven joints with torque sensors, and what must be said about its poor
+excitation.
 
 The known figures are of a plain base-parameter least squares, see the data's README.
 """
@@ -65,12 +66,14 @@ def rmse(result: Identification, arm: str) -> np.ndarray:
 
 
 def test_fit_on_two_speeds_is_no_worse_than_known(on_two_speeds: Identification) -> None:
-    """Fitted on runs 1 and 3, run 2 is missed by no more than the known figures, to their two decimals."""
+    """Fitted on runs 1 and 3, run 2 is missed by no more than the known figures, to their two
+    decimals."""
     assert np.all(np.round(rmse(on_two_speeds, "identified"), 2) <= KNOWN_ON_2)
 
 
 def test_prior_misses_as_much_as_known(on_two_speeds: Identification) -> None:
-    """The URDF's own parameters miss run 2 as the README says of all runs, to 8 %: kinematics and signs are right."""
+    """The URDF's own parameters miss run 2 as the README says of all runs, to 8 %: kinematics and
+    signs are right."""
     assert rmse(on_two_speeds, "nominal") == pytest.approx(KNOWN_PRIOR, rel=0.08)
 
 
@@ -86,18 +89,21 @@ def test_poor_excitation_of_one_run_is_said_before_the_fit(on_one_speed: Identif
 def test_half_the_parameters_of_one_run_are_called_undetermined(
     on_one_speed: Identification,
 ) -> None:
-    """After the fit too: at least a third of the base parameters is said to be determined poorly or not at all."""
+    """After the fit too: at least a third of the base parameters is said to be determined poorly or
+    not at all."""
     words = [e.verdict for e in on_one_speed.estimates]
     assert words.count("well") < 2 / 3 * len(words)
 
 
 def test_identify_stays_far_below_the_plain_failure(on_one_speed: Identification) -> None:
-    """Fitted on run 1 alone, the base parameters miss run 3 by at most 0.7 of the known failure on every joint."""
+    """Fitted on run 1 alone, the base parameters miss run 3 by at most 0.7 of the known failure on
+    every joint."""
     assert np.all(rmse(on_one_speed, "identified") <= 0.7 * np.array(KNOWN_FAILURE_ON_3))
 
 
 def test_consistent_arm_stays_far_below_the_plain_failure(on_one_speed: Identification) -> None:
-    """Fitted on run 1 alone, the consistent arm misses run 3 by at most half of the known failure on the whole."""
+    """Fitted on run 1 alone, the consistent arm misses run 3 by at most half of the known failure
+    on the whole."""
     assert np.linalg.norm(rmse(on_one_speed, "consistent")) <= 0.5 * np.linalg.norm(
         KNOWN_FAILURE_ON_3
     )
@@ -106,7 +112,8 @@ def test_consistent_arm_stays_far_below_the_plain_failure(on_one_speed: Identifi
 def test_well_determined_parameters_of_two_recordings_agree_within_their_deviations(
     robot: Robot, runs: dict[int, Recording]
 ) -> None:
-    """Each run alone: what is called well differs by 1.2 deviations (rms) at most between runs, and never by three."""
+    """Each run alone: what is called well differs by 1.2 deviations (rms) at most between runs, and
+    never by three."""
     settings = IdentificationSettings(effects=parse_laws(LAWS, robot), consistent=False)
     single = [
         {e.name: e for e in identify(run, robot, settings).estimates} for run in runs.values()

@@ -10,7 +10,8 @@ from tests.helpers.gap_recordings import ROBOT, motions, record
 def test_a_stiffness_far_off_is_a_cause_and_no_reason_to_trust_the_description_less(
     stiffness: float,
 ) -> None:
-    """By the columns of the described stiffness it looks like a description that is off everywhere."""
+    """By the columns of the described stiffness it looks like a description that is off
+    everywhere."""
     effect = f"stiffness_mismatch:joint_2:stiffness={stiffness}"
     fitted, judged = (record(motion, effect, seed=k) for k, motion in enumerate(motions()))
     found = diagnose(

@@ -55,7 +55,8 @@ def test_the_window_holds_what_came_last(moved: Recording) -> None:
 
 
 def test_memory_stays_bounded_however_long_the_arm_moves(moved: Recording) -> None:
-    """After a minute no more samples are kept than after the first window, and stamps that crawl change nothing."""
+    """After a minute no more samples are kept than after the first window, and stamps that crawl
+    change nothing."""
     samples = moved.samples()
     window = Window(ROBOT.joint_names, 3.0)
     for turn in range(8):
@@ -96,7 +97,8 @@ def test_an_empty_window_says_so() -> None:
 
 @pytest.mark.slow(4)
 def test_the_live_diagnosis_is_that_of_the_recording(moved: Recording) -> None:
-    """Fed in batches, the window gives the diagnosis that the recording gives, and names the cause."""
+    """Fed in batches, the window gives the diagnosis that the recording gives, and names the
+    cause."""
     live = answering(None, "mod3", (), False)(filled(moved).recording())
     assert [(c["effect"], c["joint"]) for c in live["causes"]] == [("coulomb_friction", "joint_2")]
     assert live["verdict"] == "explained"
@@ -114,14 +116,16 @@ def friction(value: float, std: float = 0.1) -> dict[str, object]:
 
 @pytest.mark.parametrize("spread", [0.1, 0.5], ids=["as their deviations", "more than these"])
 def test_a_size_that_changes_is_said_with_its_size_and_what_varies_is_none(spread: float) -> None:
-    """From 6 to 9 Nm, as long as it lasts; not one in 300 values that spread about 6 Nm, whatever they are said to."""
+    """From 6 to 9 Nm, as long as it lasts; not one in 300 values that spread about 6 Nm, whatever
+    they are said to."""
     rng, sizes = np.random.default_rng(0), Sizes()
     false = sum(bool(sizes.changes(friction(6.0 + spread * e))) for e in rng.normal(size=300))
     assert false <= 1
     for _ in range(3):
         (said,) = sizes.changes(friction(9.0))
         assert re.match(
-            r"torque of coulomb_friction on joint_2 changed from (6\.0|5\.9)\S* ± \S+ Nm to 9\.00 ± 0\.10 Nm",
+            r"torque of coulomb_friction on joint_2 changed from (6\.0|5\.9)\S* ± \S+ Nm to 9\.00 ±"
+            r" 0\.10 Nm",
             said,
         )
     assert not sizes.changes(friction(6.05))

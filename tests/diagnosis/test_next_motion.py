@@ -1,4 +1,5 @@
-"""What next: the proposed motion tells apart what the recording could not, within limits, and is a file to run."""
+"""What next: the proposed motion tells apart what the recording could not, within limits, and is a
+file to run."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -39,7 +40,8 @@ def names(found: Diagnosis) -> set[str]:
 
 
 def test_what_the_recording_cannot_tell_apart_gets_a_motion_that_does(doubtful: Diagnosis) -> None:
-    """The result holds both explanations, how little this recording separates them, and how far the motion will."""
+    """The result holds both explanations, how little this recording separates them, and how far the
+    motion will."""
     assert names(doubtful) >= {"backlash", "encoder_offset"}
     assert doubtful.proposal is not None
     pair = next(
@@ -81,7 +83,8 @@ def test_a_recording_of_the_motion_decides(doubtful: Diagnosis) -> None:
 
 
 def test_the_rehearsed_size_of_an_effect_is_the_recorded_one(doubtful: Diagnosis) -> None:
-    """What a motion is expected to show of an effect is, within a tenth, what its recording shows."""
+    """What a motion is expected to show of an effect is, within a tenth, what its recording
+    shows."""
     first, second = motions()
     friction = "coulomb_friction:joint_2:torque=6"
     question = Question(ROBOT, effects=(EFFECTS["coulomb_friction"],))
@@ -109,7 +112,8 @@ def test_without_doubt_nothing_is_proposed(doubtful: Diagnosis) -> None:
 
 
 def test_changes_between_recordings_are_no_rivals_of_causes(doubtful: Diagnosis) -> None:
-    """A set that holds a change beside its effects gets the same motion: a change is nowhere to be simulated."""
+    """A set that holds a change beside its effects gets the same motion: a change is nowhere to be
+    simulated."""
     context = doubtful.context
     assert context is not None
     explanation = context.explanation

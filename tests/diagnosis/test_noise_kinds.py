@@ -1,4 +1,5 @@
-"""Arms whose sensors are noisy in other ways than white: nothing is blamed on them, and effects keep their names."""
+"""Arms whose sensors are noisy in other ways than white: nothing is blamed on them, and effects
+keep their names."""
 
 from functools import cache
 
@@ -47,14 +48,16 @@ def test_noise_is_no_gap(kind):
 
 @pytest.mark.parametrize("kind", ["pink"])
 def test_friction_is_named_in_coloured_noise(kind):
-    """Friction of 3 Nm is found as the only cause, within 10 % of its size, in noise of that order."""
+    """Friction of 3 Nm is found as the only cause, within 10 % of its size, in noise of that
+    order."""
     (cause,) = found(kind, "friction").causes
     assert (cause.effect, cause.joint) == ("coulomb_friction", "joint_2")
     assert cause.parameters["torque"].value == pytest.approx(3.0, rel=0.1)
 
 
 def test_an_effect_that_no_candidate_resembles_is_not_taken_for_noise():
-    """Friction that the catalogue lacks is left as `unknown`, not explained by noise of its colour."""
+    """Friction that the catalogue lacks is left as `unknown`, not explained by noise of its
+    colour."""
     friction = (
         "coulomb_friction",
         "stribeck_friction",

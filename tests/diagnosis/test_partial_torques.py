@@ -1,4 +1,5 @@
-"""Torques at two of three joints: causes are found where they show, and nothing is said of the third joint."""
+"""Torques at two of three joints: causes are found where they show, and nothing is said of the
+third joint."""
 
 from dataclasses import replace
 
@@ -16,7 +17,8 @@ BARE = "joint_2"
 
 
 def without_motor_side(recording: Recording) -> Recording:
-    """Return what joint torque sensors and encoders behind the drives read, no torque at one joint."""
+    """Return what joint torque sensors and encoders behind the drives read, no torque at one
+    joint."""
     assert recording.link is not None and recording.link.effort is not None
     effort = recording.link.effort.copy()
     effort[:, ROBOT.joint_names.index(BARE)] = np.nan
@@ -35,7 +37,8 @@ def found() -> Diagnosis:
 
 
 def test_known_friction_of_a_motor_without_a_torque_is_not_seen_beside_its_encoders() -> None:
-    """With both encoders the joint has the equation of its link, in which friction of its motor is not."""
+    """With both encoders the joint has the equation of its link, in which friction of its motor is
+    not."""
     recordings = []
     for k, motion in enumerate(motions()):
         one = record(motion, seed=k)
@@ -62,7 +65,8 @@ def test_known_friction_of_a_motor_without_a_torque_is_not_seen_beside_its_encod
 
 
 def test_friction_is_found_where_a_torque_shows_it(found: Diagnosis) -> None:
-    """Viscous friction of joint 1 comes out within a tenth, and no cause is named at the joint without a torque."""
+    """Viscous friction of joint 1 comes out within a tenth, and no cause is named at the joint
+    without a torque."""
     assert [(cause.effect, cause.joint) for cause in found.causes] == [
         ("viscous_friction", "joint_1")
     ]
@@ -70,7 +74,8 @@ def test_friction_is_found_where_a_torque_shows_it(found: Diagnosis) -> None:
 
 
 def test_the_joint_without_a_torque_is_named_and_has_no_residual(found: Diagnosis) -> None:
-    """Residuals are those of two joints; what is known of the third stays as it is, and nothing drives a prediction."""
+    """Residuals are those of two joints; what is known of the third stays as it is, and nothing
+    drives a prediction."""
     assert {joint for joint, _ in found.before.rmse} == set(ROBOT.joint_names) - {BARE}
     assert any(note.startswith(f"{BARE}: without a torque") for note in found.notes)
     assert any("not seen" in note and BARE in note for note in found.notes)

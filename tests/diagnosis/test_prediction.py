@@ -43,7 +43,8 @@ def worst(size: object, horizon: int = -1) -> float:
 
 
 def test_the_model_of_a_clean_arm_sees_200_ms_ahead(clean: Prediction) -> None:
-    """With the right model the error after 200 ms is micro-radians, from many starts, and grows with the horizon."""
+    """With the right model the error after 200 ms is micro-radians, from many starts, and grows
+    with the horizon."""
     assert clean.before is not None and clean.reason == ""
     assert clean.horizons == HORIZONS and clean.starts >= 50
     assert set(clean.before) == {
@@ -66,7 +67,8 @@ def test_the_model_of_a_clean_arm_sees_200_ms_ahead(clean: Prediction) -> None:
     ],
 )
 def test_adding_the_effect_brings_the_prediction_back(effect: str, clean: Prediction) -> None:
-    """With the effect added in the forward simulation, the arm is predicted as well as a clean one."""
+    """With the effect added in the forward simulation, the arm is predicted as well as a clean
+    one."""
     found = predicted(INSTANCES[effect][0])
     assert found.before is not None and found.after is not None and clean.before is not None
     gained = [
@@ -87,7 +89,8 @@ def test_adding_the_effect_brings_the_prediction_back(effect: str, clean: Predic
 def test_what_the_calibration_took_out_of_a_channel_is_taken_out_once(
     effect: str, horizon: int
 ) -> None:
-    """With `--refit` channels were moved back and torques divided: with the cause the arm is predicted as clean."""
+    """With `--refit` channels were moved back and torques divided: with the cause the arm is
+    predicted as clean."""
     runs = [record(motion, effect, seed=k) for k, motion in enumerate(motions())]
     found = diagnose([runs[0]], Question(ROBOT, refit=True), [runs[1]])
     (own,) = [cause for cause in found.causes if cause.effect == effect.split(":")[0]]
@@ -135,7 +138,8 @@ def test_without_motor_torque_nothing_is_predicted_and_the_reason_is_said() -> N
 
 
 def test_with_the_motor_side_alone_its_angles_are_predicted() -> None:
-    """Where the link encoder is missing, motor angles are predicted, and nothing is said of links."""
+    """Where the link encoder is missing, motor angles are predicted, and nothing is said of
+    links."""
     recordings = [replace(record(motion, seed=k), link=None) for k, motion in enumerate(motions())]
     found = predict(context(*recordings), [])
     assert found.before is not None

@@ -1,4 +1,5 @@
-"""From recordings and a question to data and candidates: which are given, left out, or cannot be compared."""
+"""From recordings and a question to data and candidates: which are given, left out, or cannot be
+compared."""
 
 from dataclasses import replace
 from functools import cache
@@ -40,7 +41,8 @@ def at_rest(side: Side, joint: int) -> Side:
 
 
 def test_validation_recordings_judge_and_without_them_a_part_of_each() -> None:
-    """What judges is another motion where it is given, and held back from the same one where not."""
+    """What judges is another motion where it is given, and held back from the same one where
+    not."""
     other = prepare([pair()[0]], [pair()[1]], question())
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("elastic_arm.diagnosis.split.SHORTEST", 1.0)
@@ -53,7 +55,8 @@ def test_validation_recordings_judge_and_without_them_a_part_of_each() -> None:
 
 
 def test_known_effects_are_given_at_the_values_that_are_not_linear() -> None:
-    """An effect of the user counts as part of the model; its searched parameter stands as stated."""
+    """An effect of the user counts as part of the model; its searched parameter stands as
+    stated."""
     prepared = prepare([pair()[0]], [pair()[1]], question(given=(parse(STRIBECK, ROBOT),)))
     (known,) = prepared.problem.given
     assert (known.effect.id, known.joint, known.parameters["speed"]) == (
@@ -93,7 +96,8 @@ def test_recordings_of_unequal_channels_are_refused() -> None:
 
 
 def test_recordings_of_unequal_rates_go_together() -> None:
-    """The band is one for all; at half and at a third of its rate a recording tells the same size of friction."""
+    """The band is one for all; at half and at a third of its rate a recording tells the same size
+    of friction."""
     effect = "coulomb_friction:joint_2:torque=4.0,side=motor"
     first, second, judge = (record(motions()[k > 0], effect, seed=k) for k in range(3))
     for step in (2, 3):
@@ -140,7 +144,8 @@ def test_one_encoder_narrows_the_band() -> None:
 def test_friction_of_motors_that_were_not_recorded_is_left_out_with_a_note_on_what_is_known() -> (
     None
 ):
-    """With link encoders and joint torque sensors alone, friction of a motor is in no equation; that of a link is."""
+    """With link encoders and joint torque sensors alone, friction of a motor is in no equation;
+    that of a link is."""
     alone = [replace(recording, motor=None) for recording in pair()]
     known = tuple(
         parse(f"coulomb_friction:joint_{k}:torque=3,side={side}", ROBOT)
@@ -160,7 +165,8 @@ def test_friction_of_motors_that_were_not_recorded_is_left_out_with_a_note_on_wh
 
 
 def test_velocities_that_are_differences_of_positions_are_left_out_with_one_note() -> None:
-    """A driver's differences of its angles measure nothing; the note names both sides of such a recording."""
+    """A driver's differences of its angles measure nothing; the note names both sides of such a
+    recording."""
     recordings = []
     for recording in pair():
         sides = {}

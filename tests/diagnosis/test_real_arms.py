@@ -1,4 +1,5 @@
-"""What an engineer would not sign of a real arm: noise as large as the torques, and friction that a low pass bends."""
+"""What an engineer would not sign of a real arm: noise as large as the torques, and friction that a
+low pass bends."""
 
 from pathlib import Path
 
@@ -41,7 +42,8 @@ def six_axes() -> Diagnosis:
     reason="not seen to hold since the search is a frontier; friction of real drives fills its sets"
 )
 def test_what_a_model_lacks_is_not_taken_for_noise(six_axes: Diagnosis) -> None:
-    """Axis 2's counterbalance leaves the KR300 `unknown` at its place; its spring and the payload are named."""
+    """Axis 2's counterbalance leaves the KR300 `unknown` at its place; its spring and the payload
+    are named."""
     assert six_axes.verdict == "unknown" and not six_axes.events
     assert "a2" in {left.joint for left in six_axes.unexplained}
     found = {(cause.effect, cause.joint) for cause in six_axes.causes}
@@ -49,7 +51,8 @@ def test_what_a_model_lacks_is_not_taken_for_noise(six_axes: Diagnosis) -> None:
 
 
 def test_low_passed_torques_are_compared_below_their_cutoff() -> None:
-    """The LWR 4+ is compared up to 2 Hz, where its torques were low-passed; what no effect explains is said."""
+    """The LWR 4+ is compared up to 2 Hz, where its torques were low-passed; what no effect explains
+    is said."""
     arm = load_robot(SHARED / "kuka_lwr4" / "kuka_lwr4.urdf")
     recordings = runs("kuka_lwr4", "import.yaml", [f"measurements_{k}.npz" for k in (1, 2, 3)])
     found = diagnose(recordings[:1], Question(arm, refit=True), recordings[2:])

@@ -1,4 +1,5 @@
-"""Whole diagnoses of short simulated recordings: the right effect at the right joint, with its size."""
+"""Whole diagnoses of short simulated recordings: the right effect at the right joint, with its
+size."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -95,7 +96,8 @@ def test_one_effect_is_the_one_cause(
 
 
 def test_a_late_torque_of_an_arm_that_is_not_exactly_known_is_a_delay() -> None:
-    """With `refit` the numbers of the arm are open, and 6 ms of one joint's torque sensor are still its delay."""
+    """With `refit` the numbers of the arm are open, and 6 ms of one joint's torque sensor are still
+    its delay."""
     late = "time_delay:joint_2:delay=6e-3,channels=joint_torque"
     found = diagnosed(late, question=Question(ROBOT, refit=True))
     assert names(found) == {("time_delay", "joint_2")}
@@ -153,14 +155,16 @@ def test_friction_that_is_another_one_in_one_recording_is_a_change() -> None:
 
 
 def test_an_effect_of_no_catalogue_is_unknown_at_its_place() -> None:
-    """Without hysteresis among the candidates, what it leaves is unexplained at the drive on which it acts."""
+    """Without hysteresis among the candidates, what it leaves is unexplained at the drive on which
+    it acts."""
     withheld = "hysteresis:joint_2:torque=15,width=1e-4"
     found = diagnosed(withheld, question=Question(ROBOT, effects=FEW))
     assert found.verdict == "unknown" and {p.joint for p in found.unexplained} == {"joint_2"}
 
 
 def test_what_is_known_counts_as_part_of_the_model() -> None:
-    """With --with the friction that the user knows is fitted with its size, and nothing is left to explain."""
+    """With --with the friction that the user knows is fitted with its size, and nothing is left to
+    explain."""
     known = known_effects(["coulomb_friction:joint_2"], ROBOT)
     found = diagnosed(FRICTION, question=Question(ROBOT, given=known))
     assert (found.verdict, found.causes) == ("none", ())
@@ -170,7 +174,8 @@ def test_what_is_known_counts_as_part_of_the_model() -> None:
 
 
 def test_a_simpler_model_lacks_what_it_leaves_out() -> None:
-    """Against mod2 the plain arm shows the missing coupling of inertias, which has no size, and nothing else."""
+    """Against mod2 the plain arm shows the missing coupling of inertias, which has no size, and
+    nothing else."""
     found = diagnosed(question=Question(ROBOT, "mod2"))
     assert names(found) == {("inertia_coupling", None)}
     assert found.causes[0].held_as == "variant"
@@ -180,7 +185,8 @@ def test_a_simpler_model_lacks_what_it_leaves_out() -> None:
 def test_friction_is_found_with_the_motor_side_alone_and_no_motor_friction_with_the_links(
     sides: str,
 ) -> None:
-    """The motor's equation holds its friction; of links with their sensors alone it is in no equation."""
+    """The motor's equation holds its friction; of links with their sensors alone it is in no
+    equation."""
     without = {"motor": "link", "link": "motor"}[sides]
     pair = [replace(recorded(FRICTION, seed=k), **{without: None}) for k in (1, 2)]
     found = diagnose(pair[:1], Question(ROBOT), pair[1:])

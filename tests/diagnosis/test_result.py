@@ -103,7 +103,8 @@ def diagnosis(*causes: Cause) -> Diagnosis:
 
 
 def test_the_file_is_the_contracts(tmp_path: Path) -> None:
-    """Schema 2 holds every field of the contract; what was not measured is null, and the file is valid JSON."""
+    """Schema 2 holds every field of the contract; what was not measured is null, and the file is
+    valid JSON."""
     data = json.loads(diagnosis(cause()).save(tmp_path / "new" / "diagnosis.json").read_text())
     assert data["schema"] == "elastic_arm/diagnosis/2"
     assert set(data) == {
@@ -135,7 +136,8 @@ def test_the_file_is_the_contracts(tmp_path: Path) -> None:
 
 
 def test_a_saved_diagnosis_is_read_as_it_was(tmp_path: Path) -> None:
-    """What was written is written again alike once read, with its causes as the simulator takes them; else one line."""
+    """What was written is written again alike once read, with its causes as the simulator takes
+    them; else one line."""
     found = diagnosis(
         cause(), cause("time_delay:delay=0.003", delay=ParameterEstimate(0.003, 1e-4, "s"))
     )
@@ -154,7 +156,8 @@ def test_a_saved_diagnosis_is_read_as_it_was(tmp_path: Path) -> None:
 
 
 def test_tables_are_csv_files_and_a_notebook_shows_the_verdict(tmp_path: Path) -> None:
-    """Causes, residuals' sizes and numbers are a file each; without pandas a data frame is refused with a remedy."""
+    """Causes, residuals' sizes and numbers are a file each; without pandas a data frame is refused
+    with a remedy."""
     found = diagnosis(cause())
     files = {path.name: path.read_text().splitlines() for path in found.to_csv(tmp_path)}
     assert list(files) == ["causes.csv", "gap.csv", "parameters.csv"]
@@ -173,7 +176,8 @@ def test_tables_are_csv_files_and_a_notebook_shows_the_verdict(tmp_path: Path) -
 
 @pytest.mark.parametrize("library", ["pandas", "polars"])
 def test_a_data_frame_is_a_table(library: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The library is given the columns of a table; a table and a library that are missing are refused."""
+    """The library is given the columns of a table; a table and a library that are missing are
+    refused."""
     monkeypatch.setitem(
         sys.modules, library, SimpleNamespace(DataFrame=lambda columns, **_: columns)
     )
@@ -199,7 +203,8 @@ def test_what_a_description_states_goes_from_its_number_to_the_one_found() -> No
 
 
 def test_a_decided_alternative_names_the_file_and_others_their_motion() -> None:
-    """The proposed motion stands at the alternative that it is expected to decide on, and at no other."""
+    """The proposed motion stands at the alternative that it is expected to decide on, and at no
+    other."""
     decided = {(("coulomb_friction", "joint_2"), ("viscous_friction", "joint_2"))}
     first, second = cause().with_separating_file(decided).to_dict()["alternatives"]
     assert (first["separated_by"], second["separated_by"]) == (SEPARATING, "any")
@@ -213,8 +218,9 @@ def test_a_file_that_cannot_be_written_is_an_error_with_a_remedy(tmp_path: Path)
 
 
 def test_the_corrected_arm_has_what_was_known_and_what_was_found() -> None:
-    """Causes join the known effects, at their fitted sizes or, where nothing shows them, as they are stated; numbers
-    are the arm's own, and what a richer model variant has is left to that variant."""
+    """Causes join the known effects, at their fitted sizes or, where nothing shows them, as they
+    are stated; numbers are the arm's own, and what a richer model variant has is left to that
+    variant."""
     known, unseen = (parse(f"viscous_friction:joint_{k}:coefficient=3", ROBOT) for k in (1, 3))
     context: Any = SimpleNamespace(
         known=(known,), unseen=(unseen,), model=SimpleNamespace(robot=ROBOT)
@@ -232,7 +238,8 @@ def test_the_corrected_arm_has_what_was_known_and_what_was_found() -> None:
 
 
 def test_a_size_is_as_uncertain_as_the_set_of_causes_is() -> None:
-    """5 and 7 Nm in two sets at odds of 3 to 1 have the mean 5.5, and their spread adds to the deviation."""
+    """5 and 7 Nm in two sets at odds of 3 to 1 have the mean 5.5, and their spread adds to the
+    deviation."""
     sets = [(p, {"torque": ParameterEstimate(v, 0.1, "Nm")}) for p, v in ((0.6, 5.0), (0.2, 7.0))]
     size, std = averaged(sets)["torque"], (0.1**2 + 0.75 * 0.5**2 + 0.25 * 1.5**2) ** 0.5
     assert (size.value, size.std) == pytest.approx((5.5, std))
@@ -245,8 +252,9 @@ def test_a_size_is_as_uncertain_as_the_set_of_causes_is() -> None:
 
 
 def test_a_cause_is_a_plain_sentence() -> None:
-    """Friction is the model's lack, a gain the recording's, what has no size a matter of the model, small angles have
-    a prefix, a rival is named, and an effect without words of its own goes by its name."""
+    """Friction is the model's lack, a gain the recording's, what has no size a matter of the model,
+    small angles have a prefix, a rival is named, and an effect without words of its own goes by its
+    name."""
     alone = replace(cause(), alternatives=())
     assert (
         cause_sentence(alone, "mod3")
@@ -281,7 +289,8 @@ def test_a_cause_is_a_plain_sentence() -> None:
     ("std", "words"), [(0.03, "share of 0.06 over"), (0.3, "share of 0.06 ± 0.30 over")]
 )
 def test_a_size_within_its_deviation_of_none_is_not_said_as_known(std: float, words: str) -> None:
-    """Such a size has its deviation in the sentence, and where there is no other, the sentence says that it is open."""
+    """Such a size has its deviation in the sentence, and where there is no other, the sentence says
+    that it is open."""
     one = cause("thermal_friction:joint_2:change=0.06", change=ParameterEstimate(0.06, std, "1"))
     told = cause_sentence(one, "mod3")
     assert words in told and ("that it is there, and not its size" in told) == (std > 0.06)
@@ -296,7 +305,8 @@ def test_a_size_within_its_deviation_of_none_is_not_said_as_known(std: float, wo
 
 
 def test_every_effect_says_in_plain_words_what_it_does() -> None:
-    """At its defaults or in the middle of its ranges, every effect of the catalogue gives a sentence."""
+    """At its defaults or in the middle of its ranges, every effect of the catalogue gives a
+    sentence."""
     for effect in EFFECTS.values():
         instance = next(effect.candidates(ROBOT))
         sizes = {
@@ -312,7 +322,8 @@ def test_every_effect_says_in_plain_words_what_it_does() -> None:
 
 
 def test_the_summary_says_what_the_arm_has_and_how_right_the_model_is_then() -> None:
-    """The verdict comes first, then causes, the model's error without and with them, and the share that is gone."""
+    """The verdict comes first, then causes, the model's error without and with them, and the share
+    that is gone."""
     first, last = summary(diagnosis(cause()))
     assert (
         first.startswith("explained: Joint 2 loses 6 Nm of dry friction")
@@ -369,7 +380,8 @@ def test_values_have_the_digits_that_their_deviation_warrants(
 
 
 def test_sizes_carry_units_and_leave_out_deviations_of_what_is_given() -> None:
-    """Whole orders have no deviation, undetermined ones a question mark, and vectors one for each number."""
+    """Whole orders have no deviation, undetermined ones a question mark, and vectors one for each
+    number."""
     told = estimates_text(
         {
             "amplitude": ParameterEstimate(2.0312e-5, 1.7e-7, "rad"),
@@ -378,8 +390,10 @@ def test_sizes_carry_units_and_leave_out_deviations_of_what_is_given() -> None:
             "position": ParameterEstimate([0.0123, 0.1], [0.0011, 0.02], "m"),
         }
     )
-    assert told == (
-        "amplitude 2.031e-05 ± 1.7e-07 rad, order 2, phase 0.7 ± ? rad, position (0.0123, 0.100) ± (0.0011, 0.020) m"
+    assert (
+        told
+        == "amplitude 2.031e-05 ± 1.7e-07 rad, order 2, phase 0.7 ± ? rad, position (0.0123, 0.100)"
+        " ± (0.0011, 0.020) m"
     )
 
 
@@ -401,7 +415,8 @@ def test_certainty_is_never_claimed(probability: float, told: str) -> None:
 
 
 def test_given_effects_are_told_with_the_units_at_their_joint() -> None:
-    """What a simulation was given has its unit behind every number, N at a rail, and its choices by name."""
+    """What a simulation was given has its unit behind every number, N at a rail, and its choices by
+    name."""
     rail = JointUnits(ROBOT.joint_names, ["joint_2"])
     friction = parse("coulomb_friction:joint_2:torque=13.9", ROBOT)
     assert instance_text(friction, ROBOT.units) == "torque 13.9 Nm, side motor"
@@ -411,7 +426,8 @@ def test_given_effects_are_told_with_the_units_at_their_joint() -> None:
 
 
 def test_a_joint_that_moves_worse_is_said_first_and_not_explained(tmp_path: Path) -> None:
-    """What is refused is the first sentence, the verdict is unknown, and both errors are in the file that is read."""
+    """What is refused is the first sentence, the verdict is unknown, and both errors are in the
+    file that is read."""
     errors = {
         "joint_1": ClosedLoopError(0.03, 0.003, "rad"),
         "joint_2": ClosedLoopError(0.0308, 0.0308, "rad", 0.1015),
@@ -442,7 +458,8 @@ def test_a_joint_that_moves_worse_is_said_first_and_not_explained(tmp_path: Path
 
 
 def test_a_scale_that_is_off_is_said_with_its_value() -> None:
-    """A scale beyond two of its deviations has its value in the sentence, one within them has not."""
+    """A scale beyond two of its deviations has its value in the sentence, one within them has
+    not."""
     scales = [
         Imperfection("torque_scale", joint, "1", value, 0.04, 0.2, True, neutral=1.0)
         for joint, value in (("joint_1", 1.15), ("joint_2", 1.02))
@@ -454,7 +471,8 @@ def test_a_scale_that_is_off_is_said_with_its_value() -> None:
 
 
 def test_errors_that_no_joint_has_are_no_reason() -> None:
-    """Where no joint moves worse the verdict stays, and the worst joint's errors are the last sentence."""
+    """Where no joint moves worse the verdict stays, and the worst joint's errors are the last
+    sentence."""
     errors = {
         "joint_1": ClosedLoopError(0.03, 0.003, "rad"),
         "joint_2": ClosedLoopError(0.01, 0.001, "rad"),
@@ -464,5 +482,6 @@ def test_errors_that_no_joint_has_are_no_reason() -> None:
     assert found.verdict == "explained"
     assert (
         last
-        == "Under the recorded commands the description errs by 30 mrad at joint_1, what is written by 3 mrad."
+        == "Under the recorded commands the description errs by 30 mrad at joint_1, what is written"
+        " by 3 mrad."
     )

@@ -1,4 +1,5 @@
-"""What scales a torque: sensors far off their gain, and friction that changes as a joint warms up."""
+"""What scales a torque: sensors far off their gain, and friction that changes as a joint warms
+up."""
 
 from dataclasses import replace
 
@@ -16,7 +17,8 @@ FRICTION = known_effects(("coulomb_friction", "viscous_friction"), ROBOT)
 
 
 def refitted(seed: int, fault: Fault) -> Diagnosis:
-    """Diagnose an imprecise arm with ordinary friction and sensors, one of them or one joint's friction at fault."""
+    """Diagnose an imprecise arm with ordinary friction and sensors, one of them or one joint's
+    friction at fault."""
     rng = np.random.default_rng(seed)
     true, ordinary = imprecise(ROBOT, rng), ordinary_faults(ROBOT.n, rng)
     others = [one for one in ordinary if (one.effect, one.joint) != (fault.effect, fault.joint)]
@@ -27,7 +29,8 @@ def refitted(seed: int, fault: Fault) -> Diagnosis:
 
 @pytest.mark.slow
 def test_an_offset_is_in_what_a_sensor_reads_whatever_its_gain() -> None:
-    """The zero of a sensor that reads 80 % is that of its readings, not of the torques that they are divided into."""
+    """The zero of a sensor that reads 80 % is that of its readings, not of the torques that they
+    are divided into."""
     found = refitted(45, Fault("joint_torque_gain", 1, {"gain": 0.8}))
     rng = np.random.default_rng(45)
     imprecise(ROBOT, rng)

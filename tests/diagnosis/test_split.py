@@ -23,7 +23,8 @@ def recording(seconds: float, seed: int, frequency: float = 0.37) -> Recording:
 
 
 def test_the_last_third_judges() -> None:
-    """Without a validation recording two thirds are fitted, and both parts are of the same recording."""
+    """Without a validation recording two thirds are fitted, and both parts are of the same
+    recording."""
     (fitted,), (judging,) = split([recording(30.0, 1)], [])
     assert fitted.duration == pytest.approx(20.0, abs=0.1) and judging.duration == pytest.approx(
         10.0, abs=0.1
@@ -44,7 +45,8 @@ def test_what_is_fitted_may_not_judge() -> None:
 
 
 def test_coarse_currents_that_repeat_do_not_make_a_recording_the_same() -> None:
-    """Whole amperes on the motors' side, angles on the links': another recording judges, the same one does not."""
+    """Whole amperes on the motors' side, angles on the links': another recording judges, the same
+    one does not."""
     first, second = (
         replace(
             one,
@@ -65,6 +67,7 @@ def test_too_short_a_recording_is_refused_with_the_length_that_is_needed() -> No
 
 
 def test_a_repetition_is_no_independent_motion() -> None:
-    """The same oscillation at another phase is found in the longer recording; another frequency is not."""
+    """The same oscillation at another phase is found in the longer recording; another frequency is
+    not."""
     assert not independent([recording(20.0, 1)], [recording(5.0, 2)])
     assert independent([recording(20.0, 1)], [recording(5.0, 2, frequency=0.61)])

@@ -10,7 +10,8 @@ from elastic_arm.dynamics.gram import gram
 
 
 def grams(rng: np.random.Generator, groups: int, width: int) -> Pair:
-    """Gram matrices of 50 rows, with a column of zeros, one that depends on others, and one that nearly does."""
+    """Gram matrices of 50 rows, with a column of zeros, one that depends on others, and one that
+    nearly does."""
     rows = rng.standard_normal((groups, 50, width))
     rows[..., 3], rows[..., 4] = 0.0, rows[..., 1] + rows[..., 2]
     rows[..., 5] = rows[..., 1] * (1.0 + 1e-9 * rows[..., 2])

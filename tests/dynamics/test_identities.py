@@ -93,7 +93,8 @@ def test_mass_matrix_is_symmetric_and_positive_definite(name: str, bearings: boo
 def test_coriolis_terms_are_those_of_the_mass_matrix_and_leave_M_dot_minus_2C_skew(
     bearings: bool,
 ) -> None:
-    """c + c1 and c2 equal C dx with C of Christoffel's symbols of M, so that M' - 2C is skew-symmetric."""
+    """c + c1 and c2 equal C dx with C of Christoffel's symbols of M, so that M' - 2C is
+    skew-symmetric."""
     model = build_model(load_robot(), "mod3", bearings=bearings)
     x, dx = ca.SX.sym("x", model.dof), ca.SX.sym("dx", model.dof)
     M = model.function("mass_matrix")(x, model.Psi)
@@ -206,9 +207,11 @@ def test_B_is_the_reflected_inertia_of_7() -> None:
 
 
 def test_S_has_the_pattern_of_8_and_the_values_of_9() -> None:
-    """S_11 = I_r r_b r_hd of rotor 1 on link 1; S_23 sums transmission 3's components; what (8) prints as 0 is null.
+    """S_11 = I_r r_b r_hd of rotor 1 on link 1; S_23 sums transmission 3's components; what (8)
+    prints as 0 is null.
 
-    S_12 of (8) is null too: joint 1 turns after it tilts, so axis 2 stays perpendicular to its own turn.
+    S_12 of (8) is null too: joint 1 turns after it tilts, so axis 2 stays perpendicular to its own
+    turn.
     """
     robot = load_robot()
     model = build_model(robot, "mod3", bearings=True)
@@ -233,9 +236,11 @@ def test_S_has_the_pattern_of_8_and_the_values_of_9() -> None:
 
 
 def test_S_13_vanishes_until_the_bearings_tilt() -> None:
-    """Axis 1 is perpendicular to axes 2 and 3: no coupling with zero tilt; joint 2's tilts bring a pose-dependent S_13.
+    """Axis 1 is perpendicular to axes 2 and 3: no coupling with zero tilt; joint 2's tilts bring a
+    pose-dependent S_13.
 
-    Transmission 2 then couples with the tilts of joint 1, which turn link 1 about other axes than q_1 does.
+    Transmission 2 then couples with the tilts of joint 1, which turn link 1 about other axes than
+    q_1 does.
     """
     model = build_model(load_robot(), "mod3", bearings=True)
     x, dx, _ = states(model, 50, 12)
@@ -287,7 +292,8 @@ def test_right_angles_leave_no_false_base_column() -> None:
 
 
 def test_parameters_are_named_with_units() -> None:
-    """Psi lists links, components of revolution, K and D by name; the links' masses are among them."""
+    """Psi lists links, components of revolution, K and D by name; the links' masses are among
+    them."""
     model = build_model(load_robot(), "mod3", bearings=True)
     by_name = {p.name: p for p in model.parameters}
     assert len(by_name) == len(model.Psi) == 3 * 10 + 9 * 4 + 6 + 6

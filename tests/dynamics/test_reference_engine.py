@@ -1,4 +1,5 @@
-"""The derivation against Pinocchio, where every rotor, wave generator and spline is a body on a joint of its own."""
+"""The derivation against Pinocchio, where every rotor, wave generator and spline is a body on a
+joint of its own."""
 
 import numpy as np
 import pytest
@@ -25,7 +26,8 @@ CASES = [(arm, bearings) for arm in ARMS for bearings in (False, True)]
 def states(
     dof: int, n: int, rng: np.random.Generator, samples: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Random states with theta near q and bearings tilted by centiradians, as real ones are, but more."""
+    """Random states with theta near q and bearings tilted by centiradians, as real ones are, but
+    more."""
     x, dx, ddx = rng.uniform(-3.0, 3.0, (3, samples, dof))
     if dof > n:
         x[:, n : 2 * n] = x[:, :n] + rng.normal(0.0, 1e-2, (samples, n))
@@ -56,7 +58,8 @@ def test_inverse_dynamics_is_that_of_the_full_tree(arm: str, bearings: bool) -> 
 
 @pytest.mark.parametrize(("arm", "bearings"), CASES)
 def test_every_row_of_the_equation_agrees_on_its_own_scale(arm: str, bearings: bool) -> None:
-    """Without springs, whose torques would hide them, each generalized force agrees relative to its own range."""
+    """Without springs, whose torques would hide them, each generalized force agrees relative to its
+    own range."""
     model, tree = both(ARMS[arm](), bearings)
     no_springs = np.array(
         [0.0 if p.name.rpartition(".")[2][0] in "KD" else p.nominal for p in model.parameters]
@@ -100,7 +103,8 @@ def test_energy_is_that_of_the_full_tree(arm: str, bearings: bool) -> None:
 
 @pytest.mark.parametrize("prismatic", [(), (1, 4), tuple(range(7))])
 def test_an_arm_without_transmissions_is_its_rigid_links(prismatic: tuple[int, ...]) -> None:
-    """x = [q] for a robot without transmissions, whichever model is asked for, and Pinocchio agrees."""
+    """x = [q] for a robot without transmissions, whichever model is asked for, and Pinocchio
+    agrees."""
     robot = random_arm(7, np.random.default_rng(5), elastic=False, prismatic=prismatic)
     tree = FullTree(robot, bearings=False)
     x, dx, ddx = np.random.default_rng(6).normal(size=(3, 50, 7))
@@ -116,7 +120,8 @@ def test_an_arm_without_transmissions_is_its_rigid_links(prismatic: tuple[int, .
 @settings(max_examples=15, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), n=st.integers(1, 3), prismatic=st.sets(st.integers(0, 2)))
 def test_any_arm_agrees_with_the_full_tree(seed: int, n: int, prismatic: set[int]) -> None:
-    """No arm is special: whatever its axes, inertias, carriers and ratios, the two engines agree."""
+    """No arm is special: whatever its axes, inertias, carriers and ratios, the two engines
+    agree."""
     rng = np.random.default_rng(seed)
     robot = random_arm(n, rng, prismatic=prismatic)
     model = build_model(robot, "mod3", bearings=True, engine="numpy")

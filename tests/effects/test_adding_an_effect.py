@@ -39,7 +39,8 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.mark.slow
 def test_the_pages_effect_is_simulated_and_named_blindly(folder: Path) -> None:
-    """The recordings that the page makes are diagnosed as the buffer on its joint, with stiffness and contact angle."""
+    """The recordings that the page makes are diagnosed as the buffer on its joint, with stiffness
+    and contact angle."""
     for arguments in [*commands("## 2."), *commands("## 3.")]:
         run(arguments)
     found = json.loads((folder / "diagnosis" / "diagnosis.json").read_text())
@@ -52,7 +53,8 @@ def test_the_pages_effect_is_simulated_and_named_blindly(folder: Path) -> None:
 
 @pytest.mark.slow
 def test_the_pages_effect_is_drawn_in_a_challenge(folder: Path) -> None:
-    """The challenge draws, records and names the buffer, and states that the suite's own simulator moved the arm."""
+    """The challenge draws, records and names the buffer, and states that the suite's own simulator
+    moved the arm."""
     create, diagnose, score = commands("## 4.")
     output = run([*create, "--workers", "1", "--seconds", "6", "--validate-seconds", "5"])
     assert "rubber_buffer" in output and "own simulator" in " ".join(output.split())

@@ -1,4 +1,5 @@
-"""The catalogue of effects: found by its files, read from text, carried by arm files, used from the command line."""
+"""The catalogue of effects: found by its files, read from text, carried by arm files, used from the
+command line."""
 
 import json
 import sys
@@ -89,7 +90,8 @@ def test_arm_files_carry_effects(arm, tmp_path):
 
 
 def test_parameters_say_what_a_search_needs():
-    """Every parameter has a unit and a plausible range; what is linear has a neutral value, or acts by its inverse."""
+    """Every parameter has a unit and a plausible range; what is linear has a neutral value, or acts
+    by its inverse."""
     for effect in EFFECTS.values():
         for p in effect.parameters:
             assert p.unit and p.low < p.high and p.low > p.above
@@ -102,7 +104,8 @@ def test_parameters_say_what_a_search_needs():
 
 
 def test_a_gain_that_would_be_all_of_a_torque_is_infinite():
-    """Where the model predicts no torque for a joint, all that was measured fits as a gain: too large to be one."""
+    """Where the model predicts no torque for a joint, all that was measured fits as a gain: too
+    large to be one."""
     assert EFFECTS["motor_torque_gain"].parameter("gain").value_of(1.0) == float("inf")
 
 
@@ -124,7 +127,8 @@ def test_candidates_cover_every_place_and_choice(arm):
 
 
 def test_a_fit_may_find_less_than_a_real_arm_has(arm):
-    """A negative payload, which says that the nominal arm is too heavy, can be made, saved and loaded."""
+    """A negative payload, which says that the nominal arm is too heavy, can be made, saved and
+    loaded."""
     lighter = EffectInstance(EFFECTS["payload"], None, {"mass": -2.0})
     assert from_dict(lighter.to_dict(), arm).parameters["mass"] == -2.0
 
@@ -163,7 +167,8 @@ def test_a_fit_may_find_less_than_a_real_arm_has(arm):
     ],
 )
 def test_errors_list_what_would_be_valid(arm, text, words):
-    """An effect that cannot be read, or that no arm has, is refused with what is wrong and what is valid."""
+    """An effect that cannot be read, or that no arm has, is refused with what is wrong and what is
+    valid."""
     with pytest.raises(EffectError) as caught:
         parse(text, arm)
     for word in words:
@@ -171,7 +176,8 @@ def test_errors_list_what_would_be_valid(arm, text, words):
 
 
 def test_the_command_writes_a_bag(tmp_path):
-    """`elastic-arm simulate` makes a bag with both sides, the same bag for the same seed, and JSON on request."""
+    """`elastic-arm simulate` makes a bag with both sides, the same bag for the same seed, and JSON
+    on request."""
     common = ("--duration", 0.5, "--effect", "coulomb_friction:joint_2:torque=13.9", "--json")
     seeds = {"a": 1, "b": 1, "c": 2}
     results = [

@@ -24,7 +24,8 @@ def controlled(**numbers: object) -> Robot:
 
 
 def law(robot: Robot, text: str) -> dict[str, float]:
-    """What an effect adds to the motor residual of joint 2 at q = 0.3, dq = 0.7, tau_m = 5, dr = 0.4."""
+    """What an effect adds to the motor residual of joint 2 at q = 0.3, dq = 0.7, tau_m = 5, dr =
+    0.4."""
     equations, instance = ArmEquations(robot), parse(text, robot)
     dof, n = equations.dof, robot.n
     x, dx = ca.DM.zeros(dof), ca.DM.zeros(dof)

@@ -125,7 +125,8 @@ def test_the_catalogue_holds_the_contracts_effects():
 
 @pytest.mark.parametrize("effect", CLOSED_FORMS)
 def test_law_meets_its_closed_form(arm, effect):
-    """At random motions the law adds to the residuals what the contract's formula says, and to no other joint."""
+    """At random motions the law adds to the residuals what the contract's formula says, and to no
+    other joint."""
     instance = parse(INSTANCES[effect][0], arm)
     (i,) = instance.joint_indices(arm)
     for seed in range(5):
@@ -173,7 +174,8 @@ def test_no_effect_at_the_neutral_value(arm, effect):
 
 @pytest.mark.parametrize("side", ["motor", "link"])
 def test_thermal_friction_scales_the_friction_of_its_joint_and_side(arm, side):
-    """It adds r (t - t_mid)/T times all friction there, at the begin, in the middle and at the end of a run."""
+    """It adds r (t - t_mid)/T times all friction there, at the begin, in the middle and at the end
+    of a run."""
     texts = [
         f"coulomb_friction:joint_2:torque=10,side={side}",
         f"viscous_friction:joint_2:coefficient=5,side={side}",
@@ -195,7 +197,8 @@ def test_thermal_friction_scales_the_friction_of_its_joint_and_side(arm, side):
 
 @pytest.mark.parametrize("side", ["motor", "link"])
 def test_asymmetric_friction_is_larger_in_one_direction(arm, side):
-    """All friction of its joint and side is 1 + a times as large forwards, 1 - a times backwards; none elsewhere."""
+    """All friction of its joint and side is 1 + a times as large forwards, 1 - a times backwards;
+    none elsewhere."""
     texts = [
         f"coulomb_friction:joint_2:torque=10,side={side}",
         f"viscous_friction:joint_2:coefficient=5,side={side}",
@@ -210,7 +213,8 @@ def test_asymmetric_friction_is_larger_in_one_direction(arm, side):
 
 
 def test_a_joint_zero_turns_what_hangs_on_the_joint(arm):
-    """Both encoders read `offset` too much: the torques are those of the arm at the angles less it, K and D apart."""
+    """Both encoders read `offset` too much: the torques are those of the arm at the angles less it,
+    K and D apart."""
     motion, model = random_motion(arm, np.random.default_rng(0)), build_model(arm, engine="numpy")
     turned = motion["x"] - 0.05 * np.array([0, 1, 0, 0, 1, 0])
     there, here = (
@@ -238,7 +242,8 @@ def test_a_joint_zero_is_the_turned_geometry_of_a_description(arm):
 
 @pytest.mark.parametrize("joint", [None, "joint_2"])
 def test_gravity_compensation_takes_its_share_of_the_weight(arm, joint):
-    """Every equation that holds the torque lacks the share of gravity; tau_J counts reversed for the motor."""
+    """Every equation that holds the torque lacks the share of gravity; tau_J counts reversed for
+    the motor."""
     motion, rest = random_motion(arm, np.random.default_rng(0)), np.zeros((1, 6))
     still = np.tile(motion["x"][None, :3], 2)
     weight = 0.4 * build_model(arm, engine="numpy").inverse_dynamics(still, rest, rest)[0, :3]
@@ -304,7 +309,8 @@ def altered_link(robot, i, mass, com, about_com):
 
 
 def with_payload(robot: Robot, mass, position):
-    """The last link with a point mass, by the parallel-axis theorem about the common centre of mass."""
+    """The last link with a point mass, by the parallel-axis theorem about the common centre of
+    mass."""
     link = robot.joints[-1].link
     total = link.mass + mass
     com = (link.mass * link.com + mass * np.asarray(position)) / total
@@ -356,7 +362,8 @@ def test_changed_parts_equal_a_changed_description(arm, effect):
     [("spline_inertia", "mod1", "mod2"), ("inertia_coupling", "mod2", "mod3")],
 )
 def test_model_form_is_the_difference_of_two_models(arm, effect, less, more):
-    """The parameter-free effects add what the richer model has, and refuse a model that has it already."""
+    """The parameter-free effects add what the richer model has, and refuse a model that has it
+    already."""
     motion = random_motion(arm, np.random.default_rng(0))
     found = contribution(arm, [parse(effect)], motion, model=less)
     true = inverse_dynamics(arm, motion, more) - inverse_dynamics(arm, motion, less)

@@ -1,4 +1,5 @@
-"""Effects forward in time: against an engine that shares no code with the catalogue, and by the energy they keep."""
+"""Effects forward in time: against an engine that shares no code with the catalogue, and by the
+energy they keep."""
 
 from dataclasses import replace
 
@@ -75,7 +76,8 @@ def fault(instance, robot):
     sorted((set(IN_EQUATIONS) & KNOWN) - READ_WRONG - {"spline_inertia", "inertia_coupling"}),
 )
 def test_accelerations_agree_with_the_hidden_arm(arm, effect):
-    """An arm in Pinocchio with effects written apart from the catalogue accelerates alike at random states."""
+    """An arm in Pinocchio with effects written apart from the catalogue accelerates alike at random
+    states."""
     text = INSTANCES[effect][0].split(",com=")[0]  # the hidden arm's links change in proportion
     instance = parse(text, arm)
     faults = [fault(instance, arm)]
@@ -105,7 +107,8 @@ def test_accelerations_agree_with_the_hidden_arm(arm, effect):
 
 @pytest.mark.parametrize("effect", sorted(set(IN_EQUATIONS) - {"bearing_compliance"}))
 def test_residuals_of_a_simulated_arm_are_the_law(arm, effect):
-    """The nominal model misses a simulated arm by exactly what the law says, in all three equations of every joint."""
+    """The nominal model misses a simulated arm by exactly what the law says, in all three equations
+    of every joint."""
     text, name = INSTANCES[effect]
     instance, model = parse(text, arm), build_model(arm, name, engine="numpy")
     simulator = Simulator(
@@ -133,7 +136,8 @@ def test_residuals_of_a_simulated_arm_are_the_law(arm, effect):
 
 
 def test_friction_of_a_simulated_arm_changes_over_the_run(arm):
-    """Half a turn to and half a turn fro at one speed: what the motor needs beside the load falls from begin to end."""
+    """Half a turn to and half a turn fro at one speed: what the motor needs beside the load falls
+    from begin to end."""
     t = np.arange(4001)[:, None] / RATE
     speed = 0.5 * np.where(t % 2.0 < 1.0, 1.0, -1.0) * [[1.0, 0.0, 0.0]]
     q, still = np.cumsum(speed, axis=0) / RATE, np.zeros_like(speed)
@@ -160,7 +164,8 @@ def test_friction_of_a_simulated_arm_changes_over_the_run(arm):
     "effect", sorted(SENSOR_EFFECTS - {"time_delay", "torque_drift", "torque_lowpass"})
 )
 def test_residuals_of_recorded_channels_are_the_law(arm, effect):
-    """What a sensor effect changes in the channels changes the residuals of the nominal model as its law says."""
+    """What a sensor effect changes in the channels changes the residuals of the nominal model as
+    its law says."""
     instance = parse(INSTANCES[effect][0], arm)
     truth, measured = run(arm, [instance], seconds=0.3)
     K, D = (
@@ -216,7 +221,8 @@ def test_torque_drift_moves_the_zero_of_its_channel(arm, channel):
 
 
 def test_torque_lowpass_is_the_law(arm):
-    """Recorded less true torque is -T times the rate of the recorded torque, T = 1 / (2 pi cutoff)."""
+    """Recorded less true torque is -T times the rate of the recorded torque, T = 1 / (2 pi
+    cutoff)."""
     truth, measured = run(
         arm, [parse("torque_lowpass:joint_2:cutoff=5,channels=joint_torque+motor_torque")]
     )
@@ -257,7 +263,8 @@ def stored(effect, p, gear, theta, q):
     "effect", ["nonlinear_stiffness", "backlash", "transmission_error", "torque_ripple"]
 )
 def test_conservative_effects_keep_energy(arm, effect):
-    """By virtual work, an undamped falling arm with this effect keeps its energy, the effect's own part counted."""
+    """By virtual work, an undamped falling arm with this effect keeps its energy, the effect's own
+    part counted."""
     robot = free(arm)
     name, _, values = INSTANCES[effect][0].split(":")
     instance = parse(f"{name}:joint_2:{values}")
@@ -277,7 +284,8 @@ def test_conservative_effects_keep_energy(arm, effect):
 
 
 def test_dry_friction_holds_a_joint_nearly_still(arm):
-    """A torque below Coulomb's leaves the vertical axis creeping below the regularisation speed; one above moves it."""
+    """A torque below Coulomb's leaves the vertical axis creeping below the regularisation speed;
+    one above moves it."""
     simulator = Simulator(
         arm,
         SimulationSettings(
@@ -292,7 +300,8 @@ def test_dry_friction_holds_a_joint_nearly_still(arm):
 
 
 def test_friction_that_outruns_the_integrator_is_widened(arm):
-    """At a low ratio the motor is light: the regularisation widens until friction is stable, and stays stable."""
+    """At a low ratio the motor is light: the regularisation widens until friction is stable, and
+    stays stable."""
     light = arm.with_ratio(5)
     simulator = Simulator(
         light,
@@ -356,7 +365,8 @@ def smoothed(y):
 
 
 def test_the_law_of_bearings_explains_a_simulated_arm(arm):
-    """The law holds nine tenths of the power that the rigid model misses of an arm with bearings ten times softer."""
+    """The law holds nine tenths of the power that the rigid model misses of an arm with bearings
+    ten times softer."""
     instance = parse("bearing_compliance:stiffness_scale=0.1")
     a, b = np.random.default_rng(0).uniform(-0.5, 0.5, (2, 3, 3))
     smooth = FourierTrajectory(2 * np.pi / 4.0, a, b, np.array([0.0, 0.4, 0.5]), 6.0, 1.0)

@@ -74,7 +74,8 @@ def error_of(effect, signals, channels=("joint_torque",)):
 @pytest.mark.parametrize("predicted", [False, True])
 @pytest.mark.parametrize("effect", sorted(FILTERS))
 def test_the_error_is_recorded_less_true_torque(effect, predicted):
-    """By a torque without noise, recorded or the model's: a lag of 20 ms and a corner of 5 Hz, to 1 % of the error."""
+    """By a torque without noise, recorded or the model's: a lag of 20 ms and a corner of 5 Hz, to 1
+    % of the error."""
     recorded, exact = FILTERS[effect][2], {"tau_J": np.full(3, 1e-12)}
     found = error_of(
         effect, Signals(true_torque(T) if predicted else recorded, predicted, torque_noise=exact)
@@ -94,7 +95,8 @@ def test_a_motor_torque_shows_in_its_own_equation_alone(effect):
 
 
 def test_noise_of_a_low_passed_torque_is_hardly_amplified():
-    """Less the error, a noisy torque has up to 40 Hz less than half the noise of the same filter undone plainly."""
+    """Less the error, a noisy torque has up to 40 Hz less than half the noise of the same filter
+    undone plainly."""
     noise = NOISE * np.random.default_rng(0).standard_normal(len(T))
     recorded = FILTERS["torque_lowpass"][2] + noise
 

@@ -1,4 +1,5 @@
-"""Effects of a user's own files and of installed packages, and that nothing but its file knows of an effect."""
+"""Effects of a user's own files and of installed packages, and that nothing but its file knows of
+an effect."""
 
 import ast
 from pathlib import Path
@@ -51,8 +52,9 @@ def effect(**changes):
 def test_no_module_but_an_effects_own_file_names_it() -> None:
     """Outside the library no module holds an effect's id as a string.
 
-    Left out are the challenge, which draws and makes its arms apart from the library, and the readers and writers of
-    URDF and MJCF, whose own terms for friction, damping and springs have to be given an id somewhere.
+    Left out are the challenge, which draws and makes its arms apart from the library, and the
+    readers and writers of URDF and MJCF, whose own terms for friction, damping and springs have to
+    be given an id somewhere.
     """
     for path in PACKAGE.rglob("*.py"):
         place = path.relative_to(PACKAGE).as_posix()
@@ -77,7 +79,8 @@ def test_no_module_but_an_effects_own_file_names_it() -> None:
 
 
 def test_a_users_file_is_in_the_catalogue_and_an_arm_file_may_name_it(tmp_path: Path) -> None:
-    """The effect is read from text and from an arm's description; the default catalogue stays as it was."""
+    """The effect is read from text and from an arm's description; the default catalogue stays as it
+    was."""
     path = tmp_path / "pull.py"
     path.write_text(OWN.format(id="magnet"))
     catalogue = Catalogue.default().with_files([path])
@@ -140,7 +143,8 @@ def test_a_wrong_file_gets_one_clear_line(tmp_path: Path, text: str | None, mess
 
 
 def test_an_installed_package_adds_its_effect(monkeypatch: pytest.MonkeyPatch) -> None:
-    """An entry point of the group is in the default catalogue; one that cannot be loaded is named."""
+    """An entry point of the group is in the default catalogue; one that cannot be loaded is
+    named."""
     found = [catalogue_module.EntryPoint("friction", "nowhere:EFFECT", catalogue_module.GROUP)]
     monkeypatch.setattr(catalogue_module, "entry_points", lambda group: found)
     monkeypatch.setattr(catalogue_module.EntryPoint, "load", lambda self: effect())

@@ -1,4 +1,5 @@
-"""One zero-phase low pass for every term: what lies in the band stays, what lies above goes, and instants are kept."""
+"""One zero-phase low pass for every term: what lies in the band stays, what lies above goes, and
+instants are kept."""
 
 import numpy as np
 import pytest
@@ -45,7 +46,8 @@ def test_too_short_a_stretch_gives_no_rows() -> None:
     ("cutoff", "rate"), [(1.7, 200.0), (3.0, 200.0), (20.0, 1000.0), (40.0, 100.0), (40.0, 250.0)]
 )
 def test_rows_are_those_of_the_plain_convolution(cutoff: float, rate: float) -> None:
-    """By products of matrices and by spectra, narrow and wide bands give what the taps give, to rounding."""
+    """By products of matrices and by spectra, narrow and wide bands give what the taps give, to
+    rounding."""
     band, values = (
         Band(cutoff, rate),
         np.cumsum(np.random.default_rng(0).standard_normal((2011, 9)), axis=0),

@@ -42,7 +42,8 @@ def jittered(std: float) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("velocity", [True, False])
 @pytest.mark.parametrize("std", [1e-4, 3e-4])
 def test_true_stamps_are_believed(std: float, velocity: bool) -> None:
-    """Samples read at jittering instants go by their stamps, and the note has the share of the jitter that shows."""
+    """Samples read at jittering instants go by their stamps, and the note has the share of the
+    jitter that shows."""
     _, irregular = jittered(std)
     clock = Clock.of(recorded(irregular, irregular, velocity=velocity))
     assert clock.mode == "stamps"
@@ -50,7 +51,8 @@ def test_true_stamps_are_believed(std: float, velocity: bool) -> None:
 
 
 def test_true_stamps_are_believed_beside_missing_samples() -> None:
-    """One sample in thirty is lost, and no velocity was recorded: differences between the holes tell."""
+    """One sample in thirty is lost, and no velocity was recorded: differences between the holes
+    tell."""
     _, irregular = jittered(1e-4)
     at = irregular[np.random.default_rng(2).random(len(irregular)) > 0.03]
     clock = Clock.of(recorded(at, at, velocity=False))
@@ -69,7 +71,8 @@ def test_late_stamps_of_regular_samples_are_not(std: float, velocity: bool) -> N
 
 @pytest.mark.parametrize("late", [1e-3, 2.5e-3])
 def test_stamps_late_by_more_than_an_interval_are_no_missing_samples(late: float) -> None:
-    """Late stamps in order of arrival keep to a regular clock; every sample is one of its points."""
+    """Late stamps in order of arrival keep to a regular clock; every sample is one of its
+    points."""
     at = np.arange(5000) / RATE
     stamps = (
         np.maximum.accumulate(at + np.abs(np.random.default_rng(4).normal(0.0, late, 5000)))
@@ -84,7 +87,8 @@ def test_stamps_late_by_more_than_an_interval_are_no_missing_samples(late: float
 
 
 def test_a_host_loop_that_wanders_goes_by_its_stamps() -> None:
-    """Steps of 0.7 to 2.1 periods with gaps to 9: encoder noise hides each, but not where they add up to."""
+    """Steps of 0.7 to 2.1 periods with gaps to 9: encoder noise hides each, but not where they add
+    up to."""
     rng = np.random.default_rng(3)
     steps = rng.uniform(0.7, 2.1, 8000) / 1000.0
     steps[rng.integers(0, 8000, 40)] = 9e-3

@@ -11,7 +11,8 @@ from elastic_arm.estimation.convolution import FEW, circular_gains, convolve, fi
 )
 @pytest.mark.parametrize("every", [1, 2, 8])
 def test_it_is_the_sum_of_plain_convolutions(samples: int, taps: int, every: int) -> None:
-    """Two signals of three columns through two outputs' responses, added up, without the ends, one of `every`."""
+    """Two signals of three columns through two outputs' responses, added up, without the ends, one
+    of `every`."""
     rng = np.random.default_rng(0)
     signals = list(rng.standard_normal((2, samples, 3)))
     responses = rng.standard_normal((2, 2, taps))
@@ -30,7 +31,8 @@ def test_it_is_the_sum_of_plain_convolutions(samples: int, taps: int, every: int
 def test_a_circular_filter_is_that_of_transforms_of_the_signals_own_length(samples: int) -> None:
     """And the samples that count have the products of the harmonics' coordinates.
 
-    Lengths with a large prime factor, without one, and even; columns that act in many rows, in few, in none.
+    Lengths with a large prime factor, without one, and even; columns that act in many rows, in few,
+    in none.
     """
     rng = np.random.default_rng(1)
     count, rows, edge = samples // 3, FEW + 2, 10

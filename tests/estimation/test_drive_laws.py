@@ -44,7 +44,8 @@ def cubic() -> tuple[Feature, EffectInstance]:
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_cubic_stiffness_beside_a_free_one_is_not_drawn_to_the_encoders_noise(seed: int) -> None:
-    """Where the load hardly changes, the two act nearly alike, and their difference would be noise of the encoders."""
+    """Where the load hardly changes, the two act nearly alike, and their difference would be noise
+    of the encoders."""
     found, (feature, instance) = (
         data(record(gentle(seed), CUBIC, seed=seed, sensors=SENSORS)),
         cubic(),
@@ -70,7 +71,8 @@ def test_a_cubic_stiffness_beside_a_free_one_is_not_drawn_to_the_encoders_noise(
 def test_a_law_carries_its_part_of_the_load_at_the_deflection_of_the_drive(
     size: float, acts: bool
 ) -> None:
-    """K d + D d' + K_3 d³ is the predicted load, be the law more than twice as steep as the spring, or falling."""
+    """K d + D d' + K_3 d³ is the predicted load, be the law more than twice as steep as the spring,
+    or falling."""
     recording, (feature, _) = record(gentle(1), CUBIC, seed=1, sensors=SENSORS), cubic()
     acting = [ActingEffect(feature.whole(), (size,), np.ones(1))] if acts else []
     signals = data(recording, *acting).parts[0].signals

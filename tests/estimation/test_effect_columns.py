@@ -1,4 +1,5 @@
-"""Columns of a candidate effect: what its law adds, phases, internal states, and coefficients back to parameters."""
+"""Columns of a candidate effect: what its law adds, phases, internal states, and coefficients back
+to parameters."""
 
 from typing import Any
 
@@ -103,7 +104,8 @@ def test_internal_states_run_from_zero_and_settle() -> None:
 
 
 def test_both_engines_give_the_same_columns() -> None:
-    """Identification's engine (numbers of the arm as arguments) and the diagnosis's agree to rounding."""
+    """Identification's engine (numbers of the arm as arguments) and the diagnosis's agree to
+    rounding."""
     instance = parse("payload:mass=5,position=0/0/0.1", ROBOT)
     linear = [p for p in instance.effect.parameters if p.role is Role.LINEAR]
     points = [{p.name: instance.parameters[p.name] for p in instance.effect.parameters}]

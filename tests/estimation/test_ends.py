@@ -16,7 +16,8 @@ def grid(seconds: float, begin: float = 0.0) -> Grid:
 
 
 def test_the_ends_of_a_short_recording_are_part_of_the_fit() -> None:
-    """Of 20 s, of which the smoother would lose 2 s, all but that share is kept in which a trace is foreign."""
+    """Of 20 s, of which the smoother would lose 2 s, all but that share is kept in which a trace is
+    foreign."""
     piece = grid(20.0)
     longer = with_ends(piece, LOST)
     lost = LOST - (len(longer) - len(piece))

@@ -1,4 +1,5 @@
-"""Which equations the recorded channels allow, and how they follow from the residuals link, drive and motor."""
+"""Which equations the recorded channels allow, and how they follow from the residuals link, drive
+and motor."""
 
 from collections.abc import Callable
 from itertools import combinations
@@ -65,7 +66,8 @@ def test_rows_come_equation_by_equation() -> None:
 
 
 def test_joints_may_have_channels_of_their_own() -> None:
-    """A joint without a torque sensor loses its drive equation, and its link equation takes the drive's law."""
+    """A joint without a torque sensor loses its drive equation, and its link equation takes the
+    drive's law."""
     found = EquationSet.direct([ALL, ALL - {"tau_J"}], 2)
     assert [(equation.name, joint) for equation, joint in found.entries] == [
         ("link", 0),
@@ -91,7 +93,8 @@ def test_joints_may_have_channels_of_their_own() -> None:
 def test_motor_torque_gives_its_equation_without_motor_angles(
     recorded: set[str], elastic: bool, sides: tuple[str, ...]
 ) -> None:
-    """Beside joint torques the link's angle is enough for the motor's equation, and a rigid arm has one angle."""
+    """Beside joint torques the link's angle is enough for the motor's equation, and a rigid arm has
+    one angle."""
     assert EquationSet.direct(recorded, 2, elastic=elastic).sides == sides
 
 

@@ -14,7 +14,8 @@ RATE, STD, INERTIA = 1000.0, 1e-6, 30.0  # Hz, rad of either encoder, kg m²
 
 
 def test_the_load_is_known_better_than_by_model_or_deflection_alone() -> None:
-    """Slowly the model knows it, and fast the deflection: with both, each band is about as quiet as the better."""
+    """Slowly the model knows it, and fast the deflection: with both, each band is about as quiet as
+    the better."""
     model, rng = build_model(load_robot(None), "mod3"), np.random.default_rng(3)
     K, _ = drive_constants(model)
     t = np.arange(20000) / RATE
@@ -54,5 +55,6 @@ def test_the_load_is_known_better_than_by_model_or_deflection_alone() -> None:
         power = np.abs(np.fft.rfft(load[2000:-2000], axis=0)) ** 2
         return np.asarray(power[np.fft.rfftfreq(len(load) - 4000, 1 / RATE) > 20.0].sum(axis=0))
 
-    # Beyond the motion there is but noise: of that some passes, and next to nothing for a load that is clear of it.
+    # Beyond the motion there is but noise: of that some passes, and next to nothing for a load that
+    # is clear of it.
     assert np.all(above(clear) < 0.02 * above(found))

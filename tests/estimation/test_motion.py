@@ -35,7 +35,8 @@ def test_parts_joined_are_the_whole() -> None:
 
 @pytest.mark.parametrize("missing", ["tau_J", "tau_m"])
 def test_what_stands_in_for_a_torque_cancels_from_the_usable_rows(missing: str) -> None:
-    """The usable residuals of a completed motion are those that the missing torque has no part in."""
+    """The usable residuals of a completed motion are those that the missing torque has no part
+    in."""
     whole = smooth_motion(MODEL, samples=50)
     part = replace(whole, **{missing: None})
     equations = EquationSet.direct(part.recorded, MODEL.n)
@@ -81,7 +82,8 @@ def test_without_positions_nothing_is_completed() -> None:
 
 
 def test_a_deflection_is_filtered_of_both_encoders_noise() -> None:
-    """Of a deflection of 50 microrad the noise falls to two fifths; the angle of the finer encoder stays as it is."""
+    """Of a deflection of 50 microrad the noise falls to two fifths; the angle of the finer encoder
+    stays as it is."""
     rate, rng = 1000.0, np.random.default_rng(0)
     t = np.arange(8000) / rate
     wave, size = 2 * np.pi * 0.5, 5e-5

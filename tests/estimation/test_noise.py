@@ -42,7 +42,8 @@ def test_both_channels_have_a_noise_of_their_own() -> None:
 
 
 def test_a_regression_on_a_filtered_signal_is_not_biased_by_its_noise() -> None:
-    """On a signal in as much noise a coefficient comes out half as large; on the filtered one it is right to 3 %."""
+    """On a signal in as much noise a coefficient comes out half as large; on the filtered one it is
+    right to 3 %."""
     rng, f = np.random.default_rng(2), np.linspace(0.0, 500.0, 200)
     signal = sum(np.sin(2 * np.pi * k * T + k * k) for k in np.linspace(1.0, 9.0, 17))
     noise = rng.standard_normal(len(T)) * np.std(signal)
@@ -63,7 +64,8 @@ def test_a_regression_on_a_filtered_signal_is_not_biased_by_its_noise() -> None:
 
 @pytest.mark.parametrize("stated", [1.0, 0.9])
 def test_noise_above_the_signal_is_taken_off_whatever_its_chance_peaks(stated: float) -> None:
-    """Ten seconds of a slow deflection in the noise of its encoders, which is stated 10 % too small besides."""
+    """Ten seconds of a slow deflection in the noise of its encoders, which is stated 10 % too small
+    besides."""
     rate, std = 1000.0, 3.5e-6
     t = np.arange(0.0, 10.0, 1.0 / rate)
     f = np.linspace(0.0, 55.0, 50)
@@ -77,7 +79,8 @@ def test_noise_above_the_signal_is_taken_off_whatever_its_chance_peaks(stated: f
 
 
 def test_a_signal_up_to_the_highest_frequency_is_left_as_it_is() -> None:
-    """Where the deflection outweighs its noise up to the highest frequency, nothing is taken off."""
+    """Where the deflection outweighs its noise up to the highest frequency, nothing is taken
+    off."""
     rate, std = 1000.0, 3.5e-6
     values = 10.0 * std * np.random.default_rng(1).standard_normal(10_000)
     f = np.linspace(0.0, 55.0, 50)
@@ -87,8 +90,9 @@ def test_a_signal_up_to_the_highest_frequency_is_left_as_it_is() -> None:
 
 
 def test_an_encoder_that_stands_half_of_the_time_has_slow_noise_beside_the_white_one() -> None:
-    """From point to point with dwells, rounded to steps in which a slow structure rings: between 10 and 40 Hz the noise
-    is more than twice the white one in the mean square, and comes out within 40 %."""
+    """From point to point with dwells, rounded to steps in which a slow structure rings: between 10
+    and 40 Hz the noise is more than twice the white one in the mean square, and comes out within 40
+    %."""
     rng, step = np.random.default_rng(3), 1.2e-5
     goals = np.repeat(rng.uniform(-0.5, 0.5, (13, 2)), 1500, axis=0)[: len(T) + 4000]
     angle = scipy.ndimage.gaussian_filter1d(goals, 150.0, axis=0)[2000 : 2000 + len(T)]

@@ -1,4 +1,5 @@
-"""From a recording to smoothed motion: its noise, its length, and recordings that hold no motion."""
+"""From a recording to smoothed motion: its noise, its length, and recordings that hold no
+motion."""
 
 from dataclasses import replace
 from functools import cache
@@ -28,7 +29,8 @@ def observation() -> Observation:
 
 
 def test_the_noise_of_a_torque_is_found_beside_motion_and_a_line() -> None:
-    """White noise of known size is found to 5 % under a slow motion and a narrow line a hundred times as large."""
+    """White noise of known size is found to 5 % under a slow motion and a narrow line a hundred
+    times as large."""
     t = np.arange(8000) / 1000.0
     std = np.array([0.02, 0.5])
     noise = std * np.random.default_rng(4).standard_normal((len(t), 2))
@@ -52,7 +54,8 @@ def test_the_noise_of_every_channel_is_what_the_sensors_have() -> None:
 
 
 def test_columns_are_made_of_motion_smoothed_at_least_as_far_as_residuals() -> None:
-    """The motion of the columns has no more power in its accelerations than that of the residuals."""
+    """The motion of the columns has no more power in its accelerations than that of the
+    residuals."""
     seen = observation()
     wide, quiet = (
         np.std(np.asarray(pieces[0].ddtheta), axis=0) for pieces in (seen.pieces, seen.quiet)
@@ -61,7 +64,8 @@ def test_columns_are_made_of_motion_smoothed_at_least_as_far_as_residuals() -> N
 
 
 def test_position_noise_without_a_velocity_channel_is_the_encoders() -> None:
-    """Its density is white of the encoder's standard deviation, times the squared response of the smoother."""
+    """Its density is white of the encoder's standard deviation, times the squared response of the
+    smoother."""
     seen = observation()
     alone = replace(seen, noise=replace(seen.noise, dtheta=None))
     f = np.linspace(0.0, 40.0, 9)
@@ -110,7 +114,8 @@ def test_recordings_that_no_residual_can_be_made_of_are_refused() -> None:
 def test_a_torque_that_was_low_passed_limits_the_band_and_has_the_noise_of_an_ordinary_sensor() -> (
     None
 ):
-    """Below a low pass of 5 Hz a torque is compared up to there, with noise of 0.5 % of its rms in that band."""
+    """Below a low pass of 5 Hz a torque is compared up to there, with noise of 0.5 % of its rms in
+    that band."""
     whole = recording()
     assert whole.motor is not None and whole.motor.effort is not None
     sections = scipy.signal.butter(
@@ -126,7 +131,8 @@ def test_a_torque_that_was_low_passed_limits_the_band_and_has_the_noise_of_an_or
 
 
 def test_a_made_torque_follows_the_gains_of_its_controller() -> None:
-    """With other gains of kp and kd it is the torque that these controllers make of the same recording."""
+    """With other gains of kp and kd it is the torque that these controllers make of the same
+    recording."""
     true = servo_arm(
         {
             f'joint="{name}" forcerange="-4 4"': f'joint="{name}"'

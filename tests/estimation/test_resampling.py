@@ -43,7 +43,8 @@ def test_a_regular_recording_is_its_own_grid() -> None:
 
 @pytest.mark.parametrize(("unit", "words"), [(1e3, "too few"), (1e-3, "too many")])
 def test_times_in_another_unit_are_refused(unit: float, words: str) -> None:
-    """Milliseconds taken for seconds, or the reverse, give a rate at which no arm is recorded: asked is the unit."""
+    """Milliseconds taken for seconds, or the reverse, give a rate at which no arm is recorded:
+    asked is the unit."""
     taken = samples(np.arange(1000) * 5e-3)
     with pytest.raises(
         IdentificationError, match=f"run_1: .*{words}.*Are the times in another unit"
@@ -66,8 +67,8 @@ def test_single_missing_samples_are_filled_and_gaps_cut() -> None:
 
 
 def test_noise_does_not_grow_across_a_hole() -> None:
-    """Of twelve missing samples the motion is known as well as of recorded ones; through six points it is eight times
-    worse."""
+    """Of twelve missing samples the motion is known as well as of recorded ones; through six points
+    it is eight times worse."""
     t = (
         np.delete(np.arange(2000), np.add.outer(np.arange(200, 1800, 100), np.arange(12)).ravel())
         / 1000.0

@@ -41,7 +41,8 @@ def setting(seen: Observation) -> tuple[EquationSet, Band]:
 
 
 def test_residuals_are_what_the_equations_of_motion_leave() -> None:
-    """Of any motion with a spring's joint torque, drive and motor rows are zero, the link's is the left side of (1)."""
+    """Of any motion with a spring's joint torque, drive and motor rows are zero, the link's is the
+    left side of (1)."""
     whole = motion()
     left = MODEL.inverse_dynamics(*(np.hstack(pair) for pair in _coordinates(whole)))
     found = raw_residuals(MODEL, whole)
@@ -51,13 +52,15 @@ def test_residuals_are_what_the_equations_of_motion_leave() -> None:
 
 @pytest.mark.parametrize(
     ("channel", "signs"),
-    # A joint torque pulls the link and brakes the motor; the drive's equation compares it with the spring.
+    # A joint torque pulls the link and brakes the motor; the drive's equation compares it with the
+    # spring.
     [("tau_m", (0.0, 0.0, 1.0)), ("tau_J", (1.0, 1.0, -1.0))],
 )
 def test_a_torque_beyond_the_model_appears_in_its_equations(
     channel: str, signs: tuple[float, ...]
 ) -> None:
-    """What a sensor shows too much stands in the link, drive and motor residual with the sign of that equation."""
+    """What a sensor shows too much stands in the link, drive and motor residual with the sign of
+    that equation."""
     exact, added = motion(), np.random.default_rng(0).normal(size=(200, N))
     changed: dict[str, Any] = {channel: getattr(exact, channel) + added}
     found = raw_residuals(MODEL, replace(exact, **changed)) - raw_residuals(MODEL, exact)
@@ -92,7 +95,8 @@ def test_the_ends_of_a_stretch_are_dropped_and_its_rows_lie_at_the_kept_rate() -
 
 
 def test_a_clean_arm_with_exact_sensors_leaves_a_thousandth_of_its_torques() -> None:
-    """What differentiation and the band leave of a motion without noise is small against the torques."""
+    """What differentiation and the band leave of a motion without noise is small against the
+    torques."""
     seen = observation()
     (stretch,) = residuals(MODEL, seen, *setting(seen))
     assert np.sqrt(np.mean(stretch.values**2)) < 1e-3 * np.sqrt(

@@ -1,4 +1,5 @@
-"""What a joint's friction may be while it sticks is removed from residuals and columns, and nothing else."""
+"""What a joint's friction may be while it sticks is removed from residuals and columns, and nothing
+else."""
 
 from dataclasses import replace
 from functools import lru_cache
@@ -23,7 +24,8 @@ NO_STEPS = {"link": np.zeros(1), "motor": np.zeros(1)}
 
 @lru_cache(maxsize=1)
 def setting() -> tuple[Band, Stretch, np.ndarray]:
-    """Return a narrow band, a stretch in which one joint stands for 0.1 s every second, and where it stands (N,)."""
+    """Return a narrow band, a stretch in which one joint stands for 0.1 s every second, and where
+    it stands (N,)."""
     recording = record(motions()[0], seed=0, sensors=Sensors.real())
     seen = observe(replace(recording, link=None))
     band = Band(5.0, seen.rate)
@@ -68,7 +70,8 @@ def test_other_joints_and_most_of_the_friction_are_kept() -> None:
 
 
 def test_friction_of_a_joint_that_sticks_half_of_the_time_is_removed() -> None:
-    """Wrists with much friction and little motion: a sign that the law gets wrong in 0.5 s of every second."""
+    """Wrists with much friction and little motion: a sign that the law gets wrong in 0.5 s of every
+    second."""
     band, stretch, _ = setting()
     t = stretch.quiet.t
     stands = np.mod(t, 1.0) < 0.5
@@ -80,7 +83,8 @@ def test_friction_of_a_joint_that_sticks_half_of_the_time_is_removed() -> None:
 
 
 def test_a_joint_that_stands_long_takes_all_of_its_rows_and_next_to_none_of_others() -> None:
-    """Any torque while it stands is gone from the rows, and from a second later on a motion keeps all but its ends."""
+    """Any torque while it stands is gone from the rows, and from a second later on a motion keeps
+    all but its ends."""
     band, stretch, _ = setting()
     t = stretch.quiet.t
     stands = (t > 2.0) & (t < 5.0)
@@ -95,7 +99,8 @@ def test_a_joint_that_stands_long_takes_all_of_its_rows_and_next_to_none_of_othe
 
 
 def test_the_share_of_noise_that_is_left_is_known() -> None:
-    """Of noise in the band as much is left as is said, to a tenth: as many rows tell of what is left."""
+    """Of noise in the band as much is left as is said, to a tenth: as many rows tell of what is
+    left."""
     band, stretch, _ = setting()
     sticking = FreeTorques.of(stretch, band, LAYOUT, NO_STEPS, friction=True, standing=STANDING)
     noise = np.stack(
@@ -123,7 +128,8 @@ def test_columns_are_treated_as_residuals_are() -> None:
 
 
 def test_the_steps_of_encoders_are_those_that_stand_out_of_their_noise() -> None:
-    """A code of 1e-5 rad is found; an encoder without steps, and one whose steps are below its noise, have none."""
+    """A code of 1e-5 rad is found; an encoder without steps, and one whose steps are below its
+    noise, have none."""
     rng = np.random.default_rng(4)
     angle = np.cumsum(rng.normal(0.0, 3e-6, 4000))
     coarse, noisy = (
@@ -137,7 +143,8 @@ def test_the_steps_of_encoders_are_those_that_stand_out_of_their_noise() -> None
 
 
 def test_what_an_encoder_makes_of_a_code_that_it_holds_is_removed() -> None:
-    """A deflection that is read a step off while the joint stands leaves the drive's rows, where steps are known."""
+    """A deflection that is read a step off while the joint stands leaves the drive's rows, where
+    steps are known."""
     band, stretch, stands = setting()
     layout = EquationSet.direct(("q", "theta", "tau_J", "tau_m"), MODEL.n)
     speed = stretch.quiet.dtheta

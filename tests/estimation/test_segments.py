@@ -22,7 +22,8 @@ def swinging(begin: float, seconds: float, size: float, joints: int) -> Recordin
 
 
 def test_lively_motion_is_taken_and_what_hardly_tells_is_not() -> None:
-    """Of 60 s in which one joint trembles, 20 s of motion of all joints, and 60 s more, the 20 s are taken."""
+    """Of 60 s in which one joint trembles, 20 s of motion of all joints, and 60 s more, the 20 s
+    are taken."""
     telling = MostTelling(ROBOT, 2.0 * SEGMENT)
     for part in (
         swinging(0.0, 60.0, 0.01, 1),
@@ -49,7 +50,8 @@ def test_another_motion_tells_more_than_the_same_again() -> None:
 
 
 def test_a_jump_of_an_encoder_is_no_motion_that_tells() -> None:
-    """Of seconds in which an arm hardly moves, those with a jump are not preferred to a lively motion."""
+    """Of seconds in which an arm hardly moves, those with a jump are not preferred to a lively
+    motion."""
     jump = swinging(0.0, 30.0, 0.01, 1)
     assert jump.motor is not None and jump.motor.position is not None
     jump.motor.position[round(5.0 * RATE) :] += 0.2
@@ -71,7 +73,8 @@ def test_a_recording_that_is_short_enough_is_kept_whole() -> None:
 
 
 def test_a_hole_is_no_standstill_however_long_it_is() -> None:
-    """A clock that leaps by decades while an arm moves costs nothing, and the note tells what was not recorded."""
+    """A clock that leaps by decades while an arm moves costs nothing, and the note tells what was
+    not recorded."""
     telling = MostTelling(ROBOT, 3.0 * SEGMENT)
     first, later = swinging(0.0, 12.0, 0.5, 3), swinging(1.7e9, 12.0, 0.5, 3)
     telling.add(Recording.joined([first, later]))

@@ -48,7 +48,8 @@ def samples(t: np.ndarray, q: np.ndarray) -> Samples:
 
 @pytest.mark.parametrize("crossover", [np.inf, 30.0])
 def test_cubic_motion_comes_out_exactly(crossover: float) -> None:
-    """Position, velocity and acceleration of a cubic are exact, with and without a velocity channel."""
+    """Position, velocity and acceleration of a cubic are exact, with and without a velocity
+    channel."""
     t = np.arange(3000) / RATE
     cubic = np.stack([0.3 + 0.5 * t - 0.2 * t**2 + 0.1 * t**3, 1.0 - t], axis=1)
     rate = np.stack([0.5 - 0.4 * t + 0.3 * t**2, -np.ones_like(t)], axis=1)
@@ -62,7 +63,8 @@ def test_cubic_motion_comes_out_exactly(crossover: float) -> None:
 
 @pytest.mark.parametrize("crossover", [np.inf, 20.0])
 def test_consistent_channels_and_torques_see_one_response(crossover: float) -> None:
-    """Positions, their derivatives and torques are all multiplied by H = 1 / (1 + (f / f_c)^8), without phase."""
+    """Positions, their derivatives and torques are all multiplied by H = 1 / (1 + (f / f_c)^8),
+    without phase."""
     t = np.arange(4000) / RATE
     f, cutoff = 15.0, 20.0
     q = np.stack([np.sin(2 * np.pi * f * t)] * 2, axis=1)
@@ -108,7 +110,8 @@ def test_velocities_that_contradict_the_positions_are_not_trusted() -> None:
 
 
 def test_smoothed_acceleration_is_far_better_than_finite_differences() -> None:
-    """With encoder noise of 1e-6 rad the smoother's acceleration is 100 times better than second differences."""
+    """With encoder noise of 1e-6 rad the smoother's acceleration is 100 times better than second
+    differences."""
     grid = noisy(1e-6, 1e-4)
     got = design_smoother([grid], 2)(grid)
     error = np.sqrt(np.mean((got.ddq - motion(got.t, 2)) ** 2))
@@ -119,7 +122,8 @@ def test_smoothed_acceleration_is_far_better_than_finite_differences() -> None:
 
 
 def test_torques_are_taken_from_means_to_their_stamps() -> None:
-    """Averaging over a sample interval takes 0.26 % off a 40 Hz torque; 99 % of that is given back."""
+    """Averaging over a sample interval takes 0.26 % off a 40 Hz torque; 99 % of that is given
+    back."""
     t = np.arange(500) / RATE
     torque = np.sin(2 * np.pi * 40.0 * t)[:, None]
     means = np.sinc(40.0 / RATE) * torque
@@ -148,7 +152,8 @@ def test_long_gaps_part_the_recording() -> None:
 
 
 def test_jittered_stamps_of_regular_samples_are_seen_through() -> None:
-    """Where the motion is smooth in the sample number and not in the stamps, the stamps are not believed."""
+    """Where the motion is smooth in the sample number and not in the stamps, the stamps are not
+    believed."""
     rng = np.random.default_rng(1)
     t = np.arange(4000) / RATE
     stamped = t + 1e-4 * rng.standard_normal(len(t))
@@ -156,7 +161,8 @@ def test_jittered_stamps_of_regular_samples_are_seen_through() -> None:
 
 
 def test_samples_truly_taken_at_jittered_times_are_interpolated() -> None:
-    """Where the motion is smooth in the stamps, they are believed and the motion comes out right."""
+    """Where the motion is smooth in the stamps, they are believed and the motion comes out
+    right."""
     rng = np.random.default_rng(1)
     t = np.arange(4000) / RATE + 1e-4 * rng.standard_normal(4000)
     taken = samples(t, motion(t, 0))

@@ -37,7 +37,8 @@ def setting() -> tuple[EquationSet, Band]:
 
 
 def mean_square(data: WhitenedData) -> float:
-    """Return that of the whitened residuals over the independent rows, of which the band leaves a part."""
+    """Return that of the whitened residuals over the independent rows, of which the band leaves a
+    part."""
     count = sum(len(y) - 2 * EDGE for y in data.y) * data.layout.rows
     return float(data.white @ data.white / (count * 2 * data.band.cutoff / data.band.kept_rate))
 
@@ -49,7 +50,8 @@ def test_whitened_residuals_of_a_clean_arm_are_white_noise_of_variance_one() -> 
 
 
 def test_holes_are_bridged_and_nothing_is_taken_from_them() -> None:
-    """Of every 1.5 s the last 0.3 s are lost: one motion, with no more than noise in what is left of the rows."""
+    """Of every 1.5 s the last 0.3 s are lost: one motion, with no more than noise in what is left
+    of the rows."""
     whole = record(motions()[0], seed=0, sensors=Sensors.real())
     lost = {
         name: s.at(np.mod(s.stamp_ns, 1_500_000_000) < 1_200_000_000)
@@ -62,8 +64,8 @@ def test_holes_are_bridged_and_nothing_is_taken_from_them() -> None:
 
 
 def test_a_torque_sensor_noisier_than_stated_spoils_its_own_row_alone() -> None:
-    """Three times the noise of tau_J makes that of the drives' whitened rows nine times as strong in the mean square.
-    The links' stay as they are, and the motors' nearly so at low frequency."""
+    """Three times the noise of tau_J makes that of the drives' whitened rows nine times as strong
+    in the mean square. The links' stay as they are, and the motors' nearly so at low frequency."""
     (noise,) = noise_models(MODEL, observation(), *setting(), (0.0,))
     louder = replace(
         observation(), noise=replace(observation().noise, tau_J=3.0 * observation().noise.tau_J)
@@ -81,7 +83,8 @@ def test_a_torque_sensor_noisier_than_stated_spoils_its_own_row_alone() -> None:
 
 @pytest.mark.parametrize("side", ["link", "motor"])
 def test_an_encoder_counts_in_all_accelerations_that_are_made_of_it(side: str) -> None:
-    """Be it the link's or the motor's of a rigid arm: what a clean one leaves is as large as the noise model states."""
+    """Be it the link's or the motor's of a rigid arm: what a clean one leaves is as large as the
+    noise model states."""
     robot, encoder = random_arm(3, np.random.default_rng(2), elastic=False), Encoder(noise=5e-5)
     sensors = Sensors(
         link_encoder=encoder, motor_encoder=encoder, motor_torque=TorqueSensor(noise=0.02)
@@ -113,7 +116,8 @@ def test_the_whitener_inverts_the_covariance() -> None:
 
 
 def test_the_floor_of_a_joint_is_a_part_of_its_own_sensors_noise() -> None:
-    """The fine sensors of a wrist are not given a part of the coarse ones' noise at the base, those of a kind are."""
+    """The fine sensors of a wrist are not given a part of the coarse ones' noise at the base, those
+    of a kind are."""
     seen, (equations, band) = observation(), setting()
 
     def floors(stds: list[float]) -> np.ndarray:
@@ -132,7 +136,8 @@ def test_the_floor_of_a_joint_is_a_part_of_its_own_sensors_noise() -> None:
 
 
 def test_rows_of_a_motor_that_sticks_are_freed_of_its_friction() -> None:
-    """Where a joint stands for 0.2 s, its motor's rows are next to null, those of link and drive as they were."""
+    """Where a joint stands for 0.2 s, its motor's rows are next to null, those of link and drive as
+    they were."""
     recording = record(motions()[0], seed=0, sensors=Sensors.real())
     motor, link = recording.motor, recording.link
     assert (
@@ -165,8 +170,9 @@ def test_rows_of_a_motor_that_sticks_are_freed_of_its_friction() -> None:
 
 
 def test_a_scale_common_to_arm_and_torques_is_told_by_nothing() -> None:
-    """A recording is as dense, to 0.01 a row, of links, rotors and springs 1.25 times as large beside sensors that
-    read 0.8: each torque alone makes it 0.22. Motors that links carry keep their masses."""
+    """A recording is as dense, to 0.01 a row, of links, rotors and springs 1.25 times as large
+    beside sensors that read 0.8: each torque alone makes it 0.22. Motors that links carry keep
+    their masses."""
     ordinary = {"link_mass", "rotor_inertia", "spline_inertia_ratio", "stiffness", "damping"}
     zero = {
         "link_com_x",

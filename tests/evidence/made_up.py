@@ -39,7 +39,8 @@ def term(name: str, X: Array, std: float | Array = 1.0, **more: Any) -> Term:
 
 
 def model(y: Array, N: Array | None = None, **more: Any) -> LinearModel:
-    """Return the data with the columns of some numbers, all trusted; none where they are not given."""
+    """Return the data with the columns of some numbers, all trusted; none where they are not
+    given."""
     N = np.zeros((len(y), 0)) if N is None else N
     count = N.shape[1]
     own = np.ones(count, dtype=bool)
@@ -54,5 +55,6 @@ def model(y: Array, N: Array | None = None, **more: Any) -> LinearModel:
 
 
 def quiet(rng: np.random.Generator, places: int = 2) -> Array:
-    """Return noise of less than its expected power: nowhere is more of it found than the sensors have."""
+    """Return noise of less than its expected power: nowhere is more of it found than the sensors
+    have."""
     return 0.5 * rng.standard_normal(2 * HARMONICS * places)

@@ -29,12 +29,14 @@ def test_smooth_laws_are_likelier_than_rough_ones() -> None:
     rng = np.random.default_rng(0)
     noise = 0.1 * rng.standard_normal(len(angle))
     rough = np.repeat(rng.choice([-1.0, 1.0], 32), 13)[: len(angle)]
-    # Fits of least squares differ by as little as both laws are splines; the prior tells them apart.
+    # Fits of least squares differ by as little as both laws are splines; the prior tells them
+    # apart.
     assert evidence(np.sqrt(2.0) * np.sin(3.0 * angle) + noise) > evidence(rough + noise) + 50.0
 
 
 def test_a_law_reaches_as_far_as_the_argument_does_in_any_recording() -> None:
-    """A law that spans all recordings varies beyond the range of the first one; one of the first alone is constant."""
+    """A law that spans all recordings varies beyond the range of the first one; one of the first
+    alone is constant."""
     signals: list[Any] = []
     for reach in (1.0, 2.0):
         angle = np.linspace(-reach, reach, 200)

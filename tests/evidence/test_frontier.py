@@ -56,7 +56,8 @@ def test_a_path_to_a_better_set_is_followed() -> None:
 
 
 def test_a_step_that_was_too_long_is_halved() -> None:
-    """The end of the path is worse at its own linearisation; the set half way is better, and the search goes on."""
+    """The end of the path is worse at its own linearisation; the set half way is better, and the
+    search goes on."""
     own = {"": 0.0, "a": 5.0, "ab": 6.0, "abc": 7.0, "abcd": -50.0, "az": 20.0}
     problem = Problem(own, {("", 0): ["a", "ab", "abc", "abcd"], ("ab", 0): ["az"]})
     assert letters(problem.frontier().run().fit.keys) == "az"

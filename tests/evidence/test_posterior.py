@@ -20,7 +20,8 @@ CONSTANT = 0.5 * len(Y) * np.log(2 * np.pi)  # that the evidence leaves out
 def dense(
     columns: np.ndarray, std: np.ndarray, mean: np.ndarray, v: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """Return posterior mean, covariance and ln p(y) of y ~ N(columns mean, v + columns std² columns')."""
+    """Return posterior mean, covariance and ln p(y) of y ~ N(columns mean, v + columns std²
+    columns')."""
     S = np.linalg.inv(columns.T @ (columns / v[:, None]) + np.diag(std**-2.0))
     x = S @ (columns.T @ (Y / v) + mean / std**2)
     spread = np.diag(v) + (columns * std**2) @ columns.T
@@ -28,7 +29,8 @@ def dense(
 
 
 def test_posterior_and_evidence_are_those_of_dense_formulas() -> None:
-    """Mean, covariance and ln p(y) of numbers with a trust and a prior mean, and of two terms, to rounding."""
+    """Mean, covariance and ln p(y) of numbers with a trust and a prior mean, and of two terms, to
+    rounding."""
     mean = np.array([0.4, -1.0, 2.0])
     one, two = term("one", X[:, :1], 2.0, mean=np.array([0.3])), term("two", X, 0.7)
     fit = model(Y, N, mean=mean, name="rough").fit([one, two])
@@ -44,7 +46,8 @@ def test_posterior_and_evidence_are_those_of_dense_formulas() -> None:
 
 
 def test_numbers_that_the_data_say_nothing_of_keep_their_priors() -> None:
-    """A number without a column stays at its prior mean with the trust as its deviation, and changes no evidence."""
+    """A number without a column stays at its prior mean with the trust as its deviation, and
+    changes no evidence."""
     silent = np.column_stack([N, np.zeros(len(Y))])
     mean = np.array([0.4, -1.0, 2.0, 0.7])
     with_it = model(Y, silent, mean=mean, name="rough").fit([])
@@ -65,7 +68,8 @@ def test_a_term_of_known_size_is_taken_off_the_residual() -> None:
 
 @pytest.mark.parametrize("bounds", [(0.0, np.inf), (-np.inf, 0.0), (0.05, 0.3), (-0.9, -0.5)])
 def test_evidence_of_a_bounded_coefficient_is_its_integral(bounds: tuple[float, float]) -> None:
-    """ln of the integral of likelihood times truncated prior, whether the optimum lies within the bounds or not."""
+    """ln of the integral of likelihood times truncated prior, whether the optimum lies within the
+    bounds or not."""
     low, high = bounds
     x, prior = X[:, 0], truncnorm(low / 0.8, high / 0.8, scale=0.8)
     first = -0.5 * Y @ Y
@@ -91,7 +95,8 @@ def test_mass_within_bounds_is_scipys(mean: float, low: float, high: float) -> N
 
 
 def test_noise_that_nobody_explains_is_found_and_bends_nothing() -> None:
-    """Three times the noise at one place in one octave: its power comes out, and rows count by it."""
+    """Three times the noise at one place in one octave: its power comes out, and rows count by
+    it."""
     rng, layout = np.random.default_rng(2), bands()
     loud = layout.used[np.argmax(layout.n)]
     std = np.where(layout.of_rows == loud, 3.0, 1.0)

@@ -60,7 +60,8 @@ def test_what_is_no_prior_is_refused_in_one_line(tmp_path: Path, text: str, prob
 
 
 def test_numbers_have_the_stated_deviations() -> None:
-    """A file's numbers are the priors of the arm's and the sensors', and a stiffness stays positive."""
+    """A file's numbers are the priors of the arm's and the sensors', and a stiffness stays
+    positive."""
     robot = load_robot()
     shown = features(ArmEquations(robot, "mod3"), SENSORS)
     priors = Priors(mass=0.2, stiffness=0.3, sensors={"joint_torque_gain": 0.05})
@@ -80,7 +81,8 @@ def test_numbers_have_the_stated_deviations() -> None:
 
 
 def test_how_gradually_friction_turns_over_is_uncertain_about_where_it_was_found_to() -> None:
-    """Speeds are tried a factor of four apart: friction may turn over from a quarter to four times the one found."""
+    """Speeds are tried a factor of four apart: friction may turn over from a quarter to four times
+    the one found."""
     robot = load_robot()
     turning, largest = np.linspace(0.0, 0.02, robot.n), np.full(robot.n, 100.0)
     found = numbers_of(robot, (), 1000.0, Priors(), (), largest, turning, ("link", "motor"))
@@ -90,7 +92,8 @@ def test_how_gradually_friction_turns_over_is_uncertain_about_where_it_was_found
         assert speeds == [pytest.approx(pair) for pair in ((0.005, 0.02), (0.02, 0.08), (0.02,))]
         usual = [p.speeds for p in own if p.joint == robot.joint_names[0]]
         assert usual == [pytest.approx(pair) for pair in ((5e-4, 2e-3), (2e-3, 8e-3), (2e-3,))]
-    # Of one equation a joint both sides would be one parameter twice, with a prior that is too wide.
+    # Of one equation a joint both sides would be one parameter twice, with a prior that is too
+    # wide.
     single = numbers_of(robot, (), 1000.0, Priors(), (), largest, turning, ("motor",))
     assert {p.side for p in single if p.speeds} == {"motor"}
 

@@ -1,4 +1,5 @@
-"""Sets of terms: what one more would gain, which set a search ends with, and where nonlinear numbers come out."""
+"""Sets of terms: what one more would gain, which set a search ends with, and where nonlinear
+numbers come out."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -34,7 +35,8 @@ def search(data: LinearModel, terms: Sequence[Term]) -> Search:
 
 
 def test_a_terms_price_and_gain_add_up_to_the_score() -> None:
-    """A set scores its evidence less the prior odds of each term: adding one costs exactly its price."""
+    """A set scores its evidence less the prior odds of each term: adding one costs exactly its
+    price."""
     y, X = quiet(RNG), term("one", COLUMNS[:, 0])
     free, dear = (model(y, N).fit([X.with_odds(odds)]) for odds in (0.0, ODDS))
     assert dear.found.evidence == pytest.approx(free.found.evidence)
@@ -42,7 +44,8 @@ def test_a_terms_price_and_gain_add_up_to_the_score() -> None:
 
 
 def test_what_a_screen_foresees_is_what_the_fit_gains() -> None:
-    """At the noise of the fit the gain of every kind of term is what its proposal adds to the score, to rounding."""
+    """At the noise of the fit the gain of every kind of term is what its proposal adds to the
+    score, to rounding."""
     data = model(quiet(RNG) + 0.3 * COLUMNS[:, 0], N)
     terms = [
         term("one", COLUMNS[:, 1], 0.4, odds=3.0),
@@ -60,7 +63,8 @@ def test_what_a_screen_foresees_is_what_the_fit_gains() -> None:
 
 
 def test_what_explains_itself_by_what_is_there_gains_nothing() -> None:
-    """A column within those of the numbers takes nothing off the noise, however large its size could be."""
+    """A column within those of the numbers takes nothing off the noise, however large its size
+    could be."""
     y = quiet(RNG) + 40.0 * RNG.standard_normal(ROWS) * (np.arange(ROWS) < ROWS // 2)
     data = model(y, N)
     near = N @ [1.0, -1.0] + 1e-4 * COLUMNS[:, 0]
@@ -94,8 +98,8 @@ def test_a_size_on_another_scale_gains_what_is_foreseen() -> None:
 
 
 def test_a_set_without_an_effect_has_no_share_of_it_in_the_numbers() -> None:
-    """Without the effect that acts in a gain's column, a set scores as if the column had been made without it; a gain
-    that is far off has no more of it than an ordinary one."""
+    """Without the effect that acts in a gain's column, a set scores as if the column had been made
+    without it; a gain that is far off has no more of it than an ordinary one."""
     effect = term("friction", COLUMNS[:, 0], 3.0)
     share = replace(
         effect, kind="share", columns=COLUMNS[:, [1]], std=np.zeros(1), what=[1], ident=("share",)
@@ -122,7 +126,8 @@ def test_a_set_without_an_effect_has_no_share_of_it_in_the_numbers() -> None:
 
 
 def test_a_law_without_a_form_is_screened_over_its_sizes() -> None:
-    """Its gain is that of the mean likelihood over the sizes it may have, the likeliest of which is proposed."""
+    """Its gain is that of the mean likelihood over the sizes it may have, the likeliest of which is
+    proposed."""
     data = model(quiet(RNG) + 0.2 * COLUMNS[:, :4] @ [0.4, -0.3, 0.5, 0.2], N)
     law = Term(("law", 0, ("motor", "its speed")), "law", COLUMNS[:, :4], np.ones(4), odds=2.0)
     screen, nothing = Screen(data.grams, [law]), data.fit([])
@@ -133,7 +138,8 @@ def test_a_law_without_a_form_is_screened_over_its_sizes() -> None:
 
 
 def test_the_terms_that_act_are_found_and_in_noise_none() -> None:
-    """Two of six act: those two, each with its size within 4 deviations, at a probability near 1; in noise nothing."""
+    """Two of six act: those two, each with its size within 4 deviations, at a probability near 1;
+    in noise nothing."""
     terms = [term(f"t{k}", COLUMNS[:, k], odds=ODDS) for k in range(6)]
     noise = RNG.standard_normal(ROWS)
     for true in ({}, {1: 0.8, 4: -0.5}):
@@ -179,7 +185,8 @@ class Bump:
 
 
 def bumps(true: float, seed: int, start: float) -> tuple[Any, LinearModel, Term]:
-    """Return a linearisation, data that hold a bump of a width, and the term of one at another width."""
+    """Return a linearisation, data that hold a bump of a width, and the term of one at another
+    width."""
     w = np.linspace(-0.5, 0.5, ROWS)
     columns = lambda feature, theta: np.exp(-((w / theta[0]) ** 2))[:, None]  # noqa: E731
     bump: Any = Bump()
@@ -205,7 +212,8 @@ def bumps(true: float, seed: int, start: float) -> tuple[Any, LinearModel, Term]
 
 @pytest.mark.parametrize("true", [0.05, 0.3])
 def test_a_nonlinear_number_comes_out_within_its_deviation(true: float) -> None:
-    """From the middle of its range the width of a bump is found, and is as uncertain as it comes out."""
+    """From the middle of its range the width of a bump is found, and is as uncertain as it comes
+    out."""
     errors = []
     for seed in range(20):
         linear, data, start = bumps(true, seed, 0.1)
@@ -216,7 +224,8 @@ def test_a_nonlinear_number_comes_out_within_its_deviation(true: float) -> None:
 
 
 def test_a_nonlinear_number_is_looked_for_again() -> None:
-    """A width that was found beside other terms, far off, is looked for over all its range once they are gone."""
+    """A width that was found beside other terms, far off, is looked for over all its range once
+    they are gone."""
     linear, data, start = bumps(0.04, 1, 0.2)
     there = tangent_term(linear, start, (0.2,), 1.0)
     found = Search(linear, data, [Screen(data.grams, [])]).run([there])
@@ -225,7 +234,8 @@ def test_a_nonlinear_number_is_looked_for_again() -> None:
 
 
 def test_a_set_that_is_less_probable_at_its_own_linearisation_is_not_taken() -> None:
-    """The search ends with the next best set, and probabilities count the first by its score elsewhere."""
+    """The search ends with the next best set, and probabilities count the first by its score
+    elsewhere."""
     data = model(quiet(RNG) + 0.5 * COLUMNS[:, 0], N)
     twin = term("twin", COLUMNS[:, 0] + 0.1 * COLUMNS[:, 1], odds=2.0)
     free = search(data, [term("one", COLUMNS[:, 0], odds=2.0), twin])

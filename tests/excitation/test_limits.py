@@ -1,4 +1,5 @@
-"""What an arm may do: kinematic limits, torque, and links that keep clear of the floor and of each other."""
+"""What an arm may do: kinematic limits, torque, and links that keep clear of the floor and of each
+other."""
 
 import numpy as np
 import pytest
@@ -15,7 +16,8 @@ from tests.helpers.motions import planar_arm, trajectory
 @settings(max_examples=30, deadline=None)
 @given(seed=st.integers(0, 10_000), size=st.floats(0.1, 20.0))
 def test_a_fitted_motion_keeps_the_kinematic_limits(seed: int, size: float) -> None:
-    """Whatever its amplitudes, a fitted motion keeps position, velocity and acceleration limits at dense times."""
+    """Whatever its amplitudes, a fitted motion keeps position, velocity and acceleration limits at
+    dense times."""
     n = 3
     limits = MotionLimits(
         ("a", "b", "c"),
@@ -60,7 +62,8 @@ def test_use_of_torque_is_that_of_the_rigid_arm() -> None:
 
 
 def test_a_link_in_the_floor_is_found() -> None:
-    """An upright arm is clear of the floor; hanging down, it goes through by as much as geometry says."""
+    """An upright arm is clear of the floor; hanging down, it goes through by as much as geometry
+    says."""
     workspace = Workspace.of(planar_arm(3), radius=0.05)
     floor, _ = workspace.clearance(np.array([[0.0, 0.0, 0.0], [np.pi, 0.0, 0.0]]))
     assert floor[0] == pytest.approx(1.5 - 0.05)
@@ -100,7 +103,8 @@ def test_links_keep_a_margin_to_the_floor() -> None:
 
 
 def test_links_keep_a_margin_to_each_other() -> None:
-    """Two links 10 mm apart break the default margin and keep one of 5 mm; the result says gap and margin."""
+    """Two links 10 mm apart break the default margin and keep one of 5 mm; the result says gap and
+    margin."""
     robot = planar_arm(3)
     model = build_model(robot, engine="numpy")
     third = 2.0 * np.pi / 3.0
@@ -135,7 +139,8 @@ def test_links_that_always_touch_do_not_count() -> None:
 def test_segment_distance_is_the_least_over_both_segments(
     seed: int, flat: bool, point: bool
 ) -> None:
-    """The distance is not above, and nearly, the least of a fine grid; parallel segments and points included."""
+    """The distance is not above, and nearly, the least of a fine grid; parallel segments and points
+    included."""
     rng = np.random.default_rng(seed)
     p = rng.normal(size=(4, 3))
     if flat:

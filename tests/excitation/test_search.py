@@ -1,4 +1,5 @@
-"""Excitation: criteria that are their formulas, and a search that improves on chance within the limits."""
+"""Excitation: criteria that are their formulas, and a search that improves on chance within the
+limits."""
 
 import os
 import signal
@@ -93,7 +94,8 @@ def test_noise_divides_the_rows_of_its_equation(mod3: Model, columns: np.ndarray
 
 
 def test_the_motors_lead_so_that_the_link_side_is_in_balance(mod3: Model, arm: Robot) -> None:
-    """In the motion that is judged, K (theta - q) bears the link side's torque to a part in a thousand."""
+    """In the motion that is judged, K (theta - q) bears the link side's torque to a part in a
+    thousand."""
     motion = trajectory(periods=1)
     x, dx, ddx = elastic_motion(mod3, motion, 200)
     K = np.array([j.transmission.stiffness for j in arm.joints])
@@ -106,7 +108,8 @@ def test_the_motors_lead_so_that_the_link_side_is_in_balance(mod3: Model, arm: R
 def test_what_only_a_soft_arm_could_tell_apart_is_left_out(
     mod3: Model, arm: Robot, columns: np.ndarray
 ) -> None:
-    """In mod3, S_11 asks for q'' and theta'' to differ, so one of its columns is left out; in mod1 there is none."""
+    """In mod3, S_11 asks for q'' and theta'' to differ, so one of its columns is left out; in mod1
+    there is none."""
     motions = [trajectory(seed, periods=1).scaled(0.3) for seed in range(5)]
     W = np.concatenate([BaseRegressor(mod3, columns)(motion) for motion in motions])
     dropped = set(range(len(columns))) - set(distinct_columns(W).tolist())
@@ -146,7 +149,8 @@ def test_the_course_of_the_search_only_improves(found: ExcitationResult) -> None
 def test_the_motion_found_keeps_every_limit_between_the_samples_too(
     found: ExcitationResult, mod3: Model, limits: MotionLimits
 ) -> None:
-    """At ten times as many times as the search looks at, every limit is kept, and the margin to floor and links too."""
+    """At ten times as many times as the search looks at, every limit is kept, and the margin to
+    floor and links too."""
     use = limits.use(found.trajectory, mod3, np.linspace(0, found.trajectory.duration, 4000))
     assert (use.excess[:4] <= 0).all()
     # Gaps move by less than the motion between two samples of the search.
@@ -182,7 +186,8 @@ def test_the_other_criteria_improve_too(
 
 
 def test_an_arm_of_five_rigid_joints_is_excited() -> None:
-    """Nothing is made for three joints or for transmissions; the floor is left out, as this arm is drawn at random."""
+    """Nothing is made for three joints or for transmissions; the floor is left out, as this arm is
+    drawn at random."""
     robot = random_arm(5, np.random.default_rng(8), elastic=False)
     model = build_model(robot, engine="numpy")
     base = BaseRegression(model, ("q", "tau_m"), joints=robot.joint_names).base
@@ -210,7 +215,8 @@ def test_random_motions_keep_the_limits(mod3: Model, limits: MotionLimits) -> No
 def test_random_motions_are_found_where_few_places_are_free(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Where the links are thick, most random places are in the floor or in another link; others are sought then."""
+    """Where the links are thick, most random places are in the floor or in another link; others are
+    sought then."""
     robot = random_arm(6, np.random.default_rng(6))
     model, limits = build_model(robot), MotionLimits.of(robot)
     monkeypatch.setattr(problem, "PLACES", 10)
@@ -296,7 +302,8 @@ NEVER = 2000
 def signalled(
     columns: np.ndarray, limits: MotionLimits, mod3: Model, *, elsewhere: bool
 ) -> ExcitationResult:
-    """Search, and get a SIGINT while NOMAD is about to call for the sixth time, in this thread or in another one."""
+    """Search, and get a SIGINT while NOMAD is about to call for the sixth time, in this thread or
+    in another one."""
     sent = threading.Event()
 
     def send() -> None:
@@ -318,7 +325,8 @@ def signalled(
 def test_an_interrupt_is_heeded_in_whatever_thread_it_comes(
     mod3: Model, limits: MotionLimits, columns: np.ndarray, elsewhere: bool
 ) -> None:
-    """One that another thread takes goes to NOMAD, which ends as if the search were done: its reason says it."""
+    """One that another thread takes goes to NOMAD, which ends as if the search were done: its
+    reason says it."""
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         with pytest.raises(KeyboardInterrupt):

@@ -29,7 +29,8 @@ def motion() -> FourierTrajectory:
 
 
 def test_a_csv_file_holds_the_motion(tmp_path: Path) -> None:
-    """Time, positions, velocities and accelerations of every joint, as the trajectory has them, with units above."""
+    """Time, positions, velocities and accelerations of every joint, as the trajectory has them,
+    with units above."""
     write_csv(tmp_path / "motion.csv", motion(), JOINTS, 100.0)
     head, *_ = (tmp_path / "motion.csv").read_text().splitlines()
     assert head.startswith("time [s],a position [rad],b position [rad],a velocity [rad/s]")
@@ -39,7 +40,8 @@ def test_a_csv_file_holds_the_motion(tmp_path: Path) -> None:
 
 
 def test_a_parquet_file_is_an_episode_of_commands(tmp_path: Path) -> None:
-    """Its `action` is the motion at its `timestamp`, to single precision, as datasets of LeRobot are read."""
+    """Its `action` is the motion at its `timestamp`, to single precision, as datasets of LeRobot
+    are read."""
     pq = pytest.importorskip("pyarrow.parquet")
     write_csv(tmp_path / "motion.parquet", motion(), JOINTS, 50.0)
     assert (
@@ -51,8 +53,8 @@ def test_a_parquet_file_is_an_episode_of_commands(tmp_path: Path) -> None:
 
 
 def test_a_goal_is_a_message_whose_quintics_are_the_motion(tmp_path: Path) -> None:
-    """The goal has the fields of JointTrajectory; quintics through its points, which the controller makes of it, stay
-    within 10 µrad of the motion."""
+    """The goal has the fields of JointTrajectory; quintics through its points, which the controller
+    makes of it, stay within 10 µrad of the motion."""
     write_goal(tmp_path / "goal.yaml", motion(), JOINTS, 20.0)
     trajectory = yaml.safe_load((tmp_path / "goal.yaml").read_text())["trajectory"]
     types = typestore().types
@@ -77,7 +79,8 @@ def test_a_rate_that_is_none_is_refused(tmp_path: Path, rate: float) -> None:
 
 
 def test_identify_judges_a_recording_as_its_motion_was_judged(tmp_path: Path) -> None:
-    """A light arm needs some periods: with as many `identify` calls the recording good, with one period poor."""
+    """A light arm needs some periods: with as many `identify` calls the recording good, with one
+    period poor."""
     (tmp_path / "arm.urdf").write_text(URDF)
     robot = load_robot(tmp_path / "arm.urdf")
     a, b = 0.7 * np.array([[0.5, 0.5, 0.5, 0.9, 0.9]]), 0.7 * np.array([[0.0, 0.4, 0.2, 0.5, 0.9]])

@@ -23,7 +23,8 @@ def test_velocity_and_acceleration_are_the_derivatives_of_position() -> None:
 
 
 def test_the_motion_starts_and_stops_at_rest_without_a_jump() -> None:
-    """At both ends q = q0, dq = ddq = 0, and the acceleration leaves zero more slowly than the square of time."""
+    """At both ends q = q0, dq = ddq = 0, and the acceleration leaves zero more slowly than the
+    square of time."""
     motion = trajectory()
     ends = np.array([0.0, motion.duration])
     for values, expected in zip(motion.evaluate(ends), (motion.q0, 0.0, 0.0), strict=True):

@@ -3,7 +3,8 @@
     python -m tests.fuzz --minutes 60 --seed 1 --out runs/fuzz
     python -m tests.fuzz --mutants 10000        # so many of bags and of files each
 
-What kills the process, or hangs it within a library, ends the run; the mutant is the last one in the folder.
+What kills the process, or hangs it within a library, ends the run; the mutant is the last one in
+the folder.
 """
 
 import argparse

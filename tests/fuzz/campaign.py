@@ -38,7 +38,8 @@ class Outcome:
 
 
 def try_one(target: Target, path: Path, content: bytes) -> tuple[str, str]:
-    """Return what became of a mutant, put at a path: "read", "refused", "traceback" or "hang", and what was raised."""
+    """Return what became of a mutant, put at a path: "read", "refused", "traceback" or "hang", and
+    what was raised."""
     path.write_bytes(content)
     for number, timer, seconds in _TIMERS:
         signal.signal(number, _hang)
@@ -72,7 +73,8 @@ def run(
     group: str = "",
     mutants: float = math.inf,
 ) -> dict[str, Outcome]:
-    """Feed mutants to the targets of a group (all by default) in turn, for some seconds, or so many; return outcomes.
+    """Feed mutants to the targets of a group (all by default) in turn, for some seconds, or so
+    many; return outcomes.
 
     The folder gets seeds and mutants, and keeps those that failed.
     """

@@ -29,7 +29,10 @@ from elastic_arm.robot.urdf import parse_urdf
 from tests.helpers.bags import stamps, states, two_sided, write_sqlite
 from tests.helpers.motions import trajectory
 
-MAP = "times: {key: t}\njoints: [a, b]\nlink:\n  position: {key: q, unit: deg, columns: [0, 1]}\nignore: [x*, s.*]\n"
+MAP = (
+    "times: {key: t}\njoints: [a, b]\nlink:\n  position: {key: q, unit: deg, columns: [0,"
+    " 1]}\nignore: [x*, s.*]\n"
+)
 TABLE_MAP = "times: {key: t}\njoints: [a, b]\nlink:\n  position: {key: [q, r], unit: deg}\n"
 CHANNELS = """
 defaults: {link: {position: {topic: /joint_states}}, motor: {effort: {topic: /joint_states, unit: A,
@@ -145,7 +148,8 @@ def _import(path: Path, mapping: Path) -> None:
 
 
 def _read_bag(path: Path) -> None:
-    """Do with a bag all that the commands do; a refusal by one does not keep the next from trying."""
+    """Do with a bag all that the commands do; a refusal by one does not keep the next from
+    trying."""
     copy = path.with_name("copy")
     shutil.rmtree(copy, ignore_errors=True)
     steps: tuple[Callable[[], object], ...] = (

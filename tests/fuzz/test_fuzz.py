@@ -98,7 +98,8 @@ def test_no_mutant_gets_more_than_a_line(tmp_path: Path, group: str) -> None:
 
 
 def test_every_whole_file_is_read(tmp_path: Path) -> None:
-    """What the mutants are made of reaches the end of what reads it: otherwise they would try the first step alone."""
+    """What the mutants are made of reaches the end of what reads it: otherwise they would try the
+    first step alone."""
     for name, target in targets(tmp_path / "seeds").items():
         for content in target.seeds:
             assert try_one(target, tmp_path / f"whole{target.suffix}", content) == ("read", ""), (
@@ -112,7 +113,8 @@ def test_every_whole_file_is_read(tmp_path: Path) -> None:
 def test_any_value_anywhere_is_read_or_refused(
     tmp_path_factory: pytest.TempPathFactory, name: str, data: st.DataObject
 ) -> None:
-    """A file whose fields are sound but for one, at any depth, which may be anything that YAML holds."""
+    """A file whose fields are sound but for one, at any depth, which may be anything that YAML
+    holds."""
     load, whole = LOADERS[name]
     content = yaml.safe_load(yaml.safe_dump(whole))
     at, key = content, data.draw(st.sampled_from(sorted(content)))

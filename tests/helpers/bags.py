@@ -88,7 +88,8 @@ def write_sqlite(
 def states(
     topic: str, stamp_ns: Iterable[int], names: Sequence[str] = JOINTS
 ) -> list[tuple[str, str, int, bytes]]:
-    """JointState messages whose numbers tell joint and row: position row + joint/10, velocity and effort beyond."""
+    """JointState messages whose numbers tell joint and row: position row + joint/10, velocity and
+    effort beyond."""
     rows = []
     for row, stamp in enumerate(stamp_ns):
         base = [row + (JOINTS.index(name) if name in JOINTS else 5) / 10 for name in names]
@@ -140,7 +141,8 @@ def write_yaml(path: Path, content: object) -> Path:
 
 
 def imported(path: Path, joints: Sequence[str], times: object, **mapping: object) -> Recording:
-    """Import arrays by a mapping of these joints; `times` is a rate in Hz, the name of an array, or a block."""
+    """Import arrays by a mapping of these joints; `times` is a rate in Hz, the name of an array, or
+    a block."""
     block = (
         times if isinstance(times, dict) else {"rate" if isinstance(times, float) else "key": times}
     )

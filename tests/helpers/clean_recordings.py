@@ -1,4 +1,5 @@
-"""Recordings that nothing is wrong with, of rigid arms with ordinary friction and ordinary sensors: cheap and many."""
+"""Recordings that nothing is wrong with, of rigid arms with ordinary friction and ordinary sensors:
+cheap and many."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -131,7 +132,8 @@ def driven(rng: np.random.Generator, name: str) -> tuple[Robot, Recording]:
 
 
 def told(rng: np.random.Generator, t: Array) -> Array:
-    """Return what a servo arm is told, (N, 4) rad: steps, sums of sines, or a hand that moves and rests."""
+    """Return what a servo arm is told, (N, 4) rad: steps, sums of sines, or a hand that moves and
+    rests."""
     kind = rng.integers(3)
     if kind == 0:
         whole = random_motion(rng, 4, SECONDS)

@@ -66,7 +66,8 @@ INSTANCES = {
 def random_motion(
     robot: Robot, rng: np.random.Generator, dof: int | None = None
 ) -> dict[str, np.ndarray]:
-    """A motion as of an excitation: deflections of a milliradian, velocities of half a radian a second."""
+    """A motion as of an excitation: deflections of a milliradian, velocities of half a radian a
+    second."""
     n = robot.n
     q, dq, ddq = rng.uniform(-1, 1, n), rng.uniform(-0.8, 0.8, n), rng.uniform(-3, 3, n)
     small = rng.uniform(-1, 1, (3, n)) * [[1e-3], [0.02], [0.5]]
@@ -79,7 +80,8 @@ def random_motion(
 
 
 def law_function(robot: Robot, instances: list[EffectInstance], model: str = "mod3") -> ca.Function:
-    """(channels, states of effects) -> what effects add to link, drive and motor (n,) each, and rates of the states."""
+    """(channels, states of effects) -> what effects add to link, drive and motor (n,) each, and
+    rates of the states."""
     equations = ArmEquations(robot, model)
     effect_set = EffectSet(instances, robot, DURATION)
     sizes = {name: equations.dof if name.endswith("x") else robot.n for name in CHANNELS}
@@ -103,7 +105,8 @@ def contribution(
     z: np.ndarray | None = None,
     model: str = "mod3",
 ) -> dict[str, np.ndarray]:
-    """What effects add to the residuals at one instant, (n,) each, and the rates of their states."""
+    """What effects add to the residuals at one instant, (n,) each, and the rates of their
+    states."""
     function = law_function(robot, instances, model)
     z = np.zeros(function.numel_in(len(CHANNELS))) if z is None else z
     values = function(*(motion.get(name, 0.0) for name in CHANNELS), z)

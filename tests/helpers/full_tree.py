@@ -1,4 +1,5 @@
-"""An arm in Pinocchio with every component a body on a joint of its own, reduced by the constant gear matrix G."""
+"""An arm in Pinocchio with every component a body on a joint of its own, reduced by the constant
+gear matrix G."""
 
 import numpy as np
 import pinocchio as pin
@@ -80,7 +81,8 @@ class FullTree:
 
     def mass_matrix(self, x: np.ndarray) -> np.ndarray:
         """(dof, dof)."""
-        # By columns of inverse dynamics: crba wants every subtree's joints in a row, and a robot's are not.
+        # By columns of inverse dynamics: crba wants every subtree's joints in a row, and a robot's
+        # are not.
         rest, unit = np.zeros(self.dof), np.eye(self.dof)
         weight = pin.rnea(self.model, self.data, self.G @ x, self.G @ rest, self.G @ rest)
         columns = [

@@ -16,7 +16,8 @@ SECONDS = (8.0, 6.0)
 
 @cache
 def courses(*faults: tuple[object, ...]) -> tuple[TrueChannels, TrueChannels]:
-    """Return two motions of an arm with faults given as (effect, joint, side, name, value, name, value, …)."""
+    """Return two motions of an arm with faults given as (effect, joint, side, name, value, name,
+    value, …)."""
     rng = np.random.default_rng(5)
     arm = HiddenArm(load_robot(None), [fault(*f) for f in faults])
     first, second = (arm.run(random_motion(rng, arm.n, s)) for s in SECONDS)

@@ -1,4 +1,5 @@
-"""MCAP files record by record, with whatever lengths and counts they are to claim; and how fast they are refused."""
+"""MCAP files record by record, with whatever lengths and counts they are to claim; and how fast
+they are refused."""
 
 import struct
 import time
@@ -87,7 +88,8 @@ def index(offsets: bytes) -> bytes:
 
 
 def quickly(work: Callable[[], object]) -> object:
-    """Do it within five seconds of the processor, and fail on anything but a RecordingError of one short line."""
+    """Do it within five seconds of the processor, and fail on anything but a RecordingError of one
+    short line."""
     begin = time.process_time()
     try:
         return work()

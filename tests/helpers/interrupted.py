@@ -12,7 +12,8 @@ from functools import partial
 def interrupted(script: Sequence[str], delay: float, patience: float) -> tuple[int, str]:
     """Return the status of a script, given as arguments of Python, and what it complained of.
 
-    It is interrupted as from a terminal, some seconds after its first line, and given `patience` seconds to end.
+    It is interrupted as from a terminal, some seconds after its first line, and given `patience`
+    seconds to end.
     """
     process = subprocess.Popen(
         [sys.executable, *script],

@@ -1,4 +1,5 @@
-"""A single linear drive, integrated by hand: a mass with friction under a servo, as an amplifier's log holds it."""
+"""A single linear drive, integrated by hand: a mass with friction under a servo, as an amplifier's
+log holds it."""
 
 from pathlib import Path
 
@@ -34,7 +35,8 @@ def write_axis(folder: Path) -> None:
 
 
 def log(rng: np.random.Generator, pace: float, seconds: float = 12.0) -> dict[str, object]:
-    """Return times (s), positions (mm) in steps of 1 µm, and voltages of a servo on a noisy amplifier."""
+    """Return times (s), positions (mm) in steps of 1 µm, and voltages of a servo on a noisy
+    amplifier."""
     t = np.arange(int(seconds * RATE)) / RATE
     reference = 0.1 * np.sin(pace * t) * np.tanh(t) + 0.04 * np.sin(3.3 * pace * t)
     positions, voltages = np.empty_like(t), np.empty_like(t)
@@ -46,7 +48,8 @@ def log(rng: np.random.Generator, pace: float, seconds: float = 12.0) -> dict[st
             friction = VISCOUS * v + COULOMB * np.tanh(v / 1e-4)
             v += (GAIN * voltages[k] - friction - OFFSET) / MASS / RATE / STEPS
             q += v / RATE / STEPS
-    # The drive holds its command from each sample to the next: recorded is the mean of the two that a sample bounds.
+    # The drive holds its command from each sample to the next: recorded is the mean of the two that
+    # a sample bounds.
     recorded = 0.5 * (voltages + np.concatenate([voltages[:1], voltages[:-1]]))
     return {
         "t": t,

@@ -28,7 +28,8 @@ def lively_excitation(folder: Path, seconds: float) -> Path:
 
 
 def planar_arm(links: int, **limits: float) -> Robot:
-    """Links of 0.5 m that swing in the vertical plane from 1 m above the floor, straight up at q = 0."""
+    """Links of 0.5 m that swing in the vertical plane from 1 m above the floor, straight up at q =
+    0."""
     body = Inertia(1.0, np.array([-0.25, 0.0, 0.0]), np.diag([1e-3, 1e-2, 1e-2]))
     first, after = np.eye(4), np.eye(4)
     first[:3, :3] = [[0, 1, 0], [0, 0, 1], [1, 0, 0]]

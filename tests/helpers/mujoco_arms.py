@@ -1,4 +1,5 @@
-"""Inverse dynamics of a model's arm as MuJoCo computes them, and as this package does from what it read."""
+"""Inverse dynamics of a model's arm as MuJoCo computes them, and as this package does from what it
+read."""
 
 from pathlib import Path
 
@@ -47,7 +48,8 @@ def stated_torque(robot: Robot, q: Array, dq: Array, ddq: Array) -> Array:
 def mujoco_torque(
     arm: MjcfArm, q: Array, dq: Array, ddq: Array, *, friction_loss: bool = False
 ) -> Array:
-    """Return the torque (N, n) of `mj_inverse`, without contacts and limits, and at will without friction loss."""
+    """Return the torque (N, n) of `mj_inverse`, without contacts and limits, and at will without
+    friction loss."""
     mj, model = engine(), arm.model
     off = mj.mjtDisableBit
     for flag in (off.mjDSBL_CONTACT, off.mjDSBL_LIMIT, off.mjDSBL_EQUALITY):
@@ -66,7 +68,8 @@ def mujoco_torque(
 def played(
     robot: Robot, text: str, commands: Array, start: Array, *, substeps: int, attached: bool = False
 ) -> Array:
-    """Return the angles q and theta (N, 2n) that an elastic arm's new MJCF has under motor torques (N, n)."""
+    """Return the angles q and theta (N, 2n) that an elastic arm's new MJCF has under motor torques
+    (N, n)."""
     mj, n, angles = engine(), robot.n, []
     model = mj.MjModel.from_xml_string(text)
     model.opt.disableflags |= int(mj.mjtDisableBit.mjDSBL_LIMIT)

@@ -76,7 +76,8 @@ def coarse_torque(step: float) -> Noise:
 def encoder(
     std: float = 0.0, bits: tuple[float, float] | None = None, velocity: str = "measured"
 ) -> Noise:
-    """Return angles with white noise (rad), rounded to bits of a turn, and velocities measured, differences or none."""
+    """Return angles with white noise (rad), rounded to bits of a turn, and velocities measured,
+    differences or none."""
 
     def noisy(channels: Channels, t: Array, rng: np.random.Generator) -> Channels:
         found = white(channels, t, rng)
@@ -96,7 +97,8 @@ def encoder(
 
 
 def jitter(std: float) -> Noise:
-    """Return samples taken at other instants than their regular stamps state, by so many seconds."""
+    """Return samples taken at other instants than their regular stamps state, by so many
+    seconds."""
 
     def noisy(channels: Channels, t: Array, rng: np.random.Generator) -> Channels:
         limit = 0.3 * (t[1] - t[0])
@@ -107,7 +109,8 @@ def jitter(std: float) -> Noise:
 
 
 def low_pass(cutoff: float) -> Noise:
-    """Return torques of which the noise has passed a first-order low pass, Hz: their own bandwidth is far higher."""
+    """Return torques of which the noise has passed a first-order low pass, Hz: their own bandwidth
+    is far higher."""
 
     def noisy(channels: Channels, t: Array, rng: np.random.Generator) -> Channels:
         seconds = 1.0 / (2 * np.pi * cutoff)

@@ -10,9 +10,13 @@ ROOT = Path(__file__).parents[2]
 
 
 def run_page(page: str, folder: Path) -> str:
-    """Run the commands of a page's shell blocks in a folder; return what they print. None of them may fail."""
+    """Run the commands of a page's shell blocks in a folder; return what they print. None of them
+    may fail."""
     commands = "".join(re.findall(r"```sh\n(.*?)```", page, flags=re.DOTALL))
-    script = f"set -eu\nelastic-arm() {{ {sys.executable} -c 'from elastic_arm.app import main; main()' \"$@\"; }}\n"
+    script = (
+        f"set -eu\nelastic-arm() {{ {sys.executable} -c 'from elastic_arm.app import main; main()'"
+        ' "$@"; }\n'
+    )
     env = {
         **os.environ,
         "PYTHONPATH": str(ROOT),

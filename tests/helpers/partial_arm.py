@@ -1,4 +1,5 @@
-"""An arm of six joints of which three have link encoders, and none a torque sensor, as big arms are built."""
+"""An arm of six joints of which three have link encoders, and none a torque sensor, as big arms are
+built."""
 
 from dataclasses import replace
 from functools import cache
@@ -26,7 +27,8 @@ def robot() -> Robot:
 def recordings(
     *faults: tuple[object, ...], seconds: tuple[float, ...] = (10.0, 6.0)
 ) -> tuple[Recording, ...]:
-    """Return recordings of the arm with faults, as in :func:`tests.helpers.hidden_arms.recordings`."""
+    """Return recordings of the arm with faults, as in
+    :func:`tests.helpers.hidden_arms.recordings`."""
     arm, rng = HiddenArm(robot(), [fault(*one) for one in faults]), np.random.default_rng(5)
     found = []
     for length in seconds:

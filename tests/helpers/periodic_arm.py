@@ -1,7 +1,9 @@
-"""A recording of an elastic arm without an integrator: periodic motion that meets the equations to rounding.
+"""A recording of an elastic arm without an integrator: periodic motion that meets the equations to
+rounding.
 
-The link angles are a finite Fourier series; the motor angles follow from the first row of (1) by fixed-point iteration
-with spectral derivatives, the torques from the second row and from the drive's law.
+The link angles are a finite Fourier series; the motor angles follow from the first row of (1) by
+fixed-point iteration with spectral derivatives, the torques from the second row and from the
+drive's law.
 """
 
 from collections.abc import Callable
@@ -102,7 +104,8 @@ def motor_motion(
 
 
 def below(frequency: float, x: np.ndarray, rate: float) -> np.ndarray:
-    """Whole periods (N, n) without what is faster: there the iteration would blow up rounding, and no motion is."""
+    """Whole periods (N, n) without what is faster: there the iteration would blow up rounding, and
+    no motion is."""
     spectrum = np.fft.rfft(x, axis=0)
     spectrum[np.fft.rfftfreq(len(x), 1.0 / rate) > frequency] = 0.0
     return np.fft.irfft(spectrum, len(x), axis=0)

@@ -1,4 +1,5 @@
-"""What a worker process of a test answers; a module of its own, as the process imports all of it at each start."""
+"""What a worker process of a test answers; a module of its own, as the process imports all of it at
+each start."""
 
 import os
 from collections.abc import Callable

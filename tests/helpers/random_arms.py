@@ -13,7 +13,8 @@ def random_arm(
 ) -> Robot:
     """Draw an arm of n joints.
 
-    Axes point anywhere, inertias are those of random point clouds, each component rides on either body at its joint.
+    Axes point anywhere, inertias are those of random point clouds, each component rides on either
+    body at its joint.
     """
     names = ["base", *(f"link_{i + 1}" for i in range(n))]
     joints = []

@@ -39,7 +39,8 @@ def record(
     noise: Callable[[tuple[int, ...], float, np.random.Generator], NDArray[np.float64]]
     | None = None,
 ) -> list[Recording]:
-    """Record an arm with encoders of 19 and 13 bits, no velocities, and stamps that jitter by 20 us.
+    """Record an arm with encoders of 19 and 13 bits, no velocities, and stamps that jitter by 20
+    us.
 
     The noise of the torques is white, or made of their shape and the samples a second.
     """

@@ -95,7 +95,8 @@ class Graph:
         return messages
 
     def status(self, node: str) -> dict[str, str]:
-        """Return what a node reports of itself on /diagnostics, kept up to date: figures, and its words as `said`."""
+        """Return what a node reports of itself on /diagnostics, kept up to date: figures, and its
+        words as `said`."""
         found: dict[str, str] = {}
 
         def note(message: DiagnosticArray) -> None:
@@ -109,7 +110,8 @@ class Graph:
         return found
 
     def until(self, condition: Callable[[], Any], what: str, patience: float = PATIENCE) -> None:
-        """Spin until a condition holds; fail when patience runs out, showing what the nodes said."""
+        """Spin until a condition holds; fail when patience runs out, showing what the nodes
+        said."""
         end = time.monotonic() + patience
         while not condition():
             if time.monotonic() > end:
@@ -122,7 +124,8 @@ class Graph:
         if service not in self._clients:
             self._clients[service] = self.peer.create_client(kind, service)
             self.until(self._clients[service].service_is_ready, f"{service} is offered")
-            # The client knows the server then; the server may yet have to discover where its answers are read.
+            # The client knows the server then; the server may yet have to discover where its
+            # answers are read.
             discovered = time.monotonic() + 0.5
             self.until(lambda: time.monotonic() > discovered, "half a second has passed")
         future = self._clients[service].call_async(request)

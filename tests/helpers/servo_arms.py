@@ -1,4 +1,5 @@
-"""Servo arms in MuJoCo, recorded by commands and positions alone: the arm of examples/servo_arm and what is changed."""
+"""Servo arms in MuJoCo, recorded by commands and positions alone: the arm of examples/servo_arm and
+what is changed."""
 
 import runpy
 from collections.abc import Mapping
@@ -37,7 +38,8 @@ def servo_arm(changes: Mapping[str, str] | None = None) -> MjcfArm:
 def recorded(
     arm: MjcfArm, rate: float, bits: int, *, seed: int = 0, seconds: float = 12.0, late: int = 0
 ) -> Recording:
-    """Return a recording of commands, of which the arm gets each some samples late, and positions."""
+    """Return a recording of commands, of which the arm gets each some samples late, and
+    positions."""
     told = _script()["commands"](seconds, seed, rate)
     given = np.vstack([told[:1].repeat(late, axis=0), told[: len(told) - late]])
     found = record_commands(arm, given, rate=rate, bits=bits)

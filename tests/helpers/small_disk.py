@@ -1,4 +1,5 @@
-"""A file system of a test's own, of some kilobytes or read-only: what no permission can stand for where root tests."""
+"""A file system of a test's own, of some kilobytes or read-only: what no permission can stand for
+where root tests."""
 
 import os
 import subprocess
@@ -11,7 +12,8 @@ import pytest
 
 @contextmanager
 def mounted(folder: Path, kilobytes: int) -> Iterator[Path]:
-    """Mount an empty file system of some kilobytes on a folder, and skip the test where that is not allowed."""
+    """Mount an empty file system of some kilobytes on a folder, and skip the test where that is not
+    allowed."""
     folder.mkdir(exist_ok=True)
     size = f"size={kilobytes}k"
     try:

@@ -10,7 +10,8 @@ Array = NDArray[np.float64]
 
 
 def smooth_motion(model: Model, samples: int = 500, period: float = 2e-3, seed: int = 0) -> Motion:
-    """Sums of three sines on q and theta (they move independently of each other); tau_J, tau_m by the model."""
+    """Sums of three sines on q and theta (they move independently of each other); tau_J, tau_m by
+    the model."""
     rng = np.random.default_rng(seed)
     t = period * np.arange(samples)
     q, theta = _sines(rng, t, model.n, 1.0), _sines(rng, t, model.n, 1e-3)

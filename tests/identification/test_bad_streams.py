@@ -1,4 +1,5 @@
-"""Streams with wrong stamps, gaps and pauses before there is much: the estimator takes up what follows."""
+"""Streams with wrong stamps, gaps and pauses before there is much: the estimator takes up what
+follows."""
 
 from dataclasses import replace
 from functools import cache
@@ -49,7 +50,8 @@ def fed(parts: list[Samples]) -> tuple[Identifier, list[str]]:
 @pytest.mark.parametrize("before", [1, 10, 5000])
 @pytest.mark.parametrize("alone", [True, False])
 def test_a_sample_stamped_in_the_future_does_not_end_the_stream(before: int, alone: bool) -> None:
-    """Samples after one that is stamped 12 days ahead are used as those before: not refused until that day."""
+    """Samples after one that is stamped 12 days ahead are used as those before: not refused until
+    that day."""
     first, strange = at(0, before), at(before, before + 1, FAR)
     parts = [first, strange] if alone else [joined(first, strange)]
     identifier, complaints = fed([*parts, *batches(before + 1, len(samples()))])
@@ -61,14 +63,16 @@ def test_a_sample_stamped_in_the_future_does_not_end_the_stream(before: int, alo
 
 @pytest.mark.parametrize("few", [1, 30])
 def test_a_few_samples_of_a_moving_arm_before_a_gap_do_not_end_the_stream(few: int) -> None:
-    """Neither rate nor smoother can be chosen by them: that is said once at most, and they are given up."""
+    """Neither rate nor smoother can be chosen by them: that is said once at most, and they are
+    given up."""
     identifier, complaints = fed([at(3000, 3000 + few), *batches(0, len(samples()), 60.0)])
     assert len(complaints) <= 1
     assert identifier.progress.samples > 0.9 * len(samples())
 
 
 def test_a_clock_set_back_begins_another_piece() -> None:
-    """Samples of a clock that is set back by more than a second are used, however long a piece is held."""
+    """Samples of a clock that is set back by more than a second are used, however long a piece is
+    held."""
     half = len(samples()) // 2
     identifier, complaints = fed([*batches(0, half), *batches(half, len(samples()), -1.5)])
     assert (complaints, identifier.progress.refused, identifier.progress.pieces) == ([], 0, 2)
@@ -91,7 +95,8 @@ def test_a_pause_before_the_arm_moves_chooses_no_smoother(count: int) -> None:
 
 
 def test_stamps_that_hardly_advance_take_no_memory() -> None:
-    """A nanosecond from sample to sample, the four seconds of motion never come: no more than so many are held."""
+    """A nanosecond from sample to sample, the four seconds of motion never come: no more than so
+    many are held."""
     run, crawling = IncomingRun(), at(3000, 8000)
     for k in range(2 + CAPACITY // 5000):
         run.take(replace(crawling, t=k * 1e-5 + 1e-9 * np.arange(5000)))
@@ -101,7 +106,8 @@ def test_stamps_that_hardly_advance_take_no_memory() -> None:
 
 @pytest.mark.parametrize("count", [12, 32])
 def test_a_smoother_is_not_chosen_by_a_handful_of_samples(count: int) -> None:
-    """The filter that estimates the noise has not settled by then: refused in words, without a number made up."""
+    """The filter that estimates the noise has not settled by then: refused in words, without a
+    number made up."""
     few = at(3000, 3000 + count)
     with pytest.raises(IdentificationError, match=f"{count} samples in a row are too few"):
         design_smoother(Clock(1000.0).place(few), 3)

@@ -47,14 +47,16 @@ def test_base_columns_are_independent(model: Model) -> None:
 
 
 def test_the_full_model_of_the_arm_has_26_base_parameters() -> None:
-    """mod3 with locked bearings has rank 26, as an independent count found; K and D are six of them."""
+    """mod3 with locked bearings has rank 26, as an independent count found; K and D are six of
+    them."""
     base = BaseRegression(build_model(load_robot(None), "mod3"), BOTH).base
     assert len(base) == 26
     assert sum(name.endswith((".K", ".D")) for name in base.names) == 6
 
 
 def test_one_encoder_side_sees_fewer_parameters(model: Model) -> None:
-    """With theta = q there are no deflections, so K and D drop out and the rest regroups exactly."""
+    """With theta = q there are no deflections, so K and D drop out and the rest regroups
+    exactly."""
     equations = BaseRegression(model, ("theta", "tau_m"))
     base, n = equations.base, model.n
     assert not any(name.endswith((".K", ".D")) for name in base.names)
@@ -84,7 +86,8 @@ def test_names_are_the_combinations(model: Model) -> None:
 
 
 def test_coefficients_are_readable_numbers() -> None:
-    """The mass of link 3 enters the inertia of link 2 with the square of its length, written as such."""
+    """The mass of link 3 enters the inertia of link 2 with the square of its length, written as
+    such."""
     base = BaseRegression(build_model(load_robot(None), "mod3"), BOTH).base
     assert any("0.5625 link_3.m" in name for name in base.names)
     assert any(

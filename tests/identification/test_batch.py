@@ -56,7 +56,8 @@ def fed(model: Model, samples: Samples, cuts: list[int]) -> Identifier:
 
 
 def test_all_threads_identify_what_one_does(model: Model, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of a recording of several runs, smoothed ahead, parameters and standard deviations are the same to rounding."""
+    """Of a recording of several runs, smoothed ahead, parameters and standard deviations are the
+    same to rounding."""
     long = recorded(record(model, np.random.default_rng(3), periods=7, **REAL))
     settings = IdentificationSettings(consistent=False)
     found = []
@@ -72,7 +73,8 @@ def test_all_threads_identify_what_one_does(model: Model, monkeypatch: pytest.Mo
 
 
 def test_both_torques_identify_an_arm_described_as_rigid(samples: Samples) -> None:
-    """A description without transmissions has one equation a joint, measured by both torque sensors: both are used."""
+    """A description without transmissions has one equation a joint, measured by both torque
+    sensors: both are used."""
     rigid = parse_urdf(to_urdf(load_robot(None)))
     found = identify(recorded(samples), rigid, IdentificationSettings(consistent=False))
     assert set(found.noise) == {"joint", "whole"}
@@ -88,7 +90,8 @@ def test_both_torques_identify_an_arm_described_as_rigid(samples: Samples) -> No
 
 @pytest.mark.slow(4)
 def test_intervals_cover_the_truth_over_seeds(model: Model) -> None:
-    """95 % intervals of all 26 parameters, with a smoother's coloured errors, cover in 92 to 98.5 % of cases."""
+    """95 % intervals of all 26 parameters, with a smoother's coloured errors, cover in 92 to 98.5 %
+    of cases."""
     hits, bias = [], []
     for seed in SEEDS:
         identifier = fed(model, record(model, np.random.default_rng(100 + seed), **REAL), [])
@@ -101,7 +104,8 @@ def test_intervals_cover_the_truth_over_seeds(model: Model) -> None:
 
 
 def test_a_lost_sample_and_a_gap_lose_nothing_else(model: Model, samples: Samples) -> None:
-    """Short holes are bridged, a long gap starts a new piece; the estimate stays within its intervals."""
+    """Short holes are bridged, a long gap starts a new piece; the estimate stays within its
+    intervals."""
     lost = np.r_[3000:3002, 9000:9500]
     identifier = fed(model, part(samples, np.setdiff1d(np.arange(len(samples)), lost)), [5000])
     found, true = identifier.fit(), identifier.equations.base.T @ model.Psi
@@ -145,9 +149,11 @@ def test_reset_forgets_and_pause_ignores(model: Model, samples: Samples) -> None
 def test_every_set_of_channels_is_identified_by_the_equations_it_allows(
     model: Model, samples: Samples, missing: tuple[str, ...], sides: tuple[str, ...]
 ) -> None:
-    """Whatever is missing, the remaining equations give the parameters that they see, without a bias that stands out.
+    """Whatever is missing, the remaining equations give the parameters that they see, without a
+    bias that stands out.
 
-    Where one encoder stands for both, theta = q is an approximation: what is left then is the elasticity.
+    Where one encoder stands for both, theta = q is an approximation: what is left then is the
+    elasticity.
     """
     identifier = fed(model, replace(samples, **dict.fromkeys(missing)), [])
     assert identifier.equations.sides == sides
@@ -171,7 +177,8 @@ def test_recordings_with_different_channels_are_refused(model: Model, samples: S
 
 
 def test_a_law_beside_the_model_is_identified(model: Model, samples: Samples) -> None:
-    """Viscous friction added to the motor torque of joint 2 is found within its interval, and none elsewhere."""
+    """Viscous friction added to the motor torque of joint 2 is found within its interval, and none
+    elsewhere."""
     rubbed = samples.tau_m.copy()
     rubbed[:, 1] += 12.0 * samples.dtheta[:, 1]
     laws = parse_laws(["viscous_friction"], model.robot)
@@ -189,7 +196,8 @@ def test_a_law_beside_the_model_is_identified(model: Model, samples: Samples) ->
 def test_laws_too_long_for_the_recording_and_unreadable_ones_are_refused(
     model: Model, samples: Samples
 ) -> None:
-    """A run that outlasts the smoother once, but not the laws' second pass, is refused; so is a law said twice."""
+    """A run that outlasts the smoother once, but not the laws' second pass, is refused; so is a law
+    said twice."""
     identifier = identifier_of(model.robot, "mod3", parse_laws(["viscous_friction"], model.robot))
     grid = Clock.of(samples).place(samples)[0]
     smoother = design_smoother([grid], model.n)
@@ -200,7 +208,8 @@ def test_laws_too_long_for_the_recording_and_unreadable_ones_are_refused(
 
 
 def test_a_poor_excitation_is_known_before_any_fit(model: Model) -> None:
-    """A slow motion of two harmonics is called poor without a look at the torques, a rich one is not."""
+    """A slow motion of two harmonics is called poor without a look at the torques, a rich one is
+    not."""
     verdicts = []
     for harmonics in (2, 10):
         samples = record(model, np.random.default_rng(3), harmonics=harmonics, **REAL)
@@ -251,7 +260,8 @@ def test_an_arm_at_rest_is_refused(samples: Samples) -> None:
 
 
 def test_noise_is_that_of_the_rows_that_count(model: Model, samples: Samples) -> None:
-    """Leaving out every other instant of a joint, as if it stuck there, makes its noise no smaller."""
+    """Leaving out every other instant of a joint, as if it stuck there, makes its noise no
+    smaller."""
     found = []
     for every in (1, 2):
         identifier = Identifier(model)

@@ -1,4 +1,5 @@
-"""Physically consistent parameters: possible bodies, true to the data, close to the nominal elsewhere."""
+"""Physically consistent parameters: possible bodies, true to the data, close to the nominal
+elsewhere."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -80,7 +81,8 @@ def test_every_body_is_physically_possible(result: Identification, true_robot: R
 
 
 def test_consistent_arm_predicts_as_well_as_the_free_fit(result: Identification) -> None:
-    """On a motion no fit has seen the consistent arm leaves at most 10 % more than the base parameters."""
+    """On a motion no fit has seen the consistent arm leaves at most 10 % more than the base
+    parameters."""
     found = result.validation["other"]
     for side, by_joint in found["identified"].items():
         for joint, left in by_joint.items():
@@ -91,7 +93,8 @@ def test_consistent_arm_predicts_as_well_as_the_free_fit(result: Identification)
 def test_stiffness_and_motor_inertia_come_out_to_a_thousandth(
     result: Identification, true_robot: Robot
 ) -> None:
-    """From a nominal 20 % off, K is found to 0.1 %, and the inertia of joint 2's motor side to 0.1 %."""
+    """From a nominal 20 % off, K is found to 0.1 %, and the inertia of joint 2's motor side to 0.1
+    %."""
     for joint in result.identified.joints:
         true = true_robot.joints[
             result.identified.joint_names.index(joint.name)
@@ -110,7 +113,8 @@ def test_stiffness_and_motor_inertia_come_out_to_a_thousandth(
 def test_errors_count_as_alike_over_half_a_period_only_where_the_motion_repeats(
     true_robot: Robot,
 ) -> None:
-    """Blocks show how far sensors' noise is correlated; where the motion repeats, so may what the model misses."""
+    """Blocks show how far sensors' noise is correlated; where the motion repeats, so may what the
+    model misses."""
     samples = record(
         build_model(true_robot, "mod3"),
         np.random.default_rng(1),
@@ -127,7 +131,8 @@ def test_errors_count_as_alike_over_half_a_period_only_where_the_motion_repeats(
 
 
 def of_rigid_arm(described: Robot, harmonics: int, trembles: float | None = None) -> Recording:
-    """Return 20 s of a rigid arm with friction; of joint 1 held with a tremble of 20 Hz, rad, if it is said."""
+    """Return 20 s of a rigid arm with friction; of joint 1 held with a tremble of 20 Hz, rad, if it
+    is said."""
     rate, rng, t = 500.0, np.random.default_rng(1), np.arange(10_000) / 500.0
     q = link_motion(described.n, t, 20.0, harmonics, rng)
     if trembles is not None:
@@ -149,7 +154,8 @@ def of_rigid_arm(described: Robot, harmonics: int, trembles: float | None = None
 def test_errors_of_averages_count_as_white_ones_at_least(
     true_robot: Robot, harmonics: int, trembles: float | None, least: float
 ) -> None:
-    """What friction leaves follows the joints that move, not one that trembles; fewer averages than half periods."""
+    """What friction leaves follows the joints that move, not one that trembles; fewer averages than
+    half periods."""
     rigid = parse_urdf(to_urdf(true_robot))
     settings = IdentificationSettings(consistent=False)
     _, identifier, _ = identify_with(of_rigid_arm(rigid, harmonics, trembles), rigid, settings)
@@ -184,7 +190,8 @@ def test_identified_laws_become_effects_of_the_arm(true_robot: Robot) -> None:
 
 
 def test_no_identified_friction_drives(true_robot: Robot) -> None:
-    """Friction that a recording puts below zero, as where the model lacks something, is none in the arm."""
+    """Friction that a recording puts below zero, as where the model lacks something, is none in the
+    arm."""
     laws = parse_laws(["viscous_friction:joint_2"], true_robot)
     identifier = identifier_of(true_robot, "mod3", laws)
     identifier.add(
@@ -200,7 +207,8 @@ def test_no_identified_friction_drives(true_robot: Robot) -> None:
 
 
 def test_only_what_is_surely_below_zero_speaks_against_the_model(true_robot: Robot) -> None:
-    """Friction of zero but for its uncertainty, tried where there is none, is no sign of a wrong model."""
+    """Friction of zero but for its uncertainty, tried where there is none, is no sign of a wrong
+    model."""
     laws = parse_laws(["viscous_friction:joint_2"], true_robot)
     identifier = identifier_of(true_robot, "mod3", laws)
     identifier.add(
@@ -215,7 +223,8 @@ def test_only_what_is_surely_below_zero_speaks_against_the_model(true_robot: Rob
 
 
 def test_what_the_data_do_not_say_stays_with_the_nominal(true_robot: Robot) -> None:
-    """The mass of link 1, which turns about a vertical axis and enters no equation, stays as described."""
+    """The mass of link 1, which turns about a vertical axis and enters no equation, stays as
+    described."""
     identifier = identifier_of(true_robot)
     identifier.add(
         record(identifier.model, np.random.default_rng(4), encoder_noise=1e-6, velocity_noise=1e-4)
@@ -226,7 +235,8 @@ def test_what_the_data_do_not_say_stays_with_the_nominal(true_robot: Robot) -> N
 
 
 def test_links_with_masses_that_no_such_link_has_are_named() -> None:
-    """Far too heavy or too light, with both masses; ordinary errors and links that weigh next to nothing are not."""
+    """Far too heavy or too light, with both masses; ordinary errors and links that weigh next to
+    nothing are not."""
     robot = random_arm(4, np.random.default_rng(0), elastic=False)
 
     def with_masses(*masses: float) -> Robot:

@@ -1,4 +1,5 @@
-"""Two encoders and motor torque without joint torque sensors: nothing collapses to nothing, and doubts are listed."""
+"""Two encoders and motor torque without joint torque sensors: nothing collapses to nothing, and
+doubts are listed."""
 
 from dataclasses import replace
 
@@ -21,7 +22,8 @@ def arm() -> Robot:
 
 
 def described(arm: Robot) -> Robot:
-    """Return a description of the arm with links 30 % too heavy, springs 30 % too soft, dampings 50 % too large."""
+    """Return a description of the arm with links 30 % too heavy, springs 30 % too soft, dampings 50
+    % too large."""
     for joint in arm.joints:
         springs = replace(
             joint.transmission,
@@ -55,7 +57,8 @@ def value_of(result: Identification, name: str) -> float:
 
 @pytest.mark.parametrize("noise", [1e-6, 1e-4])
 def test_torque_sets_the_scale_whatever_the_encoders_noise(arm: Robot, noise: float) -> None:
-    """From a description that is 30 % wrong, stiffnesses come out to 3 % and all parameters within their deviations."""
+    """From a description that is 30 % wrong, stiffnesses come out to 3 % and all parameters within
+    their deviations."""
     samples = measured(arm, noise)
     result = identify(
         without_sensors(arm, samples, samples.q),
@@ -71,7 +74,8 @@ def test_torque_sets_the_scale_whatever_the_encoders_noise(arm: Robot, noise: fl
 
 
 def test_a_damping_that_the_recording_does_not_hold_stays_with_the_description(arm: Robot) -> None:
-    """With 1e-4 rad of encoder noise no damping of joint 1 is known: it is the description's, "not", and listed."""
+    """With 1e-4 rad of encoder noise no damping of joint 1 is known: it is the description's,
+    "not", and listed."""
     samples = measured(arm, 1e-4)
     nominal = described(arm)
     result = identify(
@@ -83,7 +87,8 @@ def test_a_damping_that_the_recording_does_not_hold_stays_with_the_description(a
 
 
 def test_lag_and_offset_of_a_link_encoder_are_not_read_as_compliance(arm: Robot) -> None:
-    """A link encoder 2 ms late and 0.5 mrad off is said to be, and stiffnesses stay right to 3 %."""
+    """A link encoder 2 ms late and 0.5 mrad off is said to be, and stiffnesses stay right to 3
+    %."""
     samples = measured(arm, 1e-6)
     late = samples.q - LAG * samples.dq + OFFSET
     result = identify(
@@ -102,7 +107,8 @@ def test_lag_and_offset_of_a_link_encoder_are_not_read_as_compliance(arm: Robot)
 
 
 def test_zeros_that_differ_between_recordings_are_aligned_and_said(arm: Robot) -> None:
-    """Two recordings whose link encoders count from 3 mrad apart give the stiffness that each alone gives."""
+    """Two recordings whose link encoders count from 3 mrad apart give the stiffness that each alone
+    gives."""
     first, second = measured(arm, 1e-6), measured(arm, 1e-6, seed=1)
     both = [
         without_sensors(arm, first, first.q, "first"),

@@ -17,7 +17,8 @@ LAWS = SimpleNamespace(columns=(None,), laws=lambda motion: np.zeros((len(motion
 
 
 def samples(angles: np.ndarray, rate: float = RATE, lost: slice | None = None) -> Samples:
-    """Return a recording of angles (N, n) alone, read with 1e-6 rad; samples are lost where it is said."""
+    """Return a recording of angles (N, n) alone, read with 1e-6 rad; samples are lost where it is
+    said."""
     kept = np.ones(len(angles), dtype=bool)
     if lost is not None:
         kept[lost] = False
@@ -43,7 +44,8 @@ def stuck(recording: Samples) -> np.ndarray:
 
 
 def test_a_joint_that_is_parked_sticks_in_every_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where runs are shorter than the 7.5 s for which it stands, their own speeds do not show it."""
+    """Where runs are shorter than the 7.5 s for which it stands, their own speeds do not show
+    it."""
     angles, end = swinging(), round(12.5 * RATE)
     angles[end:, 0] = angles[end, 0]
     whole = stuck(samples(angles))
@@ -65,14 +67,16 @@ def test_a_run_or_piece_of_one_sample_is_no_error(monkeypatch: pytest.MonkeyPatc
 
 
 def test_reversals_are_as_short_in_motion_that_is_thinned() -> None:
-    """A reversal of 2 ms is none at which a joint sticks, though one sample of those that are kept falls into it."""
+    """A reversal of 2 ms is none at which a joint sticks, though one sample of those that are kept
+    falls into it."""
     stage = DerivativeStage(samples(swinging(frequency=2.0)))
     motions = list(stage(LAWS, stuck=True).motions)
     assert not any(motion.stuck.any() for motion in motions)
 
 
 def test_a_recording_that_is_too_short_is_named_with_what_it_needs() -> None:
-    """Its own length and all that is needed: twice as much with laws, which pass the smoother a second time."""
+    """Its own length and all that is needed: twice as much with laws, which pass the smoother a
+    second time."""
     whole = DerivativeStage(samples(swinging()))._smoother.lag / RATE
     seconds = round(3.0 * whole, 1)
     short = DerivativeStage(samples(swinging(seconds)), source="runs/short")

@@ -1,4 +1,5 @@
-"""Deviations from few blocks: how many of them count, and intervals that hold the truth all the same."""
+"""Deviations from few blocks: how many of them count, and intervals that hold the truth all the
+same."""
 
 import numpy as np
 import pytest
@@ -30,9 +31,11 @@ def test_a_direction_that_two_blocks_determine_has_one_degree_of_freedom() -> No
 
 
 def test_parameters_known_by_their_ratio_stay_so_when_deviations_are_widened() -> None:
-    """Two parameters whose ratio is known 1e6 times better than themselves: chi² of both errors is that of two.
+    """Two parameters whose ratio is known 1e6 times better than themselves: chi² of both errors is
+    that of two.
 
-    Blocks determine them unequally, so that factors for each parameter by itself would differ and break the ratio.
+    Blocks determine them unequally, so that factors for each parameter by itself would differ and
+    break the ratio.
     """
     found = []
     for seed in range(200):
@@ -57,7 +60,8 @@ def test_parameters_known_by_their_ratio_stay_so_when_deviations_are_widened() -
 
 @pytest.mark.parametrize("strong", [2, 4, 12])
 def test_intervals_hold_the_truth_where_few_blocks_determine_a_parameter(strong: int) -> None:
-    """Over 400 draws of 12 blocks, `strong` of which excite the first parameter: both are covered in 92 to 99.9 %."""
+    """Over 400 draws of 12 blocks, `strong` of which excite the first parameter: both are covered
+    in 92 to 99.9 %."""
     hits = []
     for seed in range(400):
         rng = np.random.default_rng(seed)
@@ -74,7 +78,8 @@ def test_intervals_hold_the_truth_where_few_blocks_determine_a_parameter(strong:
 
 
 def test_a_prior_on_weak_parameters_leaves_the_deviations_of_the_others() -> None:
-    """Eight parameters beside sixteen that a prior alone determines: deviations are those of their own regression."""
+    """Eight parameters beside sixteen that a prior alone determines: deviations are those of their
+    own regression."""
     ratios = []
     for seed in range(20):
         rng = np.random.default_rng(seed)
@@ -91,7 +96,8 @@ def test_a_prior_on_weak_parameters_leaves_the_deviations_of_the_others() -> Non
 
 
 def test_a_prior_that_the_data_outweigh_changes_nothing() -> None:
-    """Two blocks, each with parameters of its own, and noise of 1e-6: estimate and deviations are those without prior.
+    """Two blocks, each with parameters of its own, and noise of 1e-6: estimate and deviations are
+    those without prior.
 
     The prior is of unit size about zero; the parameters are three of its deviations off.
     """
@@ -110,7 +116,8 @@ def test_a_prior_that_the_data_outweigh_changes_nothing() -> None:
 
 
 def test_intervals_hold_the_truth_where_errors_last_longer_than_blocks() -> None:
-    """Errors and motion that last over several of 48 blocks, as what a model lacks does: 86 to 99 % of 300 cover.
+    """Errors and motion that last over several of 48 blocks, as what a model lacks does: 86 to 99 %
+    of 300 cover.
 
     Of blocks as they are 71 % do. Scores of white errors resemble no neighbours.
     """

@@ -9,7 +9,8 @@ from elastic_arm.identification.least_squares import Blocks, Fit, fit, triangula
 
 
 def noisy(signal: float, seed: int) -> Fit:
-    """Fit y = 2 a - b from 12 blocks in which `a`, of size `signal`, is seen through noise of size one."""
+    """Fit y = 2 a - b from 12 blocks in which `a`, of size `signal`, is seen through noise of size
+    one."""
     rng, blocks = np.random.default_rng(seed), Blocks(1, 3)
     for _ in range(12):
         phi = rng.standard_normal((60, 2)) * [signal, 1.0]
@@ -24,14 +25,16 @@ def noisy(signal: float, seed: int) -> Fit:
 
 @pytest.mark.parametrize("signal", [0.5, 1.0, 3.0])
 def test_intervals_hold_the_truth_however_much_of_a_column_is_noise(signal: float) -> None:
-    """Also where noise makes up four fifths of a column's sums, intervals of both parameters hold in 92 % and more."""
+    """Also where noise makes up four fifths of a column's sums, intervals of both parameters hold
+    in 92 % and more."""
     found = [noisy(signal, seed) for seed in range(200)]
     held = np.array([np.abs(each.Psi - [2.0, -1.0]) < 1.96 * each.std for each in found])
     assert np.all(held.mean(axis=0) >= 0.92), held.mean(axis=0)
 
 
 def test_no_more_noise_is_taken_off_than_leaves_something() -> None:
-    """Of noise twice as large as the sums as much is taken off as leaves a tenth of these; little noise goes whole."""
+    """Of noise twice as large as the sums as much is taken off as leaves a tenth of these; little
+    noise goes whole."""
     rows = triangular(np.random.default_rng(0).standard_normal((50, 4)))
     assert correction_share(rows, 0.5 * rows.T @ rows) == 1.0
     assert correction_share(rows, 2.0 * rows.T @ rows) == pytest.approx(MOST_TAKEN_OFF / 2.0)

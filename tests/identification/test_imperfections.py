@@ -49,7 +49,8 @@ def identified(
 
 
 def test_a_base_off_level_is_identified_though_nobody_asked(robot: Robot) -> None:
-    """A tilt of 25 mrad comes out within four deviations of each component, and robot.yaml has it."""
+    """A tilt of 25 mrad comes out within four deviations of each component, and robot.yaml has
+    it."""
     tilt = EffectInstance(EFFECTS[TILT], None, {"x": 0.02, "y": -0.015})
     found = identified(robot, [recorded(robot, [tilt])], [recorded(robot, [tilt], 4)])
     sizes = {e.name.rpartition(".")[2]: e for e in found.estimates if e.name.startswith(TILT)}
@@ -117,7 +118,8 @@ def test_what_was_asked_for_is_no_imperfection(robot: Robot) -> None:
 
 
 def test_the_prior_of_what_is_ordinary_weighs_as_the_errors_last(robot: Robot) -> None:
-    """Where errors are a hundred times more than white ones in variance, so is the prior's information.
+    """Where errors are a hundred times more than white ones in variance, so is the prior's
+    information.
 
     The deviations count its own errors all the same.
     """
@@ -143,7 +145,8 @@ def test_the_prior_of_what_is_ordinary_weighs_as_the_errors_last(robot: Robot) -
 
 
 def test_a_rigid_arm_has_one_side(robot: Robot) -> None:
-    """Friction is felt by joint torque sensors where they alone are recorded, and not asked for twice."""
+    """Friction is felt by joint torque sensors where they alone are recorded, and not asked for
+    twice."""
     laws = parse_laws(["coulomb_friction", "coulomb_friction:side=link"], robot)
     felt, moved = on_recorded_side(laws, robot, motored=False)
     assert {instance.sides for instance in felt} == {("link",)} and len(felt) == robot.n
@@ -156,7 +159,8 @@ def test_a_rigid_arm_has_one_side(robot: Robot) -> None:
 
 
 def test_what_an_identification_adds_is_no_law_of_the_next_one(robot: Robot) -> None:
-    """Its robot.yaml is identified anew with other channels, and zeros are held about what it states."""
+    """Its robot.yaml is identified anew with other channels, and zeros are held about what it
+    states."""
     tilt = EffectInstance(EFFECTS[TILT], None, {"x": 0.02, "y": -0.015})
     whole = recorded(robot, [tilt])
     torques = whole.samples().tau_m + np.array([5.0, 0.0, 0.0, 0.0])
@@ -204,7 +208,8 @@ def test_a_tilt_of_which_one_component_shows_is_identified(robot: Robot) -> None
 
 
 def test_the_prior_of_the_description_is_kept_where_a_zero_is_part_of_a_base_parameter() -> None:
-    """Of a vertical sliding axis a zero and a mass are one base parameter: the mass keeps its prior."""
+    """Of a vertical sliding axis a zero and a mass are one base parameter: the mass keeps its
+    prior."""
     slide = random_arm(2, np.random.default_rng(1), elastic=False, prismatic=[0]).with_armatures()
     samples = recorded(slide, []).samples()
     possible = possible_imperfections([samples], slide, parse_laws(["viscous_friction"], slide))

@@ -1,4 +1,5 @@
-"""A real robot: KUKA KR300, encoders on both sides of three axes, no joint torque sensors, link encoders 3 ms late."""
+"""A real robot: KUKA KR300, encoders on both sides of three axes, no joint torque sensors, link
+encoders 3 ms late."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -55,7 +56,8 @@ def value_of(result: Identification, name: str) -> float:
 def test_stiffness_is_never_called_well_determined_far_from_the_nominal(
     result: Identification,
 ) -> None:
-    """A stiffness is the description's and "not" known, or within a factor of two of it: there is no collapse."""
+    """A stiffness is the description's and "not" known, or within a factor of two of it: there is
+    no collapse."""
     for e in result.estimates:
         if e.name.endswith(".K"):
             assert (e.value == e.nominal and e.verdict == "not") or 0.5 < e.value / e.nominal < 2.0
@@ -65,7 +67,8 @@ def test_stiffness_is_never_called_well_determined_far_from_the_nominal(
 def test_undetermined_springs_stay_described_whatever_the_speeds_of_friction(
     laws: tuple[str, ...],
 ) -> None:
-    """Where each joint's friction turns over at its own speed, springs are the description's, in each order of laws."""
+    """Where each joint's friction turns over at its own speed, springs are the description's, in
+    each order of laws."""
     robot = load_robot(DATA / "kr300_3_elastic.yaml")
     recorded = [(recording, recording.samples()) for recording in (load("A"), load("C"))]
     effects = parse_laws(laws, robot)

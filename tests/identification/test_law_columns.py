@@ -16,7 +16,8 @@ MODEL = build_model(ROBOT, "mod3")
 
 
 def test_laws_of_identification_need_no_course_of_time() -> None:
-    """Samples in any order give the same columns, in that order; missing torques are taken for zero."""
+    """Samples in any order give the same columns, in that order; missing torques are taken for
+    zero."""
     (column,) = law_columns(
         [parse("viscous_friction:joint_2:coefficient=1,side=motor", ROBOT)], ROBOT
     )
@@ -30,7 +31,8 @@ def test_laws_of_identification_need_no_course_of_time() -> None:
 
 
 def test_a_value_of_what_is_to_be_found_is_refused() -> None:
-    """A size that is given with a law would be ignored; what the columns need, such as a rest angle, is taken."""
+    """A size that is given with a law would be ignored; what the columns need, such as a rest
+    angle, is taken."""
     with pytest.raises(
         IdentificationError,
         match=r"torque is what identification finds.*Leave it out: .*:joint_2\.",
@@ -42,6 +44,7 @@ def test_a_value_of_what_is_to_be_found_is_refused() -> None:
 
 @pytest.mark.parametrize("law", ["motor_torque_gain", "joint_torque_gain:joint_2"])
 def test_a_torque_gain_is_refused_beside_masses(law: str) -> None:
-    """With its gain left open a torque explains itself, with masses of zero: that is no identification."""
+    """With its gain left open a torque explains itself, with masses of zero: that is no
+    identification."""
     with pytest.raises(IdentificationError, match=r"explains itself.*--refit"):
         parse_laws([law], ROBOT)

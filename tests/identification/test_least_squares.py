@@ -68,7 +68,8 @@ def ill_conditioned(
 
 
 def test_error_is_no_larger_than_ten_times_that_of_lstsq_at_condition_1e7() -> None:
-    """Squaring into a Gram matrix loses nothing: at condition 1e7 the solution is as good as numpy's from the rows."""
+    """Squaring into a Gram matrix loses nothing: at condition 1e7 the solution is as good as
+    numpy's from the rows."""
     rng = np.random.default_rng(3)
     phi = ill_conditioned(rng, 16384, 20, 1e7)
     Psi = rng.standard_normal(20)
@@ -87,7 +88,8 @@ def test_dependent_columns_leave_zero_rows_not_nonsense() -> None:
 
 
 def test_memory_is_bounded_however_long_the_stream() -> None:
-    """After many more units than blocks there are never more than the agreed number, and no sample is lost."""
+    """After many more units than blocks there are never more than the agreed number, and no sample
+    is lost."""
     blocks = Blocks(1, 3, most=8)
     unit = (np.ones((1, 3, 3)), np.zeros((1, 3, 3)))
     for count in range(1, 1001):
@@ -98,7 +100,8 @@ def test_memory_is_bounded_however_long_the_stream() -> None:
 
 
 def test_noise_of_each_group_is_found_and_weighs_it() -> None:
-    """Residual noise comes out to 3 % per group, and weighting makes the estimate better than ordinary squares."""
+    """Residual noise comes out to 3 % per group, and weighting makes the estimate better than
+    ordinary squares."""
     errors = []
     for seed in range(8):
         rows, Psi = problem(np.random.default_rng(seed), 8192)
@@ -114,7 +117,8 @@ def test_noise_of_each_group_is_found_and_weighs_it() -> None:
 
 @pytest.mark.parametrize("colour", [0.0, 0.95, 0.99])
 def test_standard_deviations_cover_the_truth_for_white_and_coloured_errors(colour: float) -> None:
-    """95 % intervals cover the truth in 91 to 98 % of cases over 40 seeds and 12 parameters, whatever the colour."""
+    """95 % intervals cover the truth in 91 to 98 % of cases over 40 seeds and 12 parameters,
+    whatever the colour."""
     hits = []
     for seed in range(40):
         found, Psi = solved(seed, colour)
@@ -149,7 +153,8 @@ def test_too_few_samples_are_refused() -> None:
 
 
 def test_weights_for_misfit_make_the_sum_of_residuals_least() -> None:
-    """Where no parameters explain all groups, half the power of the noise gives the least sum of rms residuals."""
+    """Where no parameters explain all groups, half the power of the noise gives the least sum of
+    rms residuals."""
     rng = np.random.default_rng(4)
     rows = (
         rng.standard_normal((GROUPS, 4096, P + 1)) * np.geomspace(1.0, 30.0, GROUPS)[:, None, None]

@@ -21,7 +21,8 @@ DOWN = np.array([0.0, 0.0, -9.81])
 def motion(
     robot: Robot, gravity: Array, channel: str, size: float = 1.0, zero: float = 0.0, seed: int = 5
 ) -> Motion:
-    """Angles of sines, with the torques of an arm under some gravity, dry friction, a zero and noise."""
+    """Angles of sines, with the torques of an arm under some gravity, dry friction, a zero and
+    noise."""
     rng, n = np.random.default_rng(seed), robot.n
     t, w, phase = (
         np.linspace(0.0, 10.0, 3000)[:, None],
@@ -64,7 +65,8 @@ def test_an_arm_on_a_wall_is_told_from_one_on_the_floor(elastic: bool, channel: 
 
 
 def test_an_arm_that_hangs_from_a_ceiling_is_told_from_one_on_the_floor() -> None:
-    """Its inertia tells it from torques of the wrong sign; the note names these, too, as slow motion does not."""
+    """Its inertia tells it from torques of the wrong sign; the note names these, too, as slow
+    motion does not."""
     mounting = found(-DOWN)
     assert mounting is not None
     assert mounting.shown == pytest.approx(-DOWN, abs=0.2)
@@ -73,7 +75,8 @@ def test_an_arm_that_hangs_from_a_ceiling_is_told_from_one_on_the_floor() -> Non
 
 @pytest.mark.parametrize("wrong", [0.8, 1.2])
 def test_an_arm_that_stands_as_described_is_taken_as_described(wrong: float) -> None:
-    """Also where its masses, and with them its weight, are off by a fifth, or it leans by six degrees."""
+    """Also where its masses, and with them its weight, are off by a fifth, or it leans by six
+    degrees."""
     assert found(DOWN, wrong=wrong) is None
     assert found(np.array([0.0, 9.81 * np.sin(0.1), -9.81 * np.cos(0.1)]), wrong=wrong) is None
 
@@ -88,7 +91,8 @@ def test_zeros_of_torque_sensors_are_no_other_mounting(size: float, seed: int) -
 
 @pytest.mark.parametrize("seed", [0, 12])
 def test_a_swing_of_an_arm_whose_masses_are_off_shows_no_other_mounting(seed: int) -> None:
-    """Within 1.5 s of slow motion other directions of gravity take up what masses and friction leave, by chance."""
+    """Within 1.5 s of slow motion other directions of gravity take up what masses and friction
+    leave, by chance."""
     robot = random_arm(4, np.random.default_rng(seed), elastic=False).with_(gravity=DOWN)
     recorded = motion(varied(robot, np.random.default_rng(seed)), DOWN, "tau_m", seed=seed)
     assert other_mounting(robot, "mod3", [recorded[:450]]) is None

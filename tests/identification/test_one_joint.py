@@ -1,4 +1,5 @@
-"""One joint whose truth is known: stated friction, an elastic joint taken for rigid, motion in one direction."""
+"""One joint whose truth is known: stated friction, an elastic joint taken for rigid, motion in one
+direction."""
 
 import re
 from dataclasses import replace
@@ -48,7 +49,8 @@ def recorded(q: np.ndarray, torque: np.ndarray, seed: int) -> Recording:
 
 
 def swung(seed: int, *, gravity: float = 1.0, steady: float = 0.0, zero: float = 0.0) -> Recording:
-    """Return the pendulum in motion, at a steady speed besides; its torques lack some gravity, or have a zero."""
+    """Return the pendulum in motion, at a steady speed besides; its torques lack some gravity, or
+    have a zero."""
     q, dq, ddq = steady * T, np.full(len(T), steady), np.zeros(len(T))
     for f, phase in zip(
         (0.13, 0.31, 0.53), np.random.default_rng(seed).uniform(0, 2 * np.pi, 3), strict=True
@@ -82,7 +84,8 @@ def of_law(result: Identification, law: str) -> Estimate:
 
 
 def test_friction_that_is_asked_for_has_the_stated_value_as_nominal() -> None:
-    """Ten times the friction is stated: it is the nominal, the description errs by its excess, and the fit is right."""
+    """Ten times the friction is stated: it is the nominal, the description errs by its excess, and
+    the fit is right."""
     result = found(pendulum(10.0), swung(1), swung(2))
     for law, true in (("viscous", VISCOUS), ("coulomb", DRY)):
         assert of_law(result, law).nominal == pytest.approx(10 * true)
@@ -96,14 +99,16 @@ def test_friction_that_is_asked_for_has_the_stated_value_as_nominal() -> None:
 
 @pytest.mark.parametrize("seed", [1, 3, 9])
 def test_a_fit_as_good_as_a_right_description_is_not_called_worse(seed: int) -> None:
-    """What is left between the two is within the deviations of the fit: the description is said to be as good."""
+    """What is left between the two is within the deviations of the fit: the description is said to
+    be as good."""
     notes = found(pendulum(1.0), swung(seed), swung(seed + 1)).notes
     assert any("as well as the description" in note for note in notes)
     assert not any("worse" in note or "do not use" in note for note in notes)
 
 
 def test_a_right_description_with_friction_is_better_than_a_fit_of_wrong_torques() -> None:
-    """Torques without gravity predict worse than the description, whose friction is stated and asked for."""
+    """Torques without gravity predict worse than the description, whose friction is stated and
+    asked for."""
     result = found(pendulum(1.0), swung(1, gravity=0.0), swung(2))
     assert any("worse than" in note for note in result.notes)
     assert result.validation["run_2"]["nominal"]["whole"]["j"] < 0.05
@@ -111,7 +116,8 @@ def test_a_right_description_with_friction_is_better_than_a_fit_of_wrong_torques
 
 @pytest.mark.parametrize("every", [5, 25])
 def test_a_held_torque_counts_when_it_is_read(every: int) -> None:
-    """Updated at 50 or 10 Hz of 250: friction is right with deviations that hold, a right description is right."""
+    """Updated at 50 or 10 Hz of 250: friction is right with deviations that hold, a right
+    description is right."""
     read = np.arange(len(T)) // every * every
     runs = [swung(seed) for seed in (1, 2)]
     runs = [replace(r, motor=replace(r.motor, effort=r.motor.effort[read])) for r in runs]
@@ -148,7 +154,8 @@ def two_masses() -> tuple[Robot, Recording, Recording]:
 
 
 def test_an_elastic_joint_described_as_rigid_is_named_with_its_frequency() -> None:
-    """A resonance of 6 Hz: joint, ratio to the noise and frequency are said; of a rigid joint nothing is."""
+    """A resonance of 6 Hz: joint, ratio to the noise and frequency are said; of a rigid joint
+    nothing is."""
     arm, elastic, rigid = two_masses()
     (note,) = [note for note in found(arm, elastic).notes if "the fit leaves" in note]
     assert note.startswith("j: the fit leaves") and "may be elastic" in note
@@ -158,7 +165,8 @@ def test_an_elastic_joint_described_as_rigid_is_named_with_its_frequency() -> No
 
 
 def test_a_torque_of_another_motion_is_no_elastic_joint() -> None:
-    """What a fit leaves of torques that have nothing to do with the motion is said, and no resonance is named."""
+    """What a fit leaves of torques that have nothing to do with the motion is said, and no
+    resonance is named."""
     for seed in range(3):
         moved = swung(seed)
         slow = lfilter([0.02], [1.0, -0.98], np.random.default_rng(seed).normal(0.0, 30.0, len(T)))
@@ -168,7 +176,8 @@ def test_a_torque_of_another_motion_is_no_elastic_joint() -> None:
 
 
 def test_a_diagnosis_suggests_elasticity_with_its_frequency() -> None:
-    """What effects of a rigid joint leave has a resonance of 6 Hz; a recording of a rigid joint has no note."""
+    """What effects of a rigid joint leave has a resonance of 6 Hz; a recording of a rigid joint has
+    no note."""
     arm, elastic, rigid = two_masses()
     noted = [note for note in diagnose([elastic], Question(arm)).notes if "may be elastic" in note]
     assert [float(re.search(r"near ([\d.]+) Hz", note)[1]) for note in noted] == [
@@ -183,7 +192,8 @@ def test_a_diagnosis_suggests_elasticity_with_its_frequency() -> None:
 def test_motion_in_one_direction_tells_no_zero_from_dry_friction(
     laws: tuple[str, ...], steady: float
 ) -> None:
-    """Neither is called well determined, and the reason is said; a motion that reverses has neither."""
+    """Neither is called well determined, and the reason is said; a motion that reverses has
+    neither."""
     one_way = found(pendulum(1.0), swung(1, steady=steady, zero=0.5), laws=laws)
     assert any("j turned in one direction only" in note for note in one_way.notes)
     assert {e.verdict for e in one_way.estimates if "coulomb" in e.name or "offset" in e.name} <= {

@@ -41,7 +41,8 @@ def _softer(described: Robot) -> Robot:
 def test_joints_with_both_encoders_have_an_equation_of_their_deflection(
     found: Identification,
 ) -> None:
-    """The link's equation is that of three joints, the motor torque's that of all, with residuals as large as noise."""
+    """The link's equation is that of three joints, the motor torque's that of all, with residuals
+    as large as noise."""
     assert {side: len(by_joint) for side, by_joint in found.noise.items()} == {
         "link": ENCODERS,
         "motor": 6,
@@ -66,7 +67,8 @@ def test_stiffnesses_come_out_where_both_encoders_show_the_deflection(
 
 
 def test_gravity_of_the_wrist_is_identified_without_its_encoders(found: Identification) -> None:
-    """Base parameters of all links are within four deviations of the arm's, whatever encoders their joints have."""
+    """Base parameters of all links are within four deviations of the arm's, whatever encoders their
+    joints have."""
     true = identify_nominal(robot())
     known = [
         e

@@ -32,7 +32,8 @@ def whole() -> Recording:
 
 @cache
 def found(side: str) -> Identification:
-    """Return the identification by the torques of one side, without that of a joint, beside friction at all joints."""
+    """Return the identification by the torques of one side, without that of a joint, beside
+    friction at all joints."""
     recording = whole()
     assert recording.link is not None
     link = replace(recording.link, effort=None)
@@ -46,7 +47,8 @@ def found(side: str) -> Identification:
 
 @pytest.mark.parametrize("side", ["link", "motor"])
 def test_the_equation_of_a_joint_without_a_torque_is_left_out(side: str) -> None:
-    """It has no residual of that torque, and its own friction is left out, with a note; the result is finite.
+    """It has no residual of that torque, and its own friction is left out, with a note; the result
+    is finite.
 
     Nothing else of it is left out where both encoders give the equation of its link.
     """
@@ -62,7 +64,8 @@ def test_the_equation_of_a_joint_without_a_torque_is_left_out(side: str) -> None
 
 
 def test_friction_of_the_other_joints_is_identified() -> None:
-    """Coulomb friction of the motors that have a torque comes out within five deviations, and within a tenth."""
+    """Coulomb friction of the motors that have a torque comes out within five deviations, and
+    within a tenth."""
     values = {e.name: e for e in found("motor").estimates}
     for joint in set(FRICTION) - {BARE}:
         estimate = values[f"coulomb_friction:{joint}.torque"]

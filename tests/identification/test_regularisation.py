@@ -50,7 +50,8 @@ def samples(arm: Robot) -> Samples:
 def recorded(
     arm: Robot, samples: Samples, part: slice, source: str, torque: float = 0.0
 ) -> Recording:
-    """Return a part of the samples with a torque, Nm, that no model holds and that follows the speed squared."""
+    """Return a part of the samples with a torque, Nm, that no model holds and that follows the
+    speed squared."""
     wrong = samples.tau_m + torque * np.tanh(10 * samples.dtheta**2)
     link = Side(samples.stamp_ns[part], samples.q[part], samples.dq[part])
     motor = Side(samples.stamp_ns[part], samples.theta[part], samples.dtheta[part], wrong[part])
@@ -59,7 +60,8 @@ def recorded(
 
 @pytest.fixture(scope="module")
 def misled(arm: Robot, samples: Samples) -> Identification:
-    """The description is right; three seconds of fitted motion hold a torque of 80 Nm that the model lacks."""
+    """The description is right; three seconds of fitted motion hold a torque of 80 Nm that the
+    model lacks."""
     fitted = recorded(arm, samples, slice(0, 3000), "fitted", torque=80.0)
     held_out = recorded(arm, samples, slice(6000, 12000), "held out")
     return identify(fitted, arm, IdentificationSettings(), validate=[held_out])
@@ -68,7 +70,8 @@ def misled(arm: Robot, samples: Samples) -> Identification:
 def test_a_fit_worse_than_the_description_is_pulled_towards_it_and_said_to_be(
     misled: Identification,
 ) -> None:
-    """No joint is missed by more than twice what the description misses; no worse arm is written silently."""
+    """No joint is missed by more than twice what the description misses; no worse arm is written
+    silently."""
     assert any("worse than the description" in note for note in misled.notes)
     (by_arm,) = misled.validation.values()
     found, nominal = (
@@ -85,7 +88,8 @@ def test_a_fit_worse_than_the_description_is_pulled_towards_it_and_said_to_be(
 def test_no_joint_of_the_arm_file_is_predicted_worse_than_by_the_description(
     arm: Robot, samples: Samples
 ) -> None:
-    """The links are too heavy, and friction of the third joint is in the fitted motion alone: it stays out."""
+    """The links are too heavy, and friction of the third joint is in the fitted motion alone: it
+    stays out."""
     scaled = zip(arm.joints, (1.3, 1.3, 1.02), strict=True)
     heavy = arm.with_(
         joints=tuple(
@@ -120,7 +124,8 @@ def test_no_joint_of_the_arm_file_is_predicted_worse_than_by_the_description(
 def test_a_recording_that_determines_its_parameters_needs_no_prior(
     arm: Robot, samples: Samples
 ) -> None:
-    """With rich motion cross-validation sees nothing to gain, so that results are those of plain least squares."""
+    """With rich motion cross-validation sees nothing to gain, so that results are those of plain
+    least squares."""
     identifier = identifier_of(arm)
     identifier.add(replace(samples, tau_J=None))
     identifier.finish()
@@ -130,7 +135,8 @@ def test_a_recording_that_determines_its_parameters_needs_no_prior(
 def test_what_a_rigid_arm_repeats_does_not_spoil_another_motion(
     arm: Robot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Small periodic motion with a torque that the model lacks: a prior lessens errors on larger motion by a third.
+    """Small periodic motion with a torque that the model lacks: a prior lessens errors on larger
+    motion by a third.
 
     All parts of the recording hold the same, so that none left out shows the need of one.
     """
@@ -172,7 +178,8 @@ def test_a_narrow_prior_gives_the_description(arm: Robot, samples: Samples) -> N
 def test_error_of_the_description_is_found_from_what_the_data_determine(
     arm: Robot, error: float
 ) -> None:
-    """Estimates that scatter about the description by a known share, half of them known, give that share."""
+    """Estimates that scatter about the description by a known share, half of them known, give that
+    share."""
     equations = BaseRegression(
         build_model(arm, "mod3"), ("q", "theta", "tau_J", "tau_m"), joints=arm.joint_names
     )
@@ -195,7 +202,8 @@ def test_error_of_the_description_is_found_from_what_the_data_determine(
 
 
 def test_the_error_that_deviations_count_is_an_upper_bound(arm: Robot) -> None:
-    """Where ten of 26 parameters are known, the bound of 95 % is below the true error in at most 4 of 40 draws."""
+    """Where ten of 26 parameters are known, the bound of 95 % is below the true error in at most 4
+    of 40 draws."""
     equations = BaseRegression(
         build_model(arm, "mod3"), ("q", "theta", "tau_J", "tau_m"), joints=arm.joint_names
     )
@@ -221,7 +229,8 @@ def test_the_error_that_deviations_count_is_an_upper_bound(arm: Robot) -> None:
 def test_a_prior_narrower_than_its_errors_counts_these_in_the_deviations(
     arm: Robot, samples: Samples
 ) -> None:
-    """Under a prior that outweighs the data deviations are those of the description, not of the narrow prior."""
+    """Under a prior that outweighs the data deviations are those of the description, not of the
+    narrow prior."""
     short = recorded(arm, samples, slice(0, 3000), "short")
     identifier = identifier_of(arm)
     identifier.add(short.samples())
@@ -233,7 +242,8 @@ def test_a_prior_narrower_than_its_errors_counts_these_in_the_deviations(
 
 
 def test_friction_of_a_joint_that_never_reverses_stays_within_its_torque(arm: Robot) -> None:
-    """Dry friction and the zero of the torque are one constant then: neither is taken to be more than the torque is."""
+    """Dry friction and the zero of the torque are one constant then: neither is taken to be more
+    than the torque is."""
     equations = BaseRegression(
         build_model(arm, "mod3"),
         frozenset({"q", "tau_J"}),
@@ -258,7 +268,8 @@ def test_friction_of_a_joint_that_never_reverses_stays_within_its_torque(arm: Ro
 
 @pytest.mark.skipif(not GEN3.is_dir(), reason=f"the recordings of the Gen3 are not in {GEN3}")
 def test_no_joint_of_a_poorly_excited_arm_is_missed_absurdly() -> None:
-    """Two seconds of a Gen3, friction and offsets asked for: no joint of the other run is missed beyond its torque."""
+    """Two seconds of a Gen3, friction and offsets asked for: no joint of the other run is missed
+    beyond its torque."""
     robot = load_robot(GEN3 / "gen3_2f85.urdf")
     mapping = Path(__file__).resolve().parents[2] / "examples" / "kinova_gen3" / "import.yaml"
     first, second = (import_arrays(GEN3 / f"opti_traj_testing{k}.csv", mapping) for k in (1, 2))

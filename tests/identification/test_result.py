@@ -1,4 +1,5 @@
-"""Results of an identification: errors of all parameters together are as large as the covariance claims."""
+"""Results of an identification: errors of all parameters together are as large as the covariance
+claims."""
 
 import numpy as np
 import pytest
@@ -16,7 +17,8 @@ RECORDINGS = 8
 
 
 def errors_together(encoder_noise: float, seed: int) -> tuple[float, int]:
-    """Return chi² of an arm that differs from its description, 20 s of random motion, and the parameters' number."""
+    """Return chi² of an arm that differs from its description, 20 s of random motion, and the
+    parameters' number."""
     rng, robot = np.random.default_rng(seed), load_robot(None)
     true = varied(robot, rng)
     shape = Shape(period=10.0, periods=2)
@@ -43,9 +45,9 @@ def test_errors_of_all_parameters_together_are_as_large_as_their_covariance(
 ) -> None:
     """Over eight arms and motions chi² is below its 99 % bound, as it is for each of them but one.
 
-    With exact encoders ratios of parameters are known a thousand times better than the torque scale common to all: the
-    covariance keeps that. It may be too wide (what the last digits of an equation leave open is a bound), not too
-    narrow.
+    With exact encoders ratios of parameters are known a thousand times better than the torque scale
+    common to all: the covariance keeps that. It may be too wide (what the last digits of an
+    equation leave open is a bound), not too narrow.
     """
     found = [errors_together(encoder_noise, seed) for seed in range(RECORDINGS)]
     sizes, freedom = [each for each, _ in found], found[0][1]

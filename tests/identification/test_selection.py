@@ -1,4 +1,5 @@
-"""What the recordings decide: zeros of torques, where dry friction turns over; what a rigid description lacks."""
+"""What the recordings decide: zeros of torques, where dry friction turns over; what a rigid
+description lacks."""
 
 from collections.abc import Callable
 
@@ -62,7 +63,8 @@ def test_the_zero_of_a_torque_is_found_without_being_asked_for(
 
 
 def test_equations_that_close_to_rounding_decide_nothing(arm: Robot) -> None:
-    """Where the link side is exact, a joint's friction turns over as its motor side has it, without overflow."""
+    """Where the link side is exact, a joint's friction turns over as its motor side has it, without
+    overflow."""
     exact = record(build_model(arm, "mod3"), np.random.default_rng(5))
     torque = np.tanh(exact.dtheta / 5e-3) * np.array([10.0, 10.0, 10.0])
     torque = torque + np.random.default_rng(6).normal(0.0, 0.1, torque.shape)
@@ -77,7 +79,8 @@ def test_equations_that_close_to_rounding_decide_nothing(arm: Robot) -> None:
 
 
 def test_speeds_of_joints_that_slide_are_in_metres(arm: Robot) -> None:
-    """Speeds within which friction turns over have each joint's unit, and are one span where joints are alike."""
+    """Speeds within which friction turns over have each joint's unit, and are one span where joints
+    are alike."""
     assert selection.standstill(1e-3, arm) == "0.001 rad/s"
     sliding = arm.with_joint("joint_2", prismatic=True)
     assert selection.standstill((1e-3, 2e-3, 5e-2), sliding) == "0.001 to 0.05 rad/s and 0.002 m/s"
@@ -97,7 +100,8 @@ def test_dry_friction_turns_over_at_each_joint_where_it_does(arm: Robot, samples
 
 
 def test_friction_turns_over_as_usual_where_recordings_do_not_tell() -> None:
-    """A speed that fits better in some blocks and worse in others is not taken, nor one that is hardly better in all.
+    """A speed that fits better in some blocks and worse in others is not taken, nor one that is
+    hardly better in all.
 
     One that misses a fifth less in all is.
     """
@@ -116,7 +120,8 @@ def test_friction_turns_over_as_usual_where_recordings_do_not_tell() -> None:
 
 
 def vibrating(rigid: Robot, seed: int) -> Recording:
-    """Return a recording of a rigid arm whose motors vibrate at 30 Hz against links that stay at rest."""
+    """Return a recording of a rigid arm whose motors vibrate at 30 Hz against links that stay at
+    rest."""
     rng, t = np.random.default_rng(seed), np.arange(round(RATE * SECONDS)) / RATE
     q = link_motion(rigid.n, t, SECONDS, 10, rng)
     dq, ddq = derivative(q, 1, RATE), derivative(q, 2, RATE)
@@ -131,7 +136,8 @@ def vibrating(rigid: Robot, seed: int) -> Recording:
 def test_motion_that_a_rigid_description_lacks_is_averaged_out(
     arm: Robot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Vibration of the motors alone is not taken for motion of the links: masses come out nearer to the true ones."""
+    """Vibration of the motors alone is not taken for motion of the links: masses come out nearer to
+    the true ones."""
     rigid = parse_urdf(to_urdf(arm))
     settings = IdentificationSettings(effects=parse_laws(FRICTION, rigid), consistent=False)
     fitted = vibrating(rigid, 1)
@@ -155,7 +161,8 @@ def stops(t: np.ndarray) -> np.ndarray:
 def test_friction_while_a_joint_sticks_is_left_out(
     arm: Robot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It takes any value there, and seems to be a zero of the torque. Averages of a rigid arm keep those instants."""
+    """It takes any value there, and seems to be a zero of the torque. Averages of a rigid arm keep
+    those instants."""
 
     def recorded(course: Callable[[np.ndarray], np.ndarray] | None) -> Recording:
         rng = np.random.default_rng(1)

@@ -20,7 +20,8 @@ ENCODER = Encoder(noise=2e-5, velocity_noise=2e-3)
 
 @cache
 def recorded(rest: float) -> Recording:
-    """Return 6 s of motion and then standstill, by encoders whose noise turns the sign of a velocity at rest."""
+    """Return 6 s of motion and then standstill, by encoders whose noise turns the sign of a
+    velocity at rest."""
     settings = SimulationSettings(
         effects=[parse(f"{LAW}:torque={TRUE}", ROBOT)],
         sensors=Sensors(link_encoder=ENCODER, motor_encoder=ENCODER),
@@ -43,7 +44,8 @@ def live(rest: float) -> tuple[float, float]:
 
 
 def test_rest_takes_nothing_from_the_live_estimate() -> None:
-    """Friction is as certain after 60 s of standstill as after 3 s of it, and within three deviations of the truth."""
+    """Friction is as certain after 60 s of standstill as after 3 s of it, and within three
+    deviations of the truth."""
     (early, before), (late, after) = live(3.0), live(60.0)
     assert abs(late - early) < 0.2 * before
     assert after < 1.1 * before < 0.2
@@ -51,7 +53,8 @@ def test_rest_takes_nothing_from_the_live_estimate() -> None:
 
 
 def test_identify_finds_as_much_in_a_recording_that_stands_mostly() -> None:
-    """Friction of a recording that stands for ten times its motion is "well" determined, as without that."""
+    """Friction of a recording that stands for ten times its motion is "well" determined, as without
+    that."""
     settings = IdentificationSettings(effects=parse_laws([LAW], ROBOT), consistent=False)
     found = identify(recorded(60.0), ROBOT, settings)
     friction = next(e for e in found.estimates if e.name == NAME)

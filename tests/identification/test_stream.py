@@ -32,7 +32,8 @@ def model() -> Model:
 
 @cache
 def samples(kind: str) -> Samples:
-    """Return a recording with holes and a gap, its samples taken regularly or at jittered stamps."""
+    """Return a recording with holes and a gap, its samples taken regularly or at jittered
+    stamps."""
     rng = np.random.default_rng(0)
     whole = record(
         model(), rng, period=float(SECONDS), periods=1, encoder_noise=1e-6, velocity_noise=1e-4
@@ -75,7 +76,8 @@ def batch(kind: str) -> tuple[Identifier, Fit]:
 def test_any_cut_of_the_samples_gives_the_result_of_the_batch(
     kind: str, mode: str, cuts: list[int]
 ) -> None:
-    """Estimates agree to 1e-6 std, with regular and irregular stamps, wherever holes and gaps meet a cut."""
+    """Estimates agree to 1e-6 std, with regular and irregular stamps, wherever holes and gaps meet
+    a cut."""
     whole, expected = batch(kind)
     stream, found = fed(kind, cuts)
     assert stream.clock.mode == mode
@@ -87,10 +89,11 @@ def test_any_cut_of_the_samples_gives_the_result_of_the_batch(
 
 @pytest.mark.parametrize("standing", [0.0, 1.0, 2.3, 20.0])
 def test_an_arm_that_stands_first_is_identified_within_the_deviations(standing: float) -> None:
-    """However long the arm stands before it moves, the smoother is chosen by the motion, and the deviations hold.
+    """However long the arm stands before it moves, the smoother is chosen by the motion, and the
+    deviations hold.
 
-    A smoother chosen from the transition between the two is too wide: motion under a drive that holds its command
-    from sample to sample then biases the estimate by four deviations.
+    A smoother chosen from the transition between the two is too wide: motion under a drive that
+    holds its command from sample to sample then biases the estimate by four deviations.
     """
     robot = load_robot(None)
     rng = np.random.default_rng(5)

@@ -49,7 +49,8 @@ def test_robot_yaml_names_motor_inertia_where_it_was_put_back() -> None:
 
 
 def test_noise_in_accelerations_does_not_speak_for_small_masses() -> None:
-    """With noise of 28 rad/s² half the masses miss less torque than the true ones; averages judge rightly."""
+    """With noise of 28 rad/s² half the masses miss less torque than the true ones; averages judge
+    rightly."""
     arm, t, rng = (
         parse_urdf(to_urdf(load_robot(None))),
         np.arange(4000) / 500.0,

@@ -9,7 +9,8 @@ from elastic_arm.robot import load_robot
 
 
 def test_a_spring_that_noise_has_drawn_to_zero_is_not_called_well_determined() -> None:
-    """Its deviation is drawn down with it: it counts beside the estimate, not beside the spring of the description."""
+    """Its deviation is drawn down with it: it counts beside the estimate, not beside the spring of
+    the description."""
     robot = load_robot(None)
     recorded = (frozenset({"q", "theta", "tau_J", "tau_m"}),) * 3
     equations = BaseRegression(

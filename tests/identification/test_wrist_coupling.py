@@ -1,4 +1,5 @@
-"""A wrist whose last motor turns with the joint before it, too: torques of another engine and of the motors alone."""
+"""A wrist whose last motor turns with the joint before it, too: torques of another engine and of
+the motors alone."""
 
 from functools import cache
 
@@ -18,7 +19,8 @@ from tests.helpers.random_arms import random_arm
 FRICTION = ("viscous_friction", "coulomb_friction")
 RATE = 500.0
 INERTIA, VISCOUS, DRY = 0.3, 2.0, 3.0  # of the last motor
-# Joint 4 turns with its own motor, and against that of joint 3: motor 4 turns by the sum of both joints' angles.
+# Joint 4 turns with its own motor, and against that of joint 3: motor 4 turns by the sum of both
+# joints' angles.
 C = np.eye(4) - np.eye(4, k=-1) * np.array([0.0, 0.0, 0.0, 1.0])[:, None]
 
 
@@ -27,7 +29,8 @@ ROBOT = random_arm(4, np.random.default_rng(2), elastic=False)
 
 @cache
 def recorded(seed: int) -> Recording:
-    """Record what the motors do, and bring it to the joints: torques by Pinocchio, the last motor by its own speed."""
+    """Record what the motors do, and bring it to the joints: torques by Pinocchio, the last motor
+    by its own speed."""
     motion, rng = trajectory(seed, ROBOT.n), np.random.default_rng(seed)
     t = np.arange(0.0, 14.0, 1.0 / RATE)
     q, dq, ddq = (np.asarray(values) for values in motion.evaluate(t))
@@ -57,7 +60,8 @@ def missed(found: Identification, *joints: str) -> np.ndarray:
 
 
 def test_inertia_and_friction_of_a_shared_motor_are_identified() -> None:
-    """They come out within three deviations and a tenth; the last joint has no friction of its own beside."""
+    """They come out within three deviations and a tenth; the last joint has no friction of its own
+    beside."""
     found = {e.name.partition(":")[2]: e for e in identified("wrist_coupling:joint_4").estimates}
     for name, true in (("inertia", INERTIA), ("viscous", VISCOUS), ("dry", DRY)):
         estimate = found[f"joint_4.{name}"]
@@ -68,7 +72,8 @@ def test_inertia_and_friction_of_a_shared_motor_are_identified() -> None:
 
 
 def test_without_it_both_joints_are_missed() -> None:
-    """Friction of each joint by itself leaves several times as much of the other motion at the two joints."""
+    """Friction of each joint by itself leaves several times as much of the other motion at the two
+    joints."""
     plain, right = (
         missed(identified(*more), "joint_3", "joint_4")
         for more in ((), ("wrist_coupling:joint_4",))

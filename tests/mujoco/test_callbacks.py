@@ -26,7 +26,8 @@ def with_effects(robot: Robot, *texts: str) -> Robot:
 
 
 def apart(robot: Robot, seconds: float, *, attached: bool) -> float:
-    """Return by how much the elastic arm in MuJoCo and in the simulator part under the same torque, rad."""
+    """Return by how much the elastic arm in MuJoCo and in the simulator part under the same torque,
+    rad."""
     rate, substeps = 1000, 10
     reference = trajectory(n=3, period=2.0, ramp=0.5, periods=2).evaluate(
         np.arange(int(seconds * rate)) / rate
@@ -45,14 +46,16 @@ def apart(robot: Robot, seconds: float, *, attached: bool) -> float:
 
 
 def test_laws_act_in_mujoco_as_in_the_simulator() -> None:
-    """Transmission error, ripple and a stiffening drive move the arm in MuJoCo as in the simulator, to 1e-6 rad."""
+    """Transmission error, ripple and a stiffening drive move the arm in MuJoCo as in the simulator,
+    to 1e-6 rad."""
     robot = with_effects(load_robot(), *SMOOTH)
     assert apart(robot, 0.5, attached=True) < 1e-6
     assert apart(robot, 0.5, attached=False) > 1e-4
 
 
 def test_internal_states_and_dry_friction_act_too() -> None:
-    """Hysteresis, with its internal state, and friction that grows with the load follow the simulator, to 2 %."""
+    """Hysteresis, with its internal state, and friction that grows with the load follow the
+    simulator, to 2 %."""
     robot = with_effects(
         load_robot(),
         "load_dependent_friction:joint_2:coefficient=0.1",
@@ -75,7 +78,8 @@ def test_internal_states_and_dry_friction_act_too() -> None:
     ],
 )
 def test_laws_follow_what_the_file_states(stated, follows, allowed) -> None:
-    """What scales friction or follows the joint torque finds the friction and the drive that the file has of itself."""
+    """What scales friction or follows the joint torque finds the friction and the drive that the
+    file has of itself."""
     robot = with_effects(load_robot(), stated, follows)
     with_laws, without = (apart(robot, 0.5, attached=on) for on in (True, False))
     assert with_laws < allowed * without
@@ -101,7 +105,8 @@ def test_nothing_is_left_when_detached() -> None:
 
 
 def test_a_law_acts_once() -> None:
-    """Stribeck friction is of a new file itself; to a user's own file, which has none, its law is added."""
+    """Stribeck friction is of a new file itself; to a user's own file, which has none, its law is
+    added."""
     arm = open_mjcf(MODELS / "arm.xml")
     robot = with_effects(arm.robot, "stribeck_friction:joint2:torque=1,speed=0.1")
     with attach(arm.model, robot) as attached:

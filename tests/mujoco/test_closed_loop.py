@@ -1,4 +1,5 @@
-"""Recorded commands played by MuJoCo's own servos: a true model moves as recorded from wherever a recording begins."""
+"""Recorded commands played by MuJoCo's own servos: a true model moves as recorded from wherever a
+recording begins."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -26,7 +27,8 @@ def integrating(arm: MjcfArm) -> MjcfArm:
 
 
 def error(arm: MjcfArm, true: MjcfArm, rate: float, begin: float) -> float:
-    """Return the largest of the joints' errors, rad, on a recording of the true arm that begins in mid-motion."""
+    """Return the largest of the joints' errors, rad, on a recording of the true arm that begins in
+    mid-motion."""
     run = recorded(true, rate, 17)
     found = play(arm, run.between(begin, run.duration))
     assert found is not None and len(found.t) > 0.5 * rate * (run.duration - begin)
@@ -41,25 +43,29 @@ def error(arm: MjcfArm, true: MjcfArm, rate: float, begin: float) -> float:
 def test_a_true_model_moves_as_recorded(
     changes: Mapping[str, str], begin: float, rate: float
 ) -> None:
-    """From rest and in mid-motion, with commands on their way or without: within 0.2 mrad, at 50 Hz 0.5."""
+    """From rest and in mid-motion, with commands on their way or without: within 0.2 mrad, at 50 Hz
+    0.5."""
     true = servo_arm(changes)
     assert error(true, true, rate, begin) < (2e-4 if rate > 100.0 else 5e-4)
 
 
 @pytest.mark.parametrize("begin", [0.0, 3.37])
 def test_an_integral_begins_as_it_was(begin: float) -> None:
-    """What the integral of a controller held when the recording began is found: within 0.3 mrad at every joint."""
+    """What the integral of a controller held when the recording began is found: within 0.3 mrad at
+    every joint."""
     true = integrating(servo_arm(TENDER))
     assert error(true, true, 250.0, begin) < 3e-4
 
 
 def test_a_model_without_the_delay_errs_by_it() -> None:
-    """The recording of late servos is 5 mrad off and more by prompt ones: what is played does depend on the delay."""
+    """The recording of late servos is 5 mrad off and more by prompt ones: what is played does
+    depend on the delay."""
     assert error(servo_arm(), servo_arm(LATE), 250.0, 3.37) > 5e-3
 
 
 def test_a_part_is_played_with_the_commands_before_it() -> None:
-    """The last third of a whole recording starts from what is recorded there, late commands included."""
+    """The last third of a whole recording starts from what is recorded there, late commands
+    included."""
     true = servo_arm(LATE)
     run = recorded(true, 250.0, 17)
     found = play(true, run, span=(8.0, 12.0))

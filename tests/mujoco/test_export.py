@@ -54,7 +54,8 @@ def base(tmp_path: Path) -> Path:
 
 
 def corrected(base: Path, *effects: dict[str, object]) -> Robot:
-    """Return the base's arm with effects in the place of those that the base states for the same joint."""
+    """Return the base's arm with effects in the place of those that the base states for the same
+    joint."""
     robot = load_robot(base)
     taken = {(e["effect"], e["joint"]) for e in effects}
     kept = [e for e in robot.effects if (e["effect"], e["joint"]) not in taken]
@@ -81,7 +82,8 @@ def test_only_the_lines_of_changed_numbers_change(base: Path) -> None:
 
 
 def test_what_is_written_is_the_corrected_arm(base: Path) -> None:
-    """Payload and rotor inertia, lumped into the file's numbers, give the torques of the corrected arm."""
+    """Payload and rotor inertia, lumped into the file's numbers, give the torques of the corrected
+    arm."""
     out = base.parent / "fixed.xml"
     done = export_mjcf(corrected(base, LOAD, ROTOR), base, out)
     assert [path.name for path in done.files] == [
@@ -111,7 +113,8 @@ def test_a_file_in_another_folder_finds_its_includes(base: Path) -> None:
 
 
 def test_what_no_number_states_is_listed(base: Path) -> None:
-    """Stribeck friction is left to a law, with the reason; the friction loss in its place is said, and no more."""
+    """Stribeck friction is left to a law, with the reason; the friction loss in its place is said,
+    and no more."""
     done = export_mjcf(corrected(base, STRIBECK), base, base.parent / "fixed.xml")
     (left,) = done.left
     assert (
@@ -134,7 +137,8 @@ SCENE = """<mujoco>
 
 
 def test_an_attached_arm_is_written_as_mujoco_saves_it(base: Path) -> None:
-    """Bodies of <attach> have no line in the user's file: the whole model is saved, with the numbers changed."""
+    """Bodies of <attach> have no line in the user's file: the whole model is saved, with the
+    numbers changed."""
     scene, out = base.parent / "scene.xml", base.parent / "fixed.xml"
     scene.write_text(SCENE)
     chain = ("left/pedestal", "left/link6")
@@ -154,7 +158,10 @@ def test_an_attached_arm_is_written_as_mujoco_saves_it(base: Path) -> None:
 
 def test_replicated_bodies_beside_the_arm_leave_the_file_as_it_is(base: Path) -> None:
     """Where the arm's own bodies stand in the file by name, others may be made by <replicate>."""
-    brick = '<replicate count="3" offset="0 0.2 0"><body name="brick"><geom size="0.05" mass="1"/></body></replicate>'
+    brick = (
+        '<replicate count="3" offset="0 0.2 0"><body name="brick"><geom size="0.05"'
+        ' mass="1"/></body></replicate>'
+    )
     base.write_text(base.read_text().replace("<worldbody>", f"<worldbody>\n    {brick}"))
     out = base.parent / "fixed.xml"
     done = export_mjcf(corrected(base, FRICTION), base, out)
@@ -164,7 +171,8 @@ def test_replicated_bodies_beside_the_arm_leave_the_file_as_it_is(base: Path) ->
 
 
 def test_unphysical_numbers_are_refused(base: Path) -> None:
-    """Friction that drives, and a link that leaves a body no positive inertia, are refused by name."""
+    """Friction that drives, and a link that leaves a body no positive inertia, are refused by
+    name."""
     bad = {**DAMPING, "parameters": {"coefficient": -1.0}}
     with pytest.raises(RobotError, match="damping of joint1 would be -1"):
         export_mjcf(corrected(base, bad), base, base.parent / "fixed.xml")
@@ -185,7 +193,8 @@ def test_another_arm_is_refused(base: Path) -> None:
 
 
 def test_a_torque_delay_goes_to_the_sensor(base: Path) -> None:
-    """A late motor torque is the delay of the joint's torque sensor, where the file has one, and is read back."""
+    """A late motor torque is the delay of the joint's torque sensor, where the file has one, and is
+    read back."""
     text = base.read_text().replace(
         "</mujoco>", '<sensor><jointactuatorfrc joint="joint2"/></sensor></mujoco>'
     )
@@ -226,7 +235,7 @@ def test_a_urdf_keeps_its_shape(tmp_path: Path) -> None:
 
 def test_tables_show_no_rounding_of_a_solver() -> None:
     """A centre of mass of 1e-17 m beside 0.05 m is at zero."""
-    (joint, *_) = load_robot(None).joints
+    joint, *_ = load_robot(None).joints
     moved = replace(joint.link, com=np.array([1e-17, 0.05, 0.0]))
     (change,) = (
         c for c in inertial_change("link", joint.link, moved) if c.number == "centre of mass"
@@ -235,7 +244,8 @@ def test_tables_show_no_rounding_of_a_solver() -> None:
 
 
 def test_a_urdf_lists_what_it_has_no_number_for(tmp_path: Path) -> None:
-    """Armatures, springs, delays and drives of an exported arm are named with their size and the missing torque."""
+    """Armatures, springs, delays and drives of an exported arm are named with their size and the
+    missing torque."""
     rigid = load_robot(MODELS / "arm.xml")
     spring = {
         "effect": "joint_spring",
@@ -282,7 +292,8 @@ def test_a_urdf_lists_what_it_has_no_number_for(tmp_path: Path) -> None:
 
 
 def test_what_the_whole_arm_has_is_listed(base: Path) -> None:
-    """A URDF has no number for how its base is turned, an MJCF without torque sensors none for a delay of the arm."""
+    """A URDF has no number for how its base is turned, an MJCF without torque sensors none for a
+    delay of the arm."""
     urdf = base.parent / "arm.urdf"
     urdf.write_text(to_urdf(load_robot(base)))
     robot, turn = load_robot(urdf), np.eye(4)
@@ -305,7 +316,8 @@ def test_what_the_whole_arm_has_is_listed(base: Path) -> None:
 
 
 def test_a_new_mjcf_lists_what_it_has_no_number_for(tmp_path: Path) -> None:
-    """Bearings, the rotors' coupling and a controller that is no MuJoCo servo are not in the new file, and named."""
+    """Bearings, the rotors' coupling and a controller that is no MuJoCo servo are not in the new
+    file, and named."""
     robot = load_robot()
     robot = robot.with_joint("joint_2", controller=JointController(kp=100.0, ki=1.0))
     done = export_new_mjcf(robot, None, tmp_path / "new.xml")
@@ -348,7 +360,10 @@ def test_the_format_goes_by_the_ending(
 
 def test_what_was_left_out_when_an_arm_was_read_is_said_of_its_file(tmp_path: Path) -> None:
     """Cogging of a motor, which a rigid arm cannot hold, is not in the URDF either."""
-    motor = '<dcmotor name="m" joint="j1" motorconst="0.05" resistance="1" gear="100" cogging="0.03 6 0"/>'
+    motor = (
+        '<dcmotor name="m" joint="j1" motorconst="0.05" resistance="1" gear="100" cogging="0.03 6'
+        ' 0"/>'
+    )
     app = typer.Typer()
     app.command()(export)
     result = CliRunner().invoke(
@@ -358,7 +373,8 @@ def test_what_was_left_out_when_an_arm_was_read_is_said_of_its_file(tmp_path: Pa
 
 
 def test_the_limit_of_a_servo_is_written_as_forcerange(tmp_path: Path) -> None:
-    """A drive that was found to give less torque has that in the corrected file; a dead band is named as left out."""
+    """A drive that was found to give less torque has that in the corrected file; a dead band is
+    named as left out."""
     (tmp_path / "arm.xml").write_text((EXAMPLE / "arm.xml").read_text())
     robot = load_robot(tmp_path / "arm.xml")
     pan, lift = (robot.joints[k].controller for k in (0, 1))
@@ -375,7 +391,8 @@ def test_the_limit_of_a_servo_is_written_as_forcerange(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("angle", ["radian", "degree"])
 def test_a_spring_is_written_as_stiffness_and_springref(base: Path, angle: str) -> None:
-    """A joint spring that was found is in the corrected file, in the units of its compiler, and read back."""
+    """A joint spring that was found is in the corrected file, in the units of its compiler, and
+    read back."""
     base.write_text(base.read_text().replace('angle="radian"', f'angle="{angle}"'))
     spring = {
         "effect": "joint_spring",
@@ -394,7 +411,8 @@ def test_a_spring_is_written_as_stiffness_and_springref(base: Path, angle: str) 
 
 
 def test_carried_weight_that_a_file_does_not_state_is_listed(base: Path) -> None:
-    """Weight carried by something outside is in the file as gravcomp or, where it was found, named with its torque."""
+    """Weight carried by something outside is in the file as gravcomp or, where it was found, named
+    with its torque."""
     carried = {
         "effect": "carried_weight",
         "joint": "joint2",
@@ -408,14 +426,16 @@ ZERO = {"effect": "joint_zero", "joint": "joint2", "parameters": {"offset": 0.05
 
 
 def torques_with_zero(robot: Robot, i: int, offset: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return q, dq, ddq of a motion, and the torques of the arm at the angles of joint i less the offset."""
+    """Return q, dq, ddq of a motion, and the torques of the arm at the angles of joint i less the
+    offset."""
     motion = random_motion(robot.n)
     described = motion[0] - offset * (np.arange(robot.n) == i)
     return motion, build_model(robot).inverse_dynamics(described, *motion[1:])
 
 
 def test_a_joint_zero_is_where_a_model_is_drawn(base: Path) -> None:
-    """The corrected MJCF has the offset as `ref`: read back, it moves as the arm whose encoders are off."""
+    """The corrected MJCF has the offset as `ref`: read back, it moves as the arm whose encoders are
+    off."""
     robot = load_robot(base)
     done = export_mjcf(corrected(base, ZERO), base, base.parent / "fixed.xml")
     assert [(c.element, c.number) for c in done.changes] == [("joint2", "ref")] and not done.left
@@ -448,7 +468,8 @@ DEGRESSIVE = {
 
 
 def test_friction_that_levels_off_is_written_as_the_nearest_numbers(base: Path) -> None:
-    """Of 1.7 Nm that bend at 0.05 rad/s, friction loss and damping together make 1.7 Nm within a tenth from 0.2 on."""
+    """Of 1.7 Nm that bend at 0.05 rad/s, friction loss and damping together make 1.7 Nm within a
+    tenth from 0.2 on."""
     out = base.parent / "fixed.xml"
     robot = corrected(base, DEGRESSIVE)
     done = export_mjcf(robot, base, out)
@@ -461,7 +482,8 @@ def test_friction_that_levels_off_is_written_as_the_nearest_numbers(base: Path) 
 
 
 def test_numbers_in_the_place_of_a_law_follow_the_motion(base: Path) -> None:
-    """Far below the speed at which it bends, such friction is damping of torque / speed and no friction loss."""
+    """Far below the speed at which it bends, such friction is damping of torque / speed and no
+    friction loss."""
     robot = corrected(base, DEGRESSIVE)
     t = np.linspace(0.0, 2.0 * np.pi, 200)[:, None] + np.zeros(7)
     slow = 0.01 * np.sin(t), 0.01 * np.cos(t), -0.01 * np.sin(t)
@@ -474,7 +496,8 @@ def test_numbers_in_the_place_of_a_law_follow_the_motion(base: Path) -> None:
 
 
 def test_laws_that_act_take_the_numbers_in_their_place_away(base: Path) -> None:
-    """With the law attached the model has the friction that it had; exported anew, no note of the numbers stays."""
+    """With the law attached the model has the friction that it had; exported anew, no note of the
+    numbers stays."""
     out, again = base.parent / "fixed.xml", base.parent / "again.xml"
     robot = corrected(base, DEGRESSIVE)
     export_mjcf(robot, base, out)
@@ -495,7 +518,8 @@ def test_zero_has_no_sign() -> None:
 
 
 def test_a_gain_leaves_the_limit_and_a_damping_ratio_gives_way(tmp_path: Path) -> None:
-    """With another kp the forcerange stays; kv, which a dampratio made of kp and masses, is written as it was."""
+    """With another kp the forcerange stays; kv, which a dampratio made of kp and masses, is written
+    as it was."""
     text = (
         (EXAMPLE / "arm.xml")
         .read_text()
@@ -520,7 +544,8 @@ def test_a_gain_leaves_the_limit_and_a_damping_ratio_gives_way(tmp_path: Path) -
 
 
 def test_a_new_file_has_the_limit_of_a_servo_with_a_dead_band(tmp_path: Path) -> None:
-    """3.72 Nm that robot.yaml states are the new file's forcerange; the dead band is listed with its size."""
+    """3.72 Nm that robot.yaml states are the new file's forcerange; the dead band is listed with
+    its size."""
     robot = load_robot(EXAMPLE / "arm.xml")
     pan = robot.joints[0].controller
     assert pan is not None
@@ -534,7 +559,8 @@ def test_a_new_file_has_the_limit_of_a_servo_with_a_dead_band(tmp_path: Path) ->
 
 
 def test_an_export_is_played_beside_its_base(tmp_path: Path) -> None:
-    """With --validate the errors of both files under recorded commands are printed: those of the right kp are small."""
+    """With --validate the errors of both files under recorded commands are printed: those of the
+    right kp are small."""
     true = servo_arm({'kp="17.8" kv="0.6" joint="lift"': 'kp="23" kv="0.6" joint="lift"'})
     write_recording(tmp_path / "bag", recorded(true, 100.0, 14))
     save_robot(true.robot, tmp_path / "robot.yaml")

@@ -1,4 +1,5 @@
-"""What of a servo arm's correction is written: that with which it moves as recorded, and what was refined for it."""
+"""What of a servo arm's correction is written: that with which it moves as recorded, and what was
+refined for it."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -51,7 +52,8 @@ def test_a_true_correction_is_written_whole(judging: list[Judging]) -> None:
 
 
 def test_a_joint_that_moves_worse_keeps_the_description(judging: list[Judging]) -> None:
-    """A kp of the pan that is twice too large is taken back and said; the elbow's friction, which is right, stays.
+    """A kp of the pan that is twice too large is taken back and said; the elbow's friction, which
+    is right, stays.
 
     The lift moves worse with it, too, and needs nothing taken back when the pan's is.
     """
@@ -70,7 +72,8 @@ def test_the_description_is_not_worse_than_itself(judging: list[Judging]) -> Non
 
 
 def test_pauses_part_a_recording() -> None:
-    """What comes after a pause starts anew from what is recorded there: a true model errs by no more."""
+    """What comes after a pause starts anew from what is recorded there: a true model errs by no
+    more."""
     true = servo_arm()
     run = recorded(true, 100.0, 17, seconds=12.0)
     assert run.link is not None and run.reference is not None
@@ -86,7 +89,8 @@ def test_pauses_part_a_recording() -> None:
 
 
 def test_numbers_are_refined_on_the_recording() -> None:
-    """Friction and gains that are found 10 to 20 % wrong come to the true ones, to 2 %, within their deviations."""
+    """Friction and gains that are found 10 to 20 % wrong come to the true ones, to 2 %, within
+    their deviations."""
     true = servo_arm(ROUGH)
     robot = true.robot
     numbers = (
@@ -131,7 +135,8 @@ def _model(robot: Robot) -> MjcfArm:
 def test_what_is_written_never_moves_worse(
     tmp_path: Path, judging: list[Judging], caused: bool, right: bool
 ) -> None:
-    """Without a cause, too, the file holds what moves nearer; where all that was found moves worse there is no file."""
+    """Without a cause, too, the file holds what moves nearer; where all that was found moves worse
+    there is no file."""
     described = servo_arm().robot
     every = {form: form.replace("17.8", "60") for form in (PAN, LIFT, ELBOW)}
     found = servo_arm(ROUGH if right else every).robot

@@ -1,4 +1,5 @@
-"""Laws that elements of an MJCF state: the same motion as the project's own simulator has, without a callback."""
+"""Laws that elements of an MJCF state: the same motion as the project's own simulator has, without
+a callback."""
 
 import re
 from functools import cache
@@ -44,7 +45,8 @@ def plain_text() -> str:
     [*((one, 1e-6) for one in SMOOTH), *((one, 0.01) for one in (*DRY, *STRIBECK))],
 )
 def test_a_native_law_moves_the_arm_as_in_the_simulator(effects: str, allowed: float) -> None:
-    """Under the same torques for 2 s: within a share of what the effect does to the motion, 1 % where it is dry."""
+    """Under the same torques for 2 s: within a share of what the effect does to the motion, 1 %
+    where it is dry."""
     robot = load_robot()
     robot = robot.with_(effects=tuple(parse(text, robot).to_dict() for text in effects.split()))
     reference = trajectory(n=3, period=2.0, ramp=0.5, periods=2).evaluate(
@@ -80,7 +82,8 @@ def test_a_law_of_a_drive_is_left_out_of_an_arm_that_has_none() -> None:
 
 
 def test_a_servo_and_a_late_torque_are_of_the_new_file(tmp_path: Path) -> None:
-    """Gains, delay and limit of a controller become a <position> actuator, a late motor torque its sensor's delay."""
+    """Gains, delay and limit of a controller become a <position> actuator, a late motor torque its
+    sensor's delay."""
     rigid = parse_urdf(to_urdf(load_robot())).with_(effects=())
     servo = JointController(kp=300.0, kd=20.0, delay=0.01, torque=40.0)
     late = {

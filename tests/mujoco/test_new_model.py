@@ -19,7 +19,8 @@ SLIDING = random_arm(4, np.random.default_rng(3), elastic=False, prismatic=(0, 2
 
 @pytest.mark.parametrize("file", [MODELS / "arm.xml", MODELS / "everything.xml", None, SLIDING])
 def test_a_rigid_arm_is_itself_again(file, tmp_path) -> None:
-    """A rigid arm written as a new MJCF and read back has the same torques, armature and friction."""
+    """A rigid arm written as a new MJCF and read back has the same torques, armature and
+    friction."""
     robot = (
         parse_urdf(to_urdf(load_robot()))
         if file is None
@@ -44,7 +45,8 @@ def test_a_rigid_arm_is_itself_again(file, tmp_path) -> None:
 
 
 def test_the_elastic_arm_moves_in_mujoco_as_in_the_simulator() -> None:
-    """The nominal elastic arm (mod2) under the same motor torques for 10 s: angles equal to 1e-5 rad."""
+    """The nominal elastic arm (mod2) under the same motor torques for 10 s: angles equal to 1e-5
+    rad."""
     robot, rate, substeps = load_robot(), 1000, 10
     motion = random_trajectories(
         build_model(robot, "mod2"), MotionLimits.of(robot), 1, rng=np.random.default_rng(0)

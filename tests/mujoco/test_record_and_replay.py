@@ -1,4 +1,5 @@
-"""An arm recorded in MuJoCo and replayed there: by the model that moved it, and by one that it is not."""
+"""An arm recorded in MuJoCo and replayed there: by the model that moved it, and by one that it is
+not."""
 
 from pathlib import Path
 
@@ -27,7 +28,8 @@ def recorded() -> Recording:
 
 
 def test_the_model_that_was_recorded_replays_it(recorded: Recording) -> None:
-    """It needs the recorded torque to 1 mNm, is late by less than a tenth of a sample, and stays within 1 mrad."""
+    """It needs the recorded torque to 1 mNm, is late by less than a tenth of a sample, and stays
+    within 1 mrad."""
     found = replay(recorded, open_mjcf(MODELS / "arm.xml"))
     assert found.windows >= 10
     assert found.open_loop.torque.max() < 1e-3
@@ -38,7 +40,8 @@ def test_the_model_that_was_recorded_replays_it(recorded: Recording) -> None:
 def test_a_model_with_friction_that_the_arm_has_not_errs_by_it(
     recorded: Recording, tmp_path: Path
 ) -> None:
-    """Two Nm of friction loss at one joint are what that joint's torque is off by, and no other's."""
+    """Two Nm of friction loss at one joint are what that joint's torque is off by, and no
+    other's."""
     text = (MODELS / "arm.xml").read_text()
     (tmp_path / "hand.xml").write_text((MODELS / "hand.xml").read_text())
     rough = f'<joint name="joint3" frictionloss="{LOSS}" solreffriction="0.002 1" '

@@ -1,7 +1,8 @@
-"""The cases by which `mujoco.sysid` tests itself, run through `identify`: models, commands and tolerances are its own.
+"""The cases by which `mujoco.sysid` tests itself, run through `identify`: models, commands and
+tolerances are its own.
 
-MuJoCo's Runge–Kutta integrator moves the arms, so that the recording is that of the model and not of its time steps;
-`mujoco.sysid` fits simulations of the same time steps.
+MuJoCo's Runge–Kutta integrator moves the arms, so that the recording is that of the model and not
+of its time steps; `mujoco.sysid` fits simulations of the same time steps.
 """
 
 from pathlib import Path
@@ -59,9 +60,11 @@ def test_the_mass_on_a_spring(tmp_path: Path) -> None:
 
 
 def test_the_armatures_of_five_joints(tmp_path: Path) -> None:
-    """Armatures of 0.1 to 0.5 kg m² are found from 0.01, beside inertias that `mujoco.sysid` is given.
+    """Armatures of 0.1 to 0.5 kg m² are found from 0.01, beside inertias that `mujoco.sysid` is
+    given.
 
-    Those of the first two joints come as sums with link inertias, from which no motion can tell them.
+    Those of the first two joints come as sums with link inertias, from which no motion can tell
+    them.
     """
     t = time(2.0)
     parts = ((5.0, 0.5, 0.0), (4.0, 0.7, 0.5), (3.0, 0.4, 1.0), (2.0, 0.9, 1.5), (1.0, 0.6, 2.0))

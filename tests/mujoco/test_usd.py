@@ -27,7 +27,8 @@ def opened(robot, folder):
 
 
 def test_numbers_of_joints_are_in_the_units_of_usd(tmp_path) -> None:
-    """Armature, friction, damping, limits and gains, per degree where USD counts in degrees; what is left is named."""
+    """Armature, friction, damping, limits and gains, per degree where USD counts in degrees; what
+    is left is named."""
     servo = JointController(kp=100.0, kd=5.0, torque=30.0)
     robot = (
         load_robot(MODELS / "arm.xml").with_(effects=EFFECTS).with_joint("joint2", controller=servo)
@@ -56,7 +57,8 @@ def test_numbers_of_joints_are_in_the_units_of_usd(tmp_path) -> None:
 
 @pytest.mark.parametrize("elastic", [False, True])
 def test_usds_own_reader_finds_the_arm(tmp_path, elastic: bool) -> None:
-    """Links have their masses and inertias about the world's axes; frames of a joint on both its links coincide."""
+    """Links have their masses and inertias about the world's axes; frames of a joint on both its
+    links coincide."""
     robot = load_robot() if elastic else load_robot(MODELS / "arm.xml")
     stage, _ = opened(robot, tmp_path)
     found = UsdPhysics.UsdPhysicsLoadStageFromPrimRange(stage, ["/"])
@@ -86,7 +88,8 @@ def test_usds_own_reader_finds_the_arm(tmp_path, elastic: bool) -> None:
 
 
 def test_a_base_without_mass_is_fixed_all_the_same(tmp_path) -> None:
-    """A URDF often gives its first link no mass; what does not move may have any. A link without is refused."""
+    """A URDF often gives its first link no mass; what does not move may have any. A link without is
+    refused."""
     robot = load_robot(MODELS / "arm.xml").with_(base_mass=0.0)
     stage, _ = opened(robot, tmp_path)
     (base,) = [p for p in stage.Traverse() if p.GetName() == "base"]

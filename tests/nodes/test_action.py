@@ -1,4 +1,5 @@
-"""FollowJointTrajectory on a real DDS graph, as MoveIt and other clients of joint_trajectory_controller use it."""
+"""FollowJointTrajectory on a real DDS graph, as MoveIt and other clients of
+joint_trajectory_controller use it."""
 
 import json
 import re
@@ -78,7 +79,8 @@ def client(graph: Graph, states: list[JointState]) -> Client:
     """A client of an arm that is back at rest at zero."""
     made = Client(graph)
     assert graph.call(Trigger, "/simulator/reset", Trigger.Request()).success
-    # States from before the reset may still wait to be read, so what they say counts and not how many have come.
+    # States from before the reset may still wait to be read, so what they say counts and not how
+    # many have come.
     graph.until(
         lambda: len(states) > 50 and all(at_zero(state) for state in states[-50:]),
         "the arm stands at zero",
@@ -102,7 +104,8 @@ def to(
 def test_a_goal_is_reached_and_its_course_is_fed_back(
     client: Client, states: list[JointState]
 ) -> None:
-    """The arm goes there in the time given; feedback holds what is desired, what is, and the difference."""
+    """The arm goes there in the time given; feedback holds what is desired, what is, and the
+    difference."""
     status, result = client.outcome(
         client.send(
             to(0.4, -0.2, 0.3, velocities=[0.0] * 3),
@@ -145,7 +148,8 @@ def test_a_cancelled_goal_leaves_the_arm_standing_where_it_is(
 def test_what_is_out_of_tolerance_is_aborted(
     graph: Graph, client: Client, states: list[JointState]
 ) -> None:
-    """A path or a goal that cannot be kept so closely ends with JTC's code, joint and size; the arm stops."""
+    """A path or a goal that cannot be kept so closely ends with JTC's code, joint and size; the arm
+    stops."""
     tight = [JointTolerance(name="joint_2", position=1e-9)]
     status, result = client.outcome(client.send(to(0.5, 0.5, 0.5), path_tolerance=tight))
     assert (status, result.error_code) == (
@@ -180,7 +184,8 @@ def test_unusable_goals_are_refused_with_a_code(client: Client) -> None:
 
 
 def test_the_last_goal_counts(graph: Graph, client: Client, states: list[JointState]) -> None:
-    """A goal gives way to another one, and to a message on ~/joint_trajectory; both are for some joints alone."""
+    """A goal gives way to another one, and to a message on ~/joint_trajectory; both are for some
+    joints alone."""
     first = client.send(to(1.0, 0.0, 0.0, seconds=3, velocities=[0.0] * 3))
     second = client.send(to(0.5, seconds=3, names=["joint_2"]))
     status, result = client.outcome(first)
@@ -194,9 +199,11 @@ def test_the_last_goal_counts(graph: Graph, client: Client, states: list[JointSt
 
 
 def test_types_are_those_of_control_msgs() -> None:
-    """The hashes by which nodes recognise a type are those that an independent reader makes of control_msgs' fields.
+    """The hashes by which nodes recognise a type are those that an independent reader makes of
+    control_msgs' fields.
 
-    The texts are those of ros-controls/control_msgs, branch jazzy; where a distribution brings the package, its own.
+    The texts are those of ros-controls/control_msgs, branch jazzy; where a distribution brings the
+    package, its own.
     """
     share = Path(get_package_share_directory("control_msgs"))
     described = json.loads((share / "action" / "FollowJointTrajectory.json").read_text())

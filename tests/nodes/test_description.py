@@ -32,7 +32,8 @@ def with_limits() -> Robot:
 
 
 def test_pinocchio_has_a_coordinate_a_joint() -> None:
-    """All joints are revolute with limits, so that nq = nv = n, and the dynamics are those of the plain URDF."""
+    """All joints are revolute with limits, so that nq = nv = n, and the dynamics are those of the
+    plain URDF."""
     model, plain = (
         pinocchio.buildModelFromXML(text) for text in (ros_description(ARM), to_urdf(with_limits()))
     )
@@ -64,7 +65,8 @@ def test_the_tool_frame_is_the_last_link_s(rng: np.random.Generator) -> None:
 
 
 def test_collision_shapes_are_the_capsules_of_the_collision_check(rng: np.random.Generator) -> None:
-    """Distances between links that are not neighbours, by coal, are the gaps that the excitation keeps."""
+    """Distances between links that are not neighbours, by coal, are the gaps that the excitation
+    keeps."""
     text = ros_description(ARM)
     model = pinocchio.buildModelFromXML(text)
     shapes = pinocchio.buildGeomFromUrdfString(model, text, pinocchio.GeometryType.COLLISION)
@@ -91,7 +93,8 @@ def test_collision_shapes_are_the_capsules_of_the_collision_check(rng: np.random
 
 
 def test_other_readers_take_it() -> None:
-    """MuJoCo compiles it; read as an arm it has the same joints; ros2_control's joints do not count twice."""
+    """MuJoCo compiles it; read as an arm it has the same joints; ros2_control's joints do not count
+    twice."""
     text = ros_description(ARM)
     assert mujoco.MjModel.from_xml_string(text).nq == ARM.n
     assert parse_urdf(text).joint_names == ARM.joint_names
@@ -102,7 +105,8 @@ def test_other_readers_take_it() -> None:
 
 
 def test_controllers_find_the_topics_of_the_arm() -> None:
-    """The ros2_control block names the topics of the arm's namespace, and position and velocity as commands."""
+    """The ros2_control block names the topics of the arm's namespace, and position and velocity as
+    commands."""
     control = ET.fromstring(ros_description(ARM, "left")).find("ros2_control")
     assert control.findtext("hardware/plugin") == "topic_based_ros2_control/TopicBasedSystem"
     topics = {one.get("name"): one.text for one in control.findall("hardware/param")}
@@ -115,7 +119,8 @@ def test_controllers_find_the_topics_of_the_arm() -> None:
 
 
 def test_friction_of_the_description_is_in_dynamics() -> None:
-    """Viscous and Coulomb friction that the arm file lists are damping and friction of the joint."""
+    """Viscous and Coulomb friction that the arm file lists are damping and friction of the
+    joint."""
     effects = (
         {"effect": "viscous_friction", "joint": "joint_1", "parameters": {"coefficient": 3.0}},
         {"effect": "coulomb_friction", "joint": "joint_2", "parameters": {"torque": 5.0}},

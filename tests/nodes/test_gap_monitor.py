@@ -61,7 +61,8 @@ def test_a_question_that_cannot_be_answered_is_said_in_words(worker: WorkerProce
 
 
 def test_a_process_that_dies_is_started_again(worker: WorkerProcess) -> None:
-    """Its end is a problem that names the exit code and is counted; the next question is answered by a new process."""
+    """Its end is a problem that names the exit code and is counted; the next question is answered
+    by a new process."""
     worker.ask(8)
     first, _ = answer_of(worker).value
     worker.ask(0)
@@ -248,7 +249,8 @@ def start_arm(graph: Graph) -> None:
 def test_the_friction_of_a_moving_arm_is_named(graph: Graph) -> None:
     """While the arm moves, /gap names effect, joint and size, and losses are counted aloud.
 
-    That none are lost is for `bench_live` to show: a machine that tests share may starve any subscriber.
+    That none are lost is for `bench_live` to show: a machine that tests share may starve any
+    subscriber.
     """
     found = graph.listen(GapDiagnosis, "/gap")
     status = graph.status("gap_monitor")
@@ -305,7 +307,8 @@ def test_a_replay_shorter_than_the_window_is_diagnosed_at_its_end(graph: Graph) 
 
 @pytest.mark.graph
 def test_an_arm_at_rest_is_not_diagnosed(graph: Graph) -> None:
-    """Without motion there is no verdict, and the reason stands on /diagnostics; Ctrl-C ends the node at any time."""
+    """Without motion there is no verdict, and the reason stands on /diagnostics; Ctrl-C ends the
+    node at any time."""
     found = graph.listen(GapDiagnosis, "/gap")
     status = graph.status("gap_monitor")
     monitor = graph.start("gap_monitor", window=8.0)

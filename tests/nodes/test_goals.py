@@ -1,4 +1,5 @@
-"""Goals of few points: interpolated from the present state, kept within limits, or refused in words."""
+"""Goals of few points: interpolated from the present state, kept within limits, or refused in
+words."""
 
 from dataclasses import replace
 
@@ -62,7 +63,8 @@ def test_a_position_alone_is_gone_to_in_a_straight_line_from_where_the_arm_is() 
 
 @pytest.mark.parametrize("degree", [3, 5])
 def test_what_a_point_holds_decides_on_cubic_or_quintic(degree: int) -> None:
-    """Points with velocities are joined by the cubic, with accelerations by the quintic, as SciPy's Hermite ones."""
+    """Points with velocities are joined by the cubic, with accelerations by the quintic, as SciPy's
+    Hermite ones."""
     given = np.random.default_rng(degree).uniform(-0.3, 0.3, (2, 3, 3))
     given[1, 1:] = 0.0
     fields = ("velocities", "accelerations")[: (degree - 1) // 2]
@@ -85,7 +87,8 @@ def test_what_a_point_holds_decides_on_cubic_or_quintic(degree: int) -> None:
 
 
 def test_a_new_goal_goes_on_from_the_motion_that_it_replaces() -> None:
-    """In the middle of a motion, a goal with velocities is joined without a jump of position or velocity."""
+    """In the middle of a motion, a goal with velocities is joined without a jump of position or
+    velocity."""
     arm = follower()
     arm.take(goal(point(2.0, [0.5, 0.5, 0.5], velocities=[0.0, 0.0, 0.0])))
     before = gone(arm, 1.0)
@@ -163,7 +166,8 @@ def test_a_goal_that_breaks_a_limit_is_refused_in_words(what: str) -> None:
 def test_a_goal_is_slowed_down_to_the_limits_where_that_is_wanted(
     given: dict[str, list[float]],
 ) -> None:
-    """With `slow_down` the motion takes the time that the limits need, and ends where it was to end."""
+    """With `slow_down` the motion takes the time that the limits need, and ends where it was to
+    end."""
     robot = limited(velocity=0.3, acceleration=0.5)
     arm = follower(robot, "slow_down")
     made = arm.take(goal(point(0.1, [0.0, 0.5, 0.0], **given)))
@@ -198,7 +202,8 @@ def streamed(begin_ns: int, position: np.ndarray, velocity: float) -> JointTraje
 
 
 def test_a_stream_that_begins_elsewhere_is_refused() -> None:
-    """Streamed points a quarter of a radian from the arm would be a jump; those where it is are followed."""
+    """Streamed points a quarter of a radian from the arm would be a jump; those where it is are
+    followed."""
     arm = follower()
     with pytest.raises(GraphError, match=r"begins 0\.25 rad from where joint_1 is"):
         arm.take(streamed(MS, np.full((20, 3), 0.25), 0.0))
@@ -294,7 +299,8 @@ def test_an_absurd_stream_is_refused_before_memory_is_taken(what: str, policy: s
 
 
 def test_a_stream_of_old_stamps_leaves_nothing_behind() -> None:
-    """What is of another clock is forgotten, also where it lies half a century back or before any."""
+    """What is of another clock is forgotten, also where it lies half a century back or before
+    any."""
     for stamp in (10**9, -(10**18)):
         arm = in_our_time()
         arm.take(goal(point(0.0, ZEROS), point(100.0, ZEROS), stamp_ns=stamp))

@@ -57,9 +57,11 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
         estimates = graph.listen(ParameterEstimate, "/parameter_estimate")
         identifier = graph.start("identifier", save_to=folder / "online", save_at_exit=True)
         recorder = graph.start("recorder", bag=folder / "bag")
-        # Slower than real time, on its own clock: a machine that is busy with other work skips nothing.
+        # Slower than real time, on its own clock: a machine that is busy with other work skips
+        # nothing.
         simulator = graph.start("simulator", seed=4, real_time_factor=0.8)
-        # Long beside what the first estimate is made of, so that deviations, which are estimates too, have to shrink.
+        # Long beside what the first estimate is made of, so that deviations, which are estimates
+        # too, have to shrink.
         generator = graph.start(
             "trajectory_generator", trajectory=lively_excitation(folder, 15.0), use_sim_time=True
         )
@@ -80,17 +82,19 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
 
 
 def test_a_run_ends_cleanly(run: Run) -> None:
-    """The generator ends by itself and Ctrl-C ends the others, all with code 0 and without a traceback."""
+    """The generator ends by itself and Ctrl-C ends the others, all with code 0 and without a
+    traceback."""
     assert run.generator.process.returncode == 0
     assert set(run.codes.values()) == {0}, run.outputs
     assert "Traceback" not in run.outputs
 
 
 def test_the_estimate_converges_to_the_truth(run: Run) -> None:
-    """The errors of all parameters are within two of the deviations that the identifier states, and these shrink.
+    """The errors of all parameters are within two of the deviations that the identifier states, and
+    these shrink.
 
-    The errors count together, with their correlations: with exact encoders all parameters hang on one scale, that of
-    the torques, so that errors one by one would be one draw of chance, repeated.
+    The errors count together, with their correlations: with exact encoders all parameters hang on
+    one scale, that of the torques, so that errors one by one would be one draw of chance, repeated.
     """
     online = Identification.load(run.online)
     assert sum(e.verdict == "well" for e in online.estimates) > 10
@@ -102,7 +106,8 @@ def test_the_estimate_converges_to_the_truth(run: Run) -> None:
 
 
 def test_the_recording_holds_the_whole_run(run: Run) -> None:
-    """All topics are in the bag, both sides with the same stamps, a sample every millisecond of the motion."""
+    """All topics are in the bag, both sides with the same stamps, a sample every millisecond of the
+    motion."""
     recording = read_recording(run.bag)
     assert recording.joints == JOINTS
     assert recording.robot_description
@@ -113,7 +118,8 @@ def test_the_recording_holds_the_whole_run(run: Run) -> None:
 
 
 def test_online_and_offline_agree(graph: Graph, run: Run) -> None:
-    """The samples of a bag give the same estimate over the graph as fed to the estimator at once, to rounding.
+    """The samples of a bag give the same estimate over the graph as fed to the estimator at once,
+    to rounding.
 
     With `print`, every estimate is a line of JSON on stdout, for a program that shows the course.
     """
@@ -143,7 +149,8 @@ def test_online_and_offline_agree(graph: Graph, run: Run) -> None:
 
 
 def test_a_replay_says_what_was_recorded(graph: Graph, run: Run) -> None:
-    """The replayer publishes every recorded sample in order, with its stamp, and the clock beside it."""
+    """The replayer publishes every recorded sample in order, with its stamp, and the clock beside
+    it."""
     clock, messages = graph.listen(Clock, "/clock"), graph.listen(JointState, "/joint_states")
     recorded = read_recording(run.bag).link
     replayer = graph.start("replayer", bag=run.bag, topics="['/joint_states']", rate=3.0)
@@ -157,7 +164,8 @@ def test_a_replay_says_what_was_recorded(graph: Graph, run: Run) -> None:
 
 
 def test_samples_come_in_order_one_a_millisecond(graph: Graph) -> None:
-    """With a clock of its own, the arm's samples follow each other by exactly a millisecond on all three topics."""
+    """With a clock of its own, the arm's samples follow each other by exactly a millisecond on all
+    three topics."""
     kinds = {
         "/joint_states": JointState,
         "/motor_states": JointState,
@@ -176,7 +184,8 @@ def test_samples_come_in_order_one_a_millisecond(graph: Graph) -> None:
 
 
 def test_samples_carry_the_time_of_day(graph: Graph) -> None:
-    """In real time a stamp is the time at which the sample was taken, on the grid of milliseconds."""
+    """In real time a stamp is the time at which the sample was taken, on the grid of
+    milliseconds."""
     messages = graph.listen(JointState, "/joint_states")
     graph.start("simulator")
     graph.until(lambda: len(messages) > 50, "samples")
@@ -186,7 +195,8 @@ def test_samples_carry_the_time_of_day(graph: Graph) -> None:
 
 
 def test_an_arm_faster_than_real_time_is_moved_on_its_own_clock(graph: Graph) -> None:
-    """With /clock the reference keeps to the arm's time, and the whole motion is run without a break."""
+    """With /clock the reference keeps to the arm's time, and the whole motion is run without a
+    break."""
     clock = graph.listen(Clock, "/clock")
     status: list[DiagnosticArray] = graph.listen(DiagnosticArray, "/diagnostics")
     recorder = graph.start("recorder", bag=graph.folder / "bag")
@@ -199,7 +209,8 @@ def test_an_arm_faster_than_real_time_is_moved_on_its_own_clock(graph: Graph) ->
     assert recorder.stop() == 0
     recording = read_recording(graph.folder / "bag")
     assert set(np.diff(recording.motor.stamp_ns)) == {STEP_NS}
-    # On a busy machine the recorder finds the arm's topics some tenths of a second after the motion has begun.
+    # On a busy machine the recorder finds the arm's topics some tenths of a second after the motion
+    # has begun.
     heard = recording.reference.stamp_ns >= recording.motor.stamp_ns[0]
     assert np.mean(heard) > 0.5
     stamps, reference = recording.reference.stamp_ns[heard], recording.reference.position[heard, 0]
@@ -210,7 +221,8 @@ def test_an_arm_faster_than_real_time_is_moved_on_its_own_clock(graph: Graph) ->
 
 
 def held_up(graph: Graph, node: NodeProcess, seconds: float) -> None:
-    """Stop a process, and let it go on after some seconds, as a machine does that is busy with other things."""
+    """Stop a process, and let it go on after some seconds, as a machine does that is busy with
+    other things."""
     node.process.send_signal(signal.SIGSTOP)
     end = time.monotonic() + seconds
     graph.until(lambda: time.monotonic() > end, "the pause is over")
@@ -218,7 +230,8 @@ def held_up(graph: Graph, node: NodeProcess, seconds: float) -> None:
 
 
 def reference_and_motion(graph: Graph) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the recorded reference, and the motor angles at its stamps; and all stamps of the motors."""
+    """Return the recorded reference, and the motor angles at its stamps; and all stamps of the
+    motors."""
     recording = read_recording(graph.folder / "bag")
     stamp_ns = recording.motor.stamp_ns
     angles = [
@@ -229,7 +242,8 @@ def reference_and_motion(graph: Graph) -> tuple[np.ndarray, np.ndarray, np.ndarr
 
 
 def test_the_clock_of_the_arm_waits_for_a_generator_that_is_held_up(graph: Graph) -> None:
-    """With /clock a pause of the stream costs real time alone: in the arm's time the motion is run as it was meant."""
+    """With /clock a pause of the stream costs real time alone: in the arm's time the motion is run
+    as it was meant."""
     clock = graph.listen(Clock, "/clock")
     recorder = graph.start("recorder", bag=graph.folder / "bag")
     graph.start("simulator", real_time_factor=1.5)
@@ -248,7 +262,8 @@ def test_the_clock_of_the_arm_waits_for_a_generator_that_is_held_up(graph: Graph
 
 
 def test_an_arm_that_is_held_up_in_real_time_loses_no_sample(graph: Graph) -> None:
-    """After two seconds of standstill the simulator catches up: a sample every millisecond, on the reference."""
+    """After two seconds of standstill the simulator catches up: a sample every millisecond, on the
+    reference."""
     heard = graph.listen(JointState, "/motor_states")
     recorder = graph.start("recorder", bag=graph.folder / "bag")
     simulator = graph.start("simulator")
@@ -267,7 +282,8 @@ def test_an_arm_that_is_held_up_in_real_time_loses_no_sample(graph: Graph) -> No
 
 
 def test_the_generator_goes_on_with_an_arm_that_was_started_again(graph: Graph) -> None:
-    """Where the simulator ends in the middle of a motion, the generator waits for the next one and begins anew."""
+    """Where the simulator ends in the middle of a motion, the generator waits for the next one and
+    begins anew."""
     trajectory = lively_excitation(graph.folder, 4.0)
     simulator = graph.start("simulator")
     generator = graph.start("trajectory_generator", trajectory=trajectory)
@@ -305,7 +321,8 @@ def test_an_effect_is_switched_on_by_a_parameter(graph: Graph) -> None:
 
 
 def test_effects_are_set_and_cleared_while_the_arm_runs(graph: Graph) -> None:
-    """`ros2 param set` takes a list of effects, an empty list for none, and refuses what is no list of texts."""
+    """`ros2 param set` takes a list of effects, an empty list for none, and refuses what is no list
+    of texts."""
     simulator = graph.start("simulator", real_time_factor=0.5)
     friction = "viscous_friction:joint_1:coefficient=2.0"
     # The second is what `ros2 param set /simulator effects "[]"` sends.
@@ -340,7 +357,8 @@ def test_a_killed_recorder_leaves_a_readable_bag(graph: Graph) -> None:
 
 
 def test_a_simulator_that_publishes_stays_when_another_source_turns_up(graph: Graph) -> None:
-    """It says who publishes too, from its first samples on: the arm is moving, and the newcomer is the mistake."""
+    """It says who publishes too, from its first samples on: the arm is moving, and the newcomer is
+    the mistake."""
     status = graph.listen(DiagnosticArray, "/diagnostics")
     samples = graph.listen(JointState, "/joint_states")
     simulator = graph.start("simulator")
@@ -395,7 +413,8 @@ def test_states_without_a_place_of_the_arm_are_refused_by_the_generator(
 
 
 def test_absurd_references_leave_the_arm_as_it_is(graph: Graph) -> None:
-    """One message of years of points, or of impossible numbers, is refused in words; the arm goes on."""
+    """One message of years of points, or of impossible numbers, is refused in words; the arm goes
+    on."""
     samples, status = graph.listen(JointState, "/joint_states"), graph.status("simulator")
     simulator = graph.start("simulator", rate=250.0)
     publishers = {

@@ -1,4 +1,5 @@
-"""The launch files, read by ROS's own launch; wheels of ROS have none, so this runs where ROS is installed."""
+"""The launch files, read by ROS's own launch; wheels of ROS have none, so this runs where ROS is
+installed."""
 
 import importlib.util
 from pathlib import Path

@@ -52,7 +52,8 @@ def element(message: Any, path: str) -> Any:
 
 
 def curves(topic: str, message: Any) -> dict[str, Any]:
-    """Return a message's numbers by the names that PlotJuggler's parser of ROS messages gives them."""
+    """Return a message's numbers by the names that PlotJuggler's parser of ROS messages gives
+    them."""
     if isinstance(message, JointState):
         channels = {kind: getattr(message, kind) for kind in ("position", "velocity", "effort")}
         return {
@@ -66,7 +67,8 @@ def curves(topic: str, message: Any) -> dict[str, Any]:
 
 
 def test_what_the_layouts_show_is_sent() -> None:
-    """Every path and every curve is a number of the messages of its topic, every other panel's topic is sent."""
+    """Every path and every curve is a number of the messages of its topic, every other panel's
+    topic is sent."""
     paths = [path["value"] for panel in PLOTS.values() for path in panel["paths"]]
     assert len(paths) > 10
     for path in paths:

@@ -1,4 +1,5 @@
-"""Nodes receive from whoever publishes, whatever quality of service they offer, and from the first message on."""
+"""Nodes receive from whoever publishes, whatever quality of service they offer, and from the first
+message on."""
 
 import pytest
 from rclpy.qos import QoSProfile, ReliabilityPolicy

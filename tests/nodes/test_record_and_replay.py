@@ -1,4 +1,5 @@
-"""Recorder and replayer on a real DDS graph: topics of any type, what is latched, and a disk that fills up."""
+"""Recorder and replayer on a real DDS graph: topics of any type, what is latched, and a disk that
+fills up."""
 
 import time
 from pathlib import Path
@@ -19,7 +20,8 @@ pytestmark = pytest.mark.graph
 
 
 def test_a_topic_of_any_type_is_recorded_and_played_back(graph: Graph) -> None:
-    """A type that is not the suite's is kept with its definition; every message comes back in order."""
+    """A type that is not the suite's is kept with its definition; every message comes back in
+    order."""
     topics = "['/foreign/tolerance', '/robot_description']"
     recorder = graph.start("recorder", bag=graph.folder / "bag", topics=topics)
     latched = graph.peer.create_publisher(String, "/robot_description", LATCHED)

@@ -23,7 +23,8 @@ def message(*positions: list[float], names: tuple[str, ...] = JOINTS) -> JointTr
 
 
 def test_points_come_in_the_order_of_the_arm() -> None:
-    """Names may come in any order and with further joints; velocities that are not given are zero."""
+    """Names may come in any order and with further joints; velocities that are not given are
+    zero."""
     sent = message([3.0, 9.0, 1.0, 2.0], [6.0, 9.0, 4.0, 5.0], names=("c", "gripper", "a", "b"))
     after_ns, points = reference_points(sent, JOINTS)
     assert after_ns.tolist() == [0, 1_000_000]
@@ -86,7 +87,8 @@ BAD: dict[str, tuple[Callable[[], JointTrajectory], str]] = {
 
 @pytest.mark.parametrize("name", BAD)
 def test_what_cannot_be_followed_is_refused_in_words(name: str) -> None:
-    """Every malformed message is an error of the library, which the node counts, and nothing else."""
+    """Every malformed message is an error of the library, which the node counts, and nothing
+    else."""
     make, words = BAD[name]
     with pytest.raises(GraphError, match=words):
         reference_points(make(), JOINTS)

@@ -67,7 +67,8 @@ def test_absurd_samples_are_left_out_and_counted(
 
 
 def test_numbers_of_no_arm_are_left_out_from_the_first_sample_on(samples: Samples) -> None:
-    """A whole batch of 1e200 rad, before any other is known, is no range that later ones are judged by."""
+    """A whole batch of 1e200 rad, before any other is known, is no range that later ones are judged
+    by."""
     screen = StreamScreen()
     absurd = replace(samples, q=samples.q * 0.0 + 1e200)
     assert len(screen.take(part(absurd, slice(0, BATCH)))) == 0
@@ -76,7 +77,8 @@ def test_numbers_of_no_arm_are_left_out_from_the_first_sample_on(samples: Sample
 
 
 def test_an_estimate_survives_an_absurd_sample(samples: Samples) -> None:
-    """One sample of 1e6 Nm in the stream moves no parameter by more than a tenth of its deviation."""
+    """One sample of 1e6 Nm in the stream moves no parameter by more than a tenth of its
+    deviation."""
     sound, screened = (identifier_of(load_robot(None)) for _ in range(2))
     screen = StreamScreen()
     for batch, bad in zip(
@@ -90,7 +92,8 @@ def test_an_estimate_survives_an_absurd_sample(samples: Samples) -> None:
 
 @pytest.mark.graph
 def test_the_identifier_reports_what_it_leaves_out(tmp_path: Path, graph: Graph) -> None:
-    """One sample of 1e6 Nm on the graph is counted on /diagnostics, and parameters are determined all the same."""
+    """One sample of 1e6 Nm on the graph is counted on /diagnostics, and parameters are determined
+    all the same."""
     recording = read_recording(Path(__file__).parents[2] / "bags" / "excitation")
     effort = recording.motor.effort.copy()
     effort[4000, 1] = 1e6

@@ -1,4 +1,5 @@
-"""Another publisher of a topic that can have only one, as discovery brings it: without its name at first."""
+"""Another publisher of a topic that can have only one, as discovery brings it: without its name at
+first."""
 
 from types import SimpleNamespace
 from typing import Any
@@ -14,7 +15,8 @@ OTHER = ("simulator", "/left")
 
 
 class Discovery:
-    """What a node sees of the publishers of a topic, one look after the other; the last one stays."""
+    """What a node sees of the publishers of a topic, one look after the other; the last one
+    stays."""
 
     publishers: tuple[Any, ...] = ()
 

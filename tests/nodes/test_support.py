@@ -1,4 +1,5 @@
-"""What the nodes do that needs no graph: pairing, the streamed reference, the pace, messages as bytes."""
+"""What the nodes do that needs no graph: pairing, the streamed reference, the pace, messages as
+bytes."""
 
 import signal
 from array import array
@@ -84,7 +85,8 @@ PAIRED: dict[str, tuple[int, list[tuple[list[int], list[int]]], list[int], dict[
 
 @pytest.mark.parametrize("what", PAIRED)
 def test_samples_that_come_otherwise_are_put_in_order_or_counted(what: str) -> None:
-    """What is handed out increases within a run, and every sample that is not is counted by the reason."""
+    """What is handed out increases within a run, and every sample that is not is counted by the
+    reason."""
     window, batches, expected, counts = PAIRED[what]
     pairing, handed = Pairing(window_ns=window), list[int]()
     for batch in (*batches, None):
@@ -110,7 +112,8 @@ def test_a_silent_peer_costs_no_memory() -> None:
 @settings(deadline=None)
 @given(st.lists(st.tuples(st.booleans(), st.integers(0, 40)), max_size=80), st.integers(0, 10))
 def test_handed_out_stamps_strictly_increase(arrivals: list[tuple[bool, int]], window: int) -> None:
-    """Whatever arrives in whatever order, what is handed out increases, and every sample is accounted for."""
+    """Whatever arrives in whatever order, what is handed out increases, and every sample is
+    accounted for."""
     pairing = Pairing(window_ns=window)
     handed: list[int] = []
     for is_link, stamp in arrivals:
@@ -135,7 +138,8 @@ def sine(stamps: np.ndarray) -> Row:
 
 
 def test_the_reference_between_points_follows_the_motion() -> None:
-    """Points off the grid, in messages cut anywhere, are brought onto it to within the cubic's error."""
+    """Points off the grid, in messages cut anywhere, are brought onto it to within the cubic's
+    error."""
     queue = ReferenceQueue(np.zeros(2), origin_ns=0, step_ns=MS)
     stamps = np.arange(1000) * MS + 370_000
     for begin in range(0, 1000, 21):
@@ -168,7 +172,8 @@ def assert_smooth(motion: Row, acceleration: float) -> None:
 
 
 def test_a_stream_that_breaks_off_leaves_the_arm_standing_on_its_path() -> None:
-    """The arm slows down before the last point and stands there; that the stream fell behind is counted once."""
+    """The arm slows down before the last point and stands there; that the stream fell behind is
+    counted once."""
     queue = ReferenceQueue(np.zeros(2), origin_ns=0, step_ns=MS)
     stamps = np.arange(1, 701) * MS
     queue.add(stamps, sine(stamps))
@@ -182,7 +187,8 @@ def test_a_stream_that_breaks_off_leaves_the_arm_standing_on_its_path() -> None:
 
 
 def test_a_stream_that_falls_behind_is_picked_up_where_it_was_left() -> None:
-    """After a pause of a second the arm goes on from where it stood: later, and without a jump or a part left out."""
+    """After a pause of a second the arm goes on from where it stood: later, and without a jump or a
+    part left out."""
     queue = ReferenceQueue(np.zeros(2), origin_ns=0, step_ns=MS)
     stamps = np.arange(1, 3001) * MS
     queue.add(stamps[:600], sine(stamps[:600]))
@@ -199,7 +205,8 @@ def test_a_stream_that_falls_behind_is_picked_up_where_it_was_left() -> None:
 
 
 def test_a_motion_that_begins_late_is_followed_from_its_beginning() -> None:
-    """Points that lie in the past when they arrive are followed all the same, so many steps later."""
+    """Points that lie in the past when they arrive are followed all the same, so many steps
+    later."""
     queue = ReferenceQueue(np.zeros(2), origin_ns=0, step_ns=MS)
     gone_through(queue, range(1, 6))
     stamps = np.arange(1, 701) * MS
@@ -271,7 +278,8 @@ def test_falling_far_behind_is_admitted() -> None:
 
 
 def test_the_factor_sets_the_speed() -> None:
-    """At twice real time 2000 steps of a 1 kHz arm are due in a second, and that counts as the pace held."""
+    """At twice real time 2000 steps of a 1 kHz arm are due in a second, and that counts as the pace
+    held."""
     pace = Pace(rate=1000.0, factor=2.0)
     pace.wait(0.0)
     for step in range(2000):
@@ -301,7 +309,8 @@ def test_a_filled_form_is_the_message() -> None:
 
 
 def test_an_inbox_gives_back_what_came_in() -> None:
-    """Names, stamps and numbers of many messages come out as arrays, messages of another layout apart."""
+    """Names, stamps and numbers of many messages come out as arrays, messages of another layout
+    apart."""
     inbox = Inbox("sensor_msgs/msg/JointState")
     for stamp in (1, 2, 3):
         inbox.put(serialize_message(joint_state(["a", "b"], stamp, float(stamp))))
@@ -327,7 +336,8 @@ def test_an_inbox_gives_back_what_came_in() -> None:
     ],
 )
 def test_messages_that_do_not_fit_their_type_are_counted(spoil: Callable[[bytes], bytes]) -> None:
-    """Whoever publishes bytes that are no message of the type stops no node: the sound ones are read."""
+    """Whoever publishes bytes that are no message of the type stops no node: the sound ones are
+    read."""
     collector = Collector(("a", "b"))
     sound = serialize_message(joint_state(["a", "b"], stamp_ns=MS))
     for inbox in collector.inboxes.values():
@@ -339,7 +349,8 @@ def test_messages_that_do_not_fit_their_type_are_counted(spoil: Callable[[bytes]
 
 
 def test_messages_that_all_look_different_cost_no_time() -> None:
-    """Of 2000 messages with other names each, as many layouts are looked at as a bag may have; the rest is counted."""
+    """Of 2000 messages with other names each, as many layouts are looked at as a bag may have; the
+    rest is counted."""
     inbox = Inbox("sensor_msgs/msg/JointState")
     for k in range(2000):
         inbox.put(serialize_message(joint_state([f"{k:04d}"])))
@@ -401,7 +412,8 @@ joints: {a: {name: axis_1}, b: {name: axis_2, motor: {effort: {sign: -1}}}}
 
 
 def test_a_driver_that_publishes_currents_is_read_by_a_map(tmp_path: Path) -> None:
-    """Degrees and amperes of motors under the driver's names become rad and Nm at the output; others are foreign."""
+    """Degrees and amperes of motors under the driver's names become rad and Nm at the output;
+    others are foreign."""
     box = Collector(("a", "b"), channels=driver_map(tmp_path, DRIVER))
     (inbox,) = box.inboxes.values()
     assert list(box.inboxes) == ["/arm/joint_states"] and box.channels == (
@@ -424,7 +436,8 @@ def test_a_driver_that_publishes_currents_is_read_by_a_map(tmp_path: Path) -> No
 
 
 def test_both_sides_may_come_on_one_topic(tmp_path: Path) -> None:
-    """A driver with link and motor encoders in one message, under different names, gives samples of both sides."""
+    """A driver with link and motor encoders in one message, under different names, gives samples of
+    both sides."""
     text = "joints:\n" + "".join(
         f"  {j}:\n    link: {{position: {{topic: /js, name: {j}_link}}}}\n"
         f"    motor: {{position: {{topic: /js, name: {j}_motor}}}}\n"
@@ -454,7 +467,8 @@ def test_a_map_that_a_live_graph_cannot_serve_is_refused(
 
 
 def test_messages_that_cannot_be_used_are_counted_and_told() -> None:
-    """Other joints, numbers that are not finite and changed fields are left out, each said in words."""
+    """Other joints, numbers that are not finite and changed fields are left out, each said in
+    words."""
     box = collector("motor")
     inbox = box.inboxes["/motor_states"]
     inbox.put(states(["a", "b"], 1, position=[1.0, 2.0]))
@@ -484,7 +498,8 @@ def test_one_side_alone_makes_samples() -> None:
 
 
 def test_the_way_to_the_start_is_smooth_and_within_its_speed() -> None:
-    """From rest where the arm stands to the trajectory's start there is no jump, and no more than the speed given."""
+    """From rest where the arm stands to the trajectory's start there is no jump, and no more than
+    the speed given."""
     rng = np.random.default_rng(2)
     a, b = rng.normal(size=(2, 2, 3)) * 0.2
     trajectory = FourierTrajectory(2.0, a, b, np.array([1.0, -0.5]), 4.0, 0.5)
@@ -621,7 +636,8 @@ def test_messages_are_due_in_the_rhythm_of_their_recording() -> None:
     "type_name", ["control_msgs/msg/JointTolerance", "trajectory_msgs/msg/JointTrajectory"]
 )
 def test_the_definition_of_an_installed_type_holds_all_that_it_is_made_of(type_name: str) -> None:
-    """The text made of the installed files parses, and is what the library has for a type that it knows."""
+    """The text made of the installed files parses, and is what the library has for a type that it
+    knows."""
     text, type_hash = installed_definition(type_name)
     assert type_hash.startswith("RIHS01_")
     fields = parse_definition(type_name, "ros2msg", text)

@@ -74,7 +74,8 @@ def test_no_range_of_discovery_takes_shared_memory(
     [{PROFILE_VARIABLE: "/mine.xml"}, {TRANSPORTS_VARIABLE: "SHM"}, {PEERS_VARIABLE: "10.0.0.7"}],
 )
 def test_the_user_s_own_settings_count(chosen: dict[str, str]) -> None:
-    """A profile, transports and static peers of the user's stay, and the range of discovery with them."""
+    """A profile, transports and static peers of the user's stay, and the range of discovery with
+    them."""
     environment = {RANGE_VARIABLE: "LOCALHOST", **chosen}
     choose_transport(environment)
     assert {**environment, RANGE_VARIABLE: "LOCALHOST", **chosen} == environment
@@ -82,7 +83,8 @@ def test_the_user_s_own_settings_count(chosen: dict[str, str]) -> None:
 
 @pytest.mark.graph
 def test_a_killed_recorder_holds_no_lock_of_the_arm_s(tmp_path: Path) -> None:
-    """Nodes meet, Fast DDS reports no mistake in its profile, and no process maps memory that outlives another."""
+    """Nodes meet, Fast DDS reports no mistake in its profile, and no process maps memory that
+    outlives another."""
     with ros_graph(tmp_path) as graph:
         heard = graph.listen(JointState, "/joint_states")
         simulator = graph.start("simulator")

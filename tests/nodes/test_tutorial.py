@@ -21,7 +21,8 @@ def test_the_commands_of_the_page_do_what_it_describes(tmp_path: Path) -> None:
     session = page.split("## A first session")[1].split("\n## ")[0]
     blocks = re.findall(r"```sh\n(.*?)```", session, flags=re.DOTALL)
     assert len(blocks) == 4
-    # Runs go where the test wants them; a shell script that stops at the first error, with bash's own words.
+    # Runs go where the test wants them; a shell script that stops at the first error, with bash's
+    # own words.
     script = "\n".join(["set -eu", *blocks])
     with domain_id() as domain:
         env = {

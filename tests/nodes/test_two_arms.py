@@ -25,7 +25,8 @@ def start_in(graph: Graph, namespace: str, node: str, **parameters: object) -> N
 
 
 def test_two_arms_do_not_meet(graph: Graph) -> None:
-    """Topics, references, bags and diagnostics of /left and /right are apart; a third arm in /left is refused."""
+    """Topics, references, bags and diagnostics of /left and /right are apart; a third arm in /left
+    is refused."""
     heard = {name: graph.listen(JointState, f"/{name}/joint_states") for name in ("left", "right")}
     status: list[DiagnosticArray] = graph.listen(DiagnosticArray, "/diagnostics")
     # Two arms and all that listens to them on a busy machine: at 1 kHz it would hold them up.
@@ -61,7 +62,8 @@ def test_two_arms_do_not_meet(graph: Graph) -> None:
 
 
 def test_two_clocks_in_one_graph_are_refused(graph: Graph) -> None:
-    """A second arm with a clock of its own ends, whatever its namespace: all arms of a graph share /clock."""
+    """A second arm with a clock of its own ends, whatever its namespace: all arms of a graph share
+    /clock."""
     heard = graph.listen(JointState, "/left/joint_states")
     start_in(graph, "left", "simulator", real_time_factor=0.5, rate=RATE)
     graph.until(lambda: len(heard) > 100, "the first arm is there")

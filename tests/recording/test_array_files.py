@@ -1,4 +1,5 @@
-"""Arrays as robots' makers and laboratories leave them: structs, tables without names, folders, zeros and scales."""
+"""Arrays as robots' makers and laboratories leave them: structs, tables without names, folders,
+zeros and scales."""
 
 import re
 from pathlib import Path
@@ -32,7 +33,8 @@ def motion(count: int = 60) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def test_fields_of_nested_structs_are_keys(tmp_path: Path) -> None:
-    """A .mat file's struct in a struct is mapped as `rec.motor.q`; other fields are ignored by a pattern."""
+    """A .mat file's struct in a struct is mapped as `rec.motor.q`; other fields are ignored by a
+    pattern."""
     t, q, tau = motion()
     rec = {"time": t, "motor": {"q": q.T, "tau": tau}, "name": "run A", "gains": np.eye(3)}
     scipy.io.savemat(tmp_path / "run.mat", {"rec": rec, "para": {"u": 3.0, "v": [1, 2]}})
@@ -77,7 +79,8 @@ def test_a_folder_of_files_is_one_set_of_arrays(tmp_path: Path) -> None:
 
 
 def test_an_offset_is_taken_in_the_recorded_unit(tmp_path: Path) -> None:
-    """Counts that read 2048 at zero become radians: (number + offset) x factor x unit, one for all joints or each."""
+    """Counts that read 2048 at zero become radians: (number + offset) x factor x unit, one for all
+    joints or each."""
     t, q, _ = motion()
     np.savez(
         tmp_path / "run.npz", t=t, counts=np.rad2deg(q) / 0.1 + [2048, -100], volts=q * 50 + 2.5
@@ -109,7 +112,8 @@ def test_a_channel_map_takes_an_offset_too(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(not KR300.exists(), reason="needs the recordings of a real KUKA KR300")
 def test_axes_with_two_encoders_of_a_real_arm_are_imported(tmp_path: Path) -> None:
-    """The first three of six axes of a KR300, both encoders and the torque at the motors' shafts."""
+    """The first three of six axes of a KR300, both encoders and the torque at the motors'
+    shafts."""
     ratio = np.abs(scipy.io.loadmat(KR300)["para"]["u"].item().ravel()[:3]).tolist()
     axes = {"columns": [0, 1, 2]}
     link = {"position": {"key": "rec.act_pos_se_deg", "unit": "deg", **axes}}
@@ -144,7 +148,8 @@ def test_a_file_of_numbers_a_channel_is_mapped_by_its_name_alone(
 
 
 def test_what_is_left_of_a_folder_is_named_once(tmp_path: Path) -> None:
-    """A table that is not used by its file's name, one that is used in part by its other columns."""
+    """A table that is not used by its file's name, one that is used in part by its other
+    columns."""
     (tmp_path / "run").mkdir()
     for name in ("q", "tau", "other"):
         np.savetxt(tmp_path / "run" / f"{name}.txt", np.arange(90.0).reshape(30, 3))
@@ -220,7 +225,8 @@ def test_decimal_commas_are_read_where_the_mapping_has_them(tmp_path: Path, mark
 
 
 def test_a_row_of_units_blank_cells_and_texts_are_read(tmp_path: Path) -> None:
-    """Degrees by the row of units, rows with holes left out and counted, a text column refuses nothing."""
+    """Degrees by the row of units, rows with holes left out and counted, a text column refuses
+    nothing."""
     rows = "".join(f"{k},{'' if k == 3 else k},{'ok' if k else ''},true\n" for k in range(8))
     run = log(tmp_path, "Time [ms],q,status,moving\nms,deg,-,-\n" + rows)
     np.testing.assert_allclose(run.link.position[:, 0], np.deg2rad([0, 1, 2, 4, 5, 6, 7]))

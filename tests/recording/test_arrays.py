@@ -47,7 +47,8 @@ def make_arrays() -> dict[str, np.ndarray]:
 
 
 def test_npz_csv_and_mat_give_the_same_recording(tmp_path: Path) -> None:
-    """The same arrays in three formats become the same recording, in SI units, and survive the bag."""
+    """The same arrays in three formats become the same recording, in SI units, and survive the
+    bag."""
     arrays = make_arrays()
     np.savez(tmp_path / "a.npz", **arrays)
     scipy.io.savemat(tmp_path / "a.mat", {**arrays, "q": arrays["q"].T})
@@ -100,7 +101,8 @@ def test_a_constant_rate_stands_in_for_times(tmp_path: Path) -> None:
 
 
 def test_a_force_beside_currents_has_no_constant(tmp_path: Path) -> None:
-    """A linear axis has its force in N, the joint above it a current: null where a constant has no place."""
+    """A linear axis has its force in N, the joint above it a current: null where a constant has no
+    place."""
     arrays = make_arrays()
     np.savez(tmp_path / "a.npz", **arrays)
     effort = {"key": "i", "unit": ["N", "A"], "torque_constant": [None, 0.2], "ratio": [None, 100]}
@@ -181,7 +183,8 @@ def test_bad_arrays_are_refused(tmp_path: Path) -> None:
 @pytest.mark.skipif(not KUKA.exists(), reason=f"the KUKA LWR 4+ recordings are not in {KUKA}")
 @pytest.mark.parametrize("run", [1, 2, 3])
 def test_kuka_recordings_are_imported_exactly(tmp_path: Path, run: int) -> None:
-    """Seven joints, both angles and sensed torques bit by bit; stamps within half a nanosecond of the doubles."""
+    """Seven joints, both angles and sensed torques bit by bit; stamps within half a nanosecond of
+    the doubles."""
     file = KUKA / f"measurements_{run}.npz"
     folder = write_recording(
         tmp_path / "bag", import_arrays(file, ROOT / "examples" / "kuka_lwr4" / "import.yaml")

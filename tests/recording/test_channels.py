@@ -46,7 +46,8 @@ def test_the_documented_maps_are_valid(tmp_path: Path) -> None:
 
 
 def test_names_units_signs_and_ratios_are_applied(tmp_path: Path) -> None:
-    """Degrees, rotor turns, rpm, currents and a reversed axis come out in SI units at the harmonic-drive output."""
+    """Degrees, rotor turns, rpm, currents and a reversed axis come out in SI units at the
+    harmonic-drive output."""
     names = ["A2", "A1"]
     messages = []
     for row, stamp in enumerate(stamps(100)):
@@ -94,7 +95,8 @@ def test_names_units_signs_and_ratios_are_applied(tmp_path: Path) -> None:
 
 
 def test_arrays_without_header_and_names_are_read_by_index(tmp_path: Path) -> None:
-    """A Float64MultiArray of currents is read by index, timed by its arrival, and joined to the angles' stamps."""
+    """A Float64MultiArray of currents is read by index, timed by its arrival, and joined to the
+    angles' stamps."""
     store = message_types.typestore()
     layout = store.types["std_msgs/msg/MultiArrayLayout"]([], 0)
     array = "std_msgs/msg/Float64MultiArray"
@@ -149,7 +151,8 @@ def test_the_joint_torque_sensor_is_believed_when_a_map_says_so(tmp_path: Path) 
 
 
 def test_commands_of_any_topic_are_the_reference(tmp_path: Path) -> None:
-    """A map's `command` is read as a side is, in its own units, and survives the suite's own bag."""
+    """A map's `command` is read as a side is, in its own units, and survives the suite's own
+    bag."""
     messages = [m for stamp in stamps(60) for m in states("/joint_states", [stamp])]
     messages += [
         ("/targets", JOINT_STATE, int(t), joint_state(t, ["x", "y"], [k, -k]))
@@ -248,7 +251,8 @@ def test_maps_that_do_not_fit_the_bag_are_refused(
 
 
 def test_a_linear_axis_has_lengths_and_forces() -> None:
-    """Positions in mm, speeds in mm/s and forces in N; a motor shaft's torque by its rad per m is a force."""
+    """Positions in mm, speeds in mm/s and forces in N; a motor shaft's torque by its rad per m is a
+    force."""
     assert ChannelScale(unit="mm").scale("position") == pytest.approx(1e-3)
     assert ChannelScale(unit="mm/s").scale("velocity") == pytest.approx(1e-3)
     assert ChannelScale(unit="N", factor=35.15).scale("effort") == pytest.approx(35.15)

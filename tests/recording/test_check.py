@@ -35,7 +35,8 @@ def test_a_clean_bag_has_no_findings(tmp_path: Path, rng: np.random.Generator) -
 
 
 def test_messages_with_fewer_numbers_than_joints_are_looked_into(tmp_path: Path) -> None:
-    """Where one message has two numbers for three joints the others' numbers are checked all the same."""
+    """Where one message has two numbers for three joints the others' numbers are checked all the
+    same."""
     messages = both(stamps(200))
     stamp = int(stamps(101)[-1])
     messages[100] = (
@@ -86,7 +87,8 @@ def test_times_in_another_unit_are_warned_of(
 
 
 def test_a_channel_that_some_joints_have_is_noted(tmp_path: Path, rng: np.random.Generator) -> None:
-    """Link encoders at two of three joints are in order, and named; a channel that no joint has is warned of."""
+    """Link encoders at two of three joints are in order, and named; a channel that no joint has is
+    warned of."""
     whole = two_sided(rng, 500)
     whole.link.position[:, 2], whole.link.velocity[:, 2] = np.nan, np.nan
     report = check_bag(write_recording(tmp_path / "some", whole))
@@ -196,7 +198,8 @@ def test_what_is_no_bag_is_refused(
 def test_a_long_bag_is_checked_in_parts_with_the_times_of_what_begins_later(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A lost stretch in the third part is said once, at its time; that the arm rests in two parts is no finding."""
+    """A lost stretch in the third part is said once, at its time; that the arm rests in two parts
+    is no finding."""
     t = np.arange(16000) * 5e-3
     position = np.where(t < 60.0, 0.0, 1.0 - np.cos(t - 60.0))[:, None] * [1.0, 0.5]
     there = (t < 50.0) | (t > 51.0)

@@ -42,7 +42,8 @@ def test_lag_and_rates_of_commands_are_stated() -> None:
 
 
 def test_commands_of_something_else_are_named() -> None:
-    """Another motion, a copy of the positions, degrees for radians and positions that come first are warned of."""
+    """Another motion, a copy of the positions, degrees for radians and positions that come first
+    are warned of."""
     noise = 1e-3 * np.random.default_rng(1).normal(size=(600, 2))
     assert "not_followed" in found(motion(0.06) + noise, motion(seed=5))
     assert "copied_command" in found(motion(), motion())

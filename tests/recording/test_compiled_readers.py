@@ -1,4 +1,5 @@
-"""MATLAB, Parquet and HDF5 files are read in a process of their own: what ends it is one line of an error."""
+"""MATLAB, Parquet and HDF5 files are read in a process of their own: what ends it is one line of an
+error."""
 
 import os
 import resource
@@ -54,7 +55,10 @@ def test_a_file_that_ends_its_reader_is_refused_in_one_line(
 def test_modules_beside_the_files_are_not_run(file: Path) -> None:
     """A folder of data may hold a numpy.py: reading in it runs nothing of it."""
     file.with_name("numpy.py").write_text("raise SystemExit('owned')")
-    script = "import sys; from elastic_arm.recording.foreign.array_files import load_arrays; from pathlib import Path; "
+    script = (
+        "import sys; from elastic_arm.recording.foreign.array_files import load_arrays; from"
+        " pathlib import Path; "
+    )
     script += "print(load_arrays(Path('run.mat'))['q'].sum())"
     environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}
     command = [sys.executable, "-P", "-c", script]
@@ -67,7 +71,8 @@ def test_modules_beside_the_files_are_not_run(file: Path) -> None:
 def test_claimed_sizes_do_not_take_this_process_memory(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """An array that claims 400 MB, with 100 allowed, is refused, and nothing of it was taken here."""
+    """An array that claims 400 MB, with 100 allowed, is refused, and nothing of it was taken
+    here."""
     monkeypatch.setenv("ELASTIC_ARM_MAX_UNPACKED_MB", "100")
     header = b"MATLAB 5.0 MAT-file".ljust(116) + bytes(8) + b"\x00\x01IM"
     size = 400_000_000
@@ -95,9 +100,13 @@ def test_a_reader_that_never_ends_is_ended(file: Path, monkeypatch: pytest.Monke
 
 
 def test_a_file_is_read_where_the_user_s_own_limit_is_lower(tmp_path: Path) -> None:
-    """A shell that allows a process less memory than the reader would take (ulimit -v) still reads files."""
+    """A shell that allows a process less memory than the reader would take (ulimit -v) still reads
+    files."""
     scipy.io.savemat(tmp_path / "a.mat", {"q": np.arange(3.0)})
-    script = "import sys; from elastic_arm.recording.foreign.array_files import load_arrays; from pathlib import Path; "
+    script = (
+        "import sys; from elastic_arm.recording.foreign.array_files import load_arrays; from"
+        " pathlib import Path; "
+    )
     script += "print(load_arrays(Path(sys.argv[1]))['q'].sum())"
     command = ["bash", "-c", 'ulimit -v 5000000; exec "$@"', "bash", sys.executable, "-c", script]
     command.append(str(tmp_path / "a.mat"))
@@ -107,7 +116,8 @@ def test_a_file_is_read_where_the_user_s_own_limit_is_lower(tmp_path: Path) -> N
 
 @pytest.mark.parametrize("name", ["run.parquet", "run.h5"])
 def test_damaged_bytes_end_in_one_line_and_never_this_process(tmp_path: Path, name: str) -> None:
-    """Five files with bytes changed at random, as episodes of a dataset: what their libraries abort on is named."""
+    """Five files with bytes changed at random, as episodes of a dataset: what their libraries abort
+    on is named."""
     pa, pq, h5py = (
         pytest.importorskip(library) for library in ("pyarrow", "pyarrow.parquet", "h5py")
     )

@@ -61,7 +61,8 @@ def lerobot(root: Path, version: int) -> Path:
 
 @pytest.mark.parametrize("version", [2, 3])
 def test_the_episodes_of_a_lerobot_dataset_are_recordings(tmp_path: Path, version: int) -> None:
-    """A guess for the folder is imported as it is, but for degrees: state, command and times of each episode."""
+    """A guess for the folder is imported as it is, but for degrees: state, command and times of
+    each episode."""
     root = lerobot(tmp_path / "set", version)
     draft = guess_mapping(load_arrays(root), JOINTS)
     (tmp_path / "map.yaml").write_text(draft.to_yaml())
@@ -92,7 +93,8 @@ def test_the_episodes_of_a_lerobot_dataset_are_recordings(tmp_path: Path, versio
 
 
 def test_hdf5_files_of_aloha_kind_are_recordings(tmp_path: Path) -> None:
-    """Groups become dots, pictures are no arrays, and the files of a folder are runs in the order of their numbers."""
+    """Groups become dots, pictures are no arrays, and the files of a folder are runs in the order
+    of their numbers."""
     for k in (2, 10):
         with h5py.File(tmp_path / f"episode_{k}.hdf5", "w") as file:
             file["observations/qpos"], file["observations/effort"] = (
@@ -191,7 +193,8 @@ def test_holes_texts_and_truths_refuse_no_parquet_file(tmp_path: Path) -> None:
 
 @pytest.fixture
 def recording() -> Recording:
-    """Sides of different rates and stamps, commands, a URDF, torques from currents, and names that need quotes."""
+    """Sides of different rates and stamps, commands, a URDF, torques from currents, and names that
+    need quotes."""
     rng = np.random.default_rng(0)
     whole = two_sided(rng, 50)
     position = whole.link.position.copy()

@@ -1,4 +1,5 @@
-"""Torques against the gravity of the description: wrong signs and mountings are found, right ones are not blamed."""
+"""Torques against the gravity of the description: wrong signs and mountings are found, right ones
+are not blamed."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -38,7 +39,8 @@ def recorded(
     seconds: float = 20.0,
     noise: float = 0.1,
 ) -> Recording:
-    """Sines, with torques of the arm under some gravity, friction, zeros and noise; `flipped` have the other sign."""
+    """Sines, with torques of the arm under some gravity, friction, zeros and noise; `flipped` have
+    the other sign."""
     rng, n = np.random.default_rng(5), robot.n
     t = np.arange(round(seconds * RATE))[:, None] / RATE
     w, phase = speed * rng.uniform(0.5, 2.0, (2, n)), rng.uniform(-3.0, 3.0, (2, n))
@@ -67,7 +69,8 @@ def contradicted_gravity(recording: Recording, robot: Robot) -> list[Finding]:
 
 @pytest.mark.parametrize(("of", "kept"), [(3, 2), (10, 7), (10, 2)])
 def test_samples_lost_in_a_pattern_are_no_other_gravity(of: int, kept: int) -> None:
-    """Rates over the samples that are left are rates over time; where holes are everywhere, nothing is told."""
+    """Rates over the samples that are left are rates over time; where holes are everywhere, nothing
+    is told."""
     whole = recorded(arm(), speed=3.0)
     left = np.arange(len(whole.link or ())) % of < kept
     lossy = replace(whole, **{name: side.at(left) for name, side in whole.sides().items()})  # type: ignore[arg-type]
@@ -82,7 +85,8 @@ def test_samples_lost_in_a_pattern_are_no_other_gravity(of: int, kept: int) -> N
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("speed", [0.3, 1.0, 4.0])
 def test_right_signs_are_not_blamed(seed: int, speed: float) -> None:
-    """However fast the arm moves: torques of inertia run against gravity where links point upwards."""
+    """However fast the arm moves: torques of inertia run against gravity where links point
+    upwards."""
     assert contradicted_gravity(recorded(arm(seed), speed=speed), arm(seed)) == []
 
 
@@ -90,7 +94,8 @@ def test_right_signs_are_not_blamed(seed: int, speed: float) -> None:
     ("side", "elastic"), [("link", False), ("motor", False), ("link", True), ("motor", True)]
 )
 def test_a_joint_of_the_wrong_sign_is_named(side: str, elastic: bool) -> None:
-    """With the factor of its gravity, and the joints whose sign is right; of rigid and of elastic arms."""
+    """With the factor of its gravity, and the joints whose sign is right; of rigid and of elastic
+    arms."""
     robot = arm(elastic=elastic)
     (finding,) = contradicted_gravity(recorded(robot, side=side, flipped=[1]), robot)
     words = finding.message
@@ -120,7 +125,8 @@ def test_signs_of_all_torques_and_an_arm_upside_down_are_said_together(which: st
 
 
 def test_an_arm_on_a_wall_has_no_torques_of_the_wrong_sign() -> None:
-    """Its gravity is stated by the check of the bag; the commands that fit look for the mounting themselves."""
+    """Its gravity is stated by the check of the bag; the commands that fit look for the mounting
+    themselves."""
     robot = arm()
     recording = recorded(robot, np.array([0.0, 9.81, 0.0]))
     (finding,) = contradicted_gravity(recording, robot)
@@ -128,7 +134,8 @@ def test_an_arm_on_a_wall_has_no_torques_of_the_wrong_sign() -> None:
 
 
 def test_little_is_concluded_from_little() -> None:
-    """A single sweep through half a period may be anything; less than a second of samples is not looked at."""
+    """A single sweep through half a period may be anything; less than a second of samples is not
+    looked at."""
     robot = arm()
     assert contradicted_gravity(recorded(robot, flipped=range(4), seconds=0.9), robot) == []
     weightless = robot.with_(gravity=np.zeros(3))
@@ -136,7 +143,8 @@ def test_little_is_concluded_from_little() -> None:
 
 
 def test_check_and_the_commands_that_fit_say_so(tmp_path: Path) -> None:
-    """One finding of `bag check --robot`, and a note of the recording that `identify` and `diagnose` read."""
+    """One finding of `bag check --robot`, and a note of the recording that `identify` and
+    `diagnose` read."""
     robot = arm()
     bag = write_recording(tmp_path / "bag", recorded(robot, flipped=[1]))
     (finding,) = [
@@ -153,7 +161,8 @@ def test_check_and_the_commands_that_fit_say_so(tmp_path: Path) -> None:
     ("factor", "words"), [(1e-3, "torques in kNm taken for Nm"), (121.0, "Nm_motor with its ratio")]
 )
 def test_torques_of_a_wrong_unit_are_named_with_their_factor(factor: float, words: str) -> None:
-    """What follows gravity a thousand times too small is in another unit; 1.2 times is a matter of masses."""
+    """What follows gravity a thousand times too small is in another unit; 1.2 times is a matter of
+    masses."""
     robot, recording = arm(), recorded(arm(), speed=0.3)
     wrong = replace(recording, link=replace(recording.link, effort=factor * recording.link.effort))
     (finding,) = contradicted_gravity(wrong, robot)
@@ -162,7 +171,8 @@ def test_torques_of_a_wrong_unit_are_named_with_their_factor(factor: float, word
 
 
 def test_angles_taken_for_degrees_show_in_gravity() -> None:
-    """Positions and velocities 57 times too small agree with each other: the torques swing too much for them."""
+    """Positions and velocities 57 times too small agree with each other: the torques swing too much
+    for them."""
     robot = arm(4)
     recording = recorded(robot, speed=0.3)
     link = recording.link
@@ -176,7 +186,8 @@ def test_angles_taken_for_degrees_show_in_gravity() -> None:
 def arranged(
     recording: Recording, side: str, order: Sequence[int], signs: Sequence[float], which: str
 ) -> Recording:
-    """The recording with columns of its torques, of its angles, or of all channels in another order and with signs."""
+    """The recording with columns of its torques, of its angles, or of all channels in another order
+    and with signs."""
     changed = {}
     for name, one in recording.measured().items():
         of_torque = ("effort",) if which != "angles" else ()
@@ -206,7 +217,8 @@ ONES = (1.0, 1.0, 1.0, 1.0)
 
 @pytest.mark.parametrize("wrong", [(), (4,), (5,), tuple(range(6))])
 def test_mirrored_joints_of_a_noisy_arm_of_six_are_named(wrong: tuple[int, ...]) -> None:
-    """Angle and torque, by noise as large as the torques of a wrist: those that are mirrored, and no others."""
+    """Angle and torque, by noise as large as the torques of a wrist: those that are mirrored, and
+    no others."""
     robot = random_arm(6, np.random.default_rng(2), elastic=False).with_(gravity=DOWN)
     signs = np.where(np.isin(np.arange(6), wrong), -1.0, 1.0)
     given = arranged(recorded(robot, noise=1.0), "link", range(6), signs.tolist(), "all")
@@ -288,7 +300,8 @@ def test_torques_without_gravity_are_named_with_the_correlation(left: float, wor
 def test_a_share_of_gravity_that_was_taken_is_named_with_its_size(
     share: float, joints: list[int]
 ) -> None:
-    """Of one joint, or less than half of all joints' weight, where the torques have a gain of 1.2."""
+    """Of one joint, or less than half of all joints' weight, where the torques have a gain of
+    1.2."""
     robot = arm()
     whole, without = (recorded(robot, down, speed=2.0) for down in (DOWN, 0.0 * DOWN))
     effort = whole.link.effort.copy()
@@ -310,7 +323,8 @@ def test_a_share_of_gravity_that_was_taken_is_named_with_its_size(
 def test_a_joint_whose_zero_is_elsewhere_is_named_with_the_angle(
     side: str, elastic: bool, seed: int, joint: int
 ) -> None:
-    """0.08 rad at one joint, whatever the masses; of the last joint it is another mass, and nothing is said."""
+    """0.08 rad at one joint, whatever the masses; of the last joint it is another mass, and nothing
+    is said."""
     robot = arm(seed, elastic=elastic)
     recording = recorded(robot, side=side)
     link = recording.link
@@ -330,7 +344,8 @@ def test_a_joint_whose_zero_is_elsewhere_is_named_with_the_angle(
 
 
 def test_no_arm_is_written_by_channels_that_are_not_what_they_are_taken_for(tmp_path: Path) -> None:
-    """`identify` of a joint that turns the other way than described leaves no robot.yaml, and says why."""
+    """`identify` of a joint that turns the other way than described leaves no robot.yaml, and says
+    why."""
     robot = arm()
     save_robot(robot, tmp_path / "arm.yaml")
     wrong = arranged(recorded(robot), "link", (0, 1, 2, 3), (1.0, 1.0, -1.0, 1.0), "all")

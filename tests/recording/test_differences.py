@@ -15,7 +15,8 @@ RATE = 500.0
 def recording(
     begin: float, end: float, *, start_ns: int = 0, offset: float = 0.0, late: float = 0.0
 ) -> Recording:
-    """Two joints on a motion that is a function of time; the torque of the second is `offset` more, all are `late`."""
+    """Two joints on a motion that is a function of time; the torque of the second is `offset` more,
+    all are `late`."""
     t = np.arange(begin, end, 1.0 / RATE)
     true = t - late
     q = np.stack(
@@ -30,7 +31,8 @@ def recording(
 
 
 def test_recordings_that_begin_at_different_times_are_brought_to_cover() -> None:
-    """Another clock and another begin are found from the motion; what remains is the difference of the torques."""
+    """Another clock and another begin are found from the motion; what remains is the difference of
+    the torques."""
     found = differences(recording(2.0, 18.0, offset=0.7), recording(0.0, 20.0, start_ns=10**18))
     assert found.offset == pytest.approx(2.0, abs=1e-6)
     theta, tau = found.channels
@@ -41,7 +43,8 @@ def test_recordings_that_begin_at_different_times_are_brought_to_cover() -> None
 
 
 def test_a_channel_that_is_late_has_its_lag() -> None:
-    """A torque 3 ms later than the motion is named with its lag, where the reference tells the time."""
+    """A torque 3 ms later than the motion is named with its lag, where the reference tells the
+    time."""
     real, simulated = recording(0.0, 12.0), recording(0.0, 12.0)
     assert real.motor is not None and simulated.motor is not None
     late = recording(0.0, 12.0, late=0.003).motor

@@ -1,4 +1,5 @@
-"""What is right is not warned of: reversals, standstill, torques of zero, seams; and what resembles them is."""
+"""What is right is not warned of: reversals, standstill, torques of zero, seams; and what resembles
+them is."""
 
 import re
 from collections.abc import Sequence
@@ -54,7 +55,8 @@ def episodes(folder: str, name: str) -> Sequence[Recording]:
 
 
 def test_clean_recordings_are_not_warned_of() -> None:
-    """Excitation, points, creeping, joint by joint and servos: `benchmarks.false_alarms` counts more of them."""
+    """Excitation, points, creeping, joint by joint and servos: `benchmarks.false_alarms` counts
+    more of them."""
     wrong = {
         recording.source: found
         for robot, recording in clean_recordings(16, 1)
@@ -64,7 +66,8 @@ def test_clean_recordings_are_not_warned_of() -> None:
 
 
 def test_friction_that_turns_over_is_no_outlier() -> None:
-    """A torque that steps as the joint turns round, over one sample or two; a spike of the same size is one."""
+    """A torque that steps as the joint turns round, over one sample or two; a spike of the same
+    size is one."""
     assert not said(read_recording(REPORTS / "outlier_at_reversal" / "s_ok_1"))
     link, motor = motion()
     assert not said(Recording(NAMES, link, motor))
@@ -131,7 +134,8 @@ def test_commands_of_the_reports_cross_their_seam() -> None:
 
 
 def test_clocks_that_are_apart_are_joined() -> None:
-    """37 s between commands and positions, and an hour between links and motors, are named and taken out."""
+    """37 s between commands and positions, and an hour between links and motors, are named and
+    taken out."""
     folder = REPORTS / "command_clock_apart"
     whole, found = cleared(read_recording(folder / "j_off", load_channels(folder / "jtc.yaml")))
     assert [one.code for one in found] == ["clocks_apart"] and "37 s behind" in found[0].message
@@ -152,7 +156,8 @@ def test_clocks_that_are_apart_are_joined() -> None:
 
 @pytest.mark.parametrize("late", [0.06, -0.12])
 def test_sides_that_are_apart_by_a_tenth_of_a_second_are_named(late: float) -> None:
-    """Motor angles of the same joints that are ahead or behind by far more than a drive winds up."""
+    """Motor angles of the same joints that are ahead or behind by far more than a drive winds
+    up."""
     link, motor = motion()
     shifted = Side(TIME_NS + round(1e9 * late), link.position, effort=motor.effort)
     found = [one for one in said(Recording(NAMES, link, shifted)) if one.code == "sides_apart"]
@@ -165,7 +170,8 @@ def test_sides_that_are_apart_by_a_tenth_of_a_second_are_named(late: float) -> N
     ("shift", "words"), [(0, "themselves"), (1, "of 1 sample later"), (-2, "of 2 samples before")]
 )
 def test_commands_that_are_the_positions_are_no_commands(shift: int, words: str) -> None:
-    """Made-up commands follow too well, whichever sample they are taken from, and beside torques, too."""
+    """Made-up commands follow too well, whichever sample they are taken from, and beside torques,
+    too."""
     link, motor = motion()
     made = Side(TIME_NS[5:-5], np.roll(link.position, -shift, axis=0)[5:-5])
     for side in (None, motor):

@@ -23,7 +23,8 @@ TAU = np.random.default_rng(1).normal(0.0, 20.0, Q.shape)
 
 
 def test_a_draft_of_named_arrays_is_imported_as_it_is(tmp_path: Path) -> None:
-    """Degrees and rpm are recognised by the derivative, the times by their rate, and the import has SI units."""
+    """Degrees and rpm are recognised by the derivative, the times by their rate, and the import has
+    SI units."""
     np.savez(
         tmp_path / "run.npz",
         stamps=T * 1e3,
@@ -52,7 +53,8 @@ def test_the_names_of_robot_learners_are_known(tmp_path: Path) -> None:
 
 
 def test_a_table_without_names_is_cut_by_its_derivatives(tmp_path: Path) -> None:
-    """Ten columns of numbers: the first grows as time does, the others are three joints each, told by derivatives."""
+    """Ten columns of numbers: the first grows as time does, the others are three joints each, told
+    by derivatives."""
     np.savetxt(tmp_path / "run.csv", np.column_stack([T, TAU, Q, DQ]), delimiter=",")
     draft = guess_mapping(load_arrays(tmp_path / "run.csv"), JOINTS)
     found = {(g.side, g.channel): (g.table.keys, g.unit) for g in draft.channels}
@@ -66,7 +68,8 @@ def test_a_table_without_names_is_cut_by_its_derivatives(tmp_path: Path) -> None
 
 
 def test_columns_are_grouped_by_the_joints_names(tmp_path: Path) -> None:
-    """Columns called by joint and quantity are tables in the robot's order, whatever the order in the file."""
+    """Columns called by joint and quantity are tables in the robot's order, whatever the order in
+    the file."""
     joints = ("lift", "arm_1", "arm_10")
     tables = {"position": Q, "velocity": DQ, "effort": TAU}
     columns = {
@@ -87,7 +90,8 @@ def test_columns_are_grouped_by_the_joints_names(tmp_path: Path) -> None:
 
 
 def test_a_torque_that_follows_the_velocity_is_no_velocity() -> None:
-    """Friction does so; what is the derivative of no position in any unit is a torque, and stays one beside others."""
+    """Friction does so; what is the derivative of no position in any unit is a torque, and stays
+    one beside others."""
     friction = 9.0 * np.sign(DQ) + 2.0 * DQ
     draft = guess_mapping({"times": T, "q": Q, "dq": DQ, "motor": friction}, JOINTS)
     found = {(guess.side, guess.channel): guess.table.name for guess in draft.channels}
@@ -104,7 +108,8 @@ def test_a_torque_that_follows_the_velocity_is_no_velocity() -> None:
 
 
 def test_what_is_called_a_velocity_and_is_none_is_left_out_with_the_reason() -> None:
-    """Noise is the derivative of no angle; without times, or angles, nothing speaks against the name."""
+    """Noise is the derivative of no angle; without times, or angles, nothing speaks against the
+    name."""
     arrays = {"times": T, "pos": Q, "vel": TAU}
     ((key, reason),) = guess_mapping(arrays, JOINTS).ignored
     assert key == "vel" and "derivative of no position" in reason
@@ -114,7 +119,8 @@ def test_what_is_called_a_velocity_and_is_none_is_left_out_with_the_reason() -> 
 
 
 def test_one_table_in_two_forms_is_used_once(tmp_path: Path) -> None:
-    """Files of numbers alone are tables and columns; rates before their angles are told by them, too."""
+    """Files of numbers alone are tables and columns; rates before their angles are told by them,
+    too."""
     (tmp_path / "run").mkdir()
     for name, values in {"A_cur": TAU, "B_rates": DQ, "C_data": Q, "stamps": T[:, None]}.items():
         np.savetxt(tmp_path / "run" / f"{name}.txt", values)
@@ -137,7 +143,8 @@ def test_large_angles_alone_may_be_a_rotors() -> None:
 
 
 def test_rotor_angles_get_their_ratio_and_currents_ask_for_theirs(tmp_path: Path) -> None:
-    """The ratio and sign follow from both sides' angles; a torque constant is left open and named."""
+    """The ratio and sign follow from both sides' angles; a torque constant is left open and
+    named."""
     ratio = np.array([121.0, -101.0, 80.0])
     arrays = {
         "time": T,
@@ -156,7 +163,8 @@ def test_rotor_angles_get_their_ratio_and_currents_ask_for_theirs(tmp_path: Path
 
 
 def test_joints_that_slide_have_lengths_and_forces(tmp_path: Path) -> None:
-    """A gantry carries an arm: its travel in mm is told by its size, the units are given joint by joint."""
+    """A gantry carries an arm: its travel in mm is told by its size, the units are given joint by
+    joint."""
     positions, speeds = (v * np.array([300.0, 1.0, 1.0]) for v in (Q, DQ))
     arrays = {"time": T, "positions": positions, "speeds": speeds, "torques": TAU}
     draft = guess_mapping(arrays, JOINTS, prismatic=("a",))
@@ -193,7 +201,8 @@ def test_a_single_axis_has_columns_of_one_name_each() -> None:
 
 
 def test_arrays_of_other_joints_or_without_a_sample_are_refused() -> None:
-    """Three columns are no arm of seven joints; and numpy has no remark about the mean of nothing."""
+    """Three columns are no arm of seven joints; and numpy has no remark about the mean of
+    nothing."""
     with pytest.raises(RecordingError, match="no array holds positions or torques of 7 joints"):
         guess_mapping({"time": T, "q": Q}, [f"joint_{k}" for k in range(7)])
     with warnings.catch_warnings():
@@ -203,7 +212,8 @@ def test_arrays_of_other_joints_or_without_a_sample_are_refused() -> None:
 
 
 def test_columns_without_a_sensor_are_left_out(tmp_path: Path) -> None:
-    """Zeros of a joint that turns by its motor's encoder; one that stands on both sides keeps its columns."""
+    """Zeros of a joint that turns by its motor's encoder; one that stands on both sides keeps its
+    columns."""
     link, motor = Q * [1.0, 1.0, 0.0], Q * [1.0, 0.0, 1.0]
     link[:, 1] = motor[:, 1]
     arrays = {
@@ -227,7 +237,8 @@ def test_columns_without_a_sensor_are_left_out(tmp_path: Path) -> None:
 
 
 def test_a_torque_by_the_current_comes_before_one_without_a_side() -> None:
-    """Beside a torque sensor and a torque of the motor's current, the third is the controller's model."""
+    """Beside a torque sensor and a torque of the motor's current, the third is the controller's
+    model."""
     columns = {"Torque": TAU, "TorqueSensor": TAU + 1.0, "TorqueCur": TAU + 2.0, "Cur": 0.1 * TAU}
     arrays = {f"{name}{k + 1}": values[:, k] for name, values in columns.items() for k in range(3)}
     draft = guess_mapping({"time": T, "pos": Q, **arrays}, JOINTS)
@@ -268,7 +279,8 @@ def test_files_of_real_robots(file: str, n: int, expected: dict[str, str]) -> No
 
 
 def test_an_array_of_a_joint_without_a_sensor_is_ignored(tmp_path: Path) -> None:
-    """Of numbered arrays, one a joint, the one that stays as it is: the draft is imported as it is."""
+    """Of numbered arrays, one a joint, the one that stays as it is: the draft is imported as it
+    is."""
     torques = {f"motor_torque_{k + 1}": TAU[:, k] for k in range(2)}
     np.savez(tmp_path / "run.npz", t=T, q=Q, dq=DQ, **torques, motor_torque_3=np.zeros(len(T)))
     draft = guess_mapping(load_arrays(tmp_path / "run.npz"), JOINTS)
@@ -298,7 +310,8 @@ def test_a_number_that_is_missing_makes_no_degrees(tmp_path: Path) -> None:
 def test_names_with_brackets_and_units_give_a_mapping_that_is_read(
     tmp_path: Path, decimal: str
 ) -> None:
-    """As a spreadsheet writes them, with decimal commas too: no name is taken for YAML or for a pattern."""
+    """As a spreadsheet writes them, with decimal commas too: no name is taken for YAML or for a
+    pattern."""
     columns = {
         "Time [ms]": T * 1e3,
         **{f"Pos {j}: [deg]": np.degrees(Q[:, k]) for k, j in enumerate(JOINTS)},
@@ -315,7 +328,8 @@ def test_names_with_brackets_and_units_give_a_mapping_that_is_read(
 
 @pytest.mark.parametrize("layout", ["flat", "a file a joint"])
 def test_folders_of_one_number_a_line(tmp_path: Path, layout: str) -> None:
-    """The numbers of all joints one after the other, or a file for each joint: the draft is imported as it is."""
+    """The numbers of all joints one after the other, or a file for each joint: the draft is
+    imported as it is."""
     folder = tmp_path / "run"
     folder.mkdir()
     np.savetxt(folder / "time.txt", T)
@@ -359,7 +373,8 @@ def test_names_with_and_without_a_prefix_are_those_of_one_arm(
 
 
 def test_units_after_an_underscore_name_the_channel() -> None:
-    """`turn_Ist_deg` is an angle in degrees and `turn_Strom_A` a current, in a table of other languages, too."""
+    """`turn_Ist_deg` is an angle in degrees and `turn_Strom_A` a current, in a table of other
+    languages, too."""
     t = np.linspace(0.0, 10.0, 2001)
     angle, current = 60.0 * np.sin(t), np.cos(t)
     arrays = {

@@ -1,4 +1,5 @@
-"""Bags that claim too much, or what cannot be: one line each, at once, within the limits on memory."""
+"""Bags that claim too much, or what cannot be: one line each, at once, within the limits on
+memory."""
 
 import os
 import sqlite3
@@ -88,7 +89,9 @@ METADATA_TEXTS = {
     "an alias of itself": "rosbag2_bagfile_information: &a [*a]",
     "a date that is none": "rosbag2_bagfile_information: {version: 2001-99-99}",
     "an integer of 5000 digits": f"rosbag2_bagfile_information: {{message_count: {'9' * 5000}}}",
-    "an integer of 5000 hexadecimal digits": f"rosbag2_bagfile_information: {{message_count: 0x{'f' * 5000}}}",
+    "an integer of 5000 hexadecimal digits": (
+        f"rosbag2_bagfile_information: {{message_count: 0x{'f' * 5000}}}"
+    ),
     "an integer of many parts": f"rosbag2_bagfile_information: {{message_count: 59{':59' * 3000}}}",
     "a truth that is none": "rosbag2_bagfile_information: {a: !!bool perhaps}",
     "a number that is none": "rosbag2_bagfile_information: {message_count: 0x_}",
@@ -133,7 +136,8 @@ def test_fields_of_the_wrong_kind_are_damage(bag: Path, fields: dict[str, object
 def test_the_limits_are_configurable(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, storage: str
 ) -> None:
-    """A file that unpacks to more than $ELASTIC_ARM_MAX_UNPACKED_MB is refused, and read once that is raised."""
+    """A file that unpacks to more than $ELASTIC_ARM_MAX_UNPACKED_MB is refused, and read once that
+    is raised."""
     bag = write_recording(tmp_path / "bag", two_sided(np.random.default_rng(0), 5000), "zstd")
     file = bag / "bag_0.mcap"
     if storage == "db3":
@@ -209,7 +213,8 @@ def test_pipes_are_refused(tmp_path: Path, name: str) -> None:
 
 
 def test_a_repair_leaves_out_times_that_cannot_be_and_quality_that_is_none(tmp_path: Path) -> None:
-    """A message of the year 2400 is not copied, and hostile quality of service is replaced by none."""
+    """A message of the year 2400 is not copied, and hostile quality of service is replaced by
+    none."""
     qos = text("offered_qos_profiles") + text("\0" + "[" * 5000)
     described = (
         struct.pack("<HH", 2, 1) + text("/u") + text("cdr") + struct.pack("<I", len(qos)) + qos

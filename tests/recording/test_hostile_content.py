@@ -1,4 +1,5 @@
-"""Small bags that unpack to much, or whose messages hold what no arm has: one line, at once, in little memory."""
+"""Small bags that unpack to much, or whose messages hold what no arm has: one line, at once, in
+little memory."""
 
 import sqlite3
 import struct
@@ -20,7 +21,10 @@ from tests.helpers.bags import JOINT_STATE, START_NS, joint_state, stamps, state
 from tests.helpers.hostile_mcap import at, channel, chunk, file, mcap, quickly, record, schema, text
 
 DEFINITION, _ = message_types.definition(JOINT_STATE)
-HEADERS = "std_msgs/Header header\nfloat64 data\n{line}\nMSG: std_msgs/Header\na/Stamp stamp\n{line}\nMSG: a/Stamp\n{{}}"
+HEADERS = (
+    "std_msgs/Header header\nfloat64 data\n{line}\nMSG: std_msgs/Header\na/Stamp"
+    " stamp\n{line}\nMSG: a/Stamp\n{{}}"
+)
 HEADERS = HEADERS.format(line="=" * 80)
 
 
@@ -84,7 +88,8 @@ REFUSED: dict[str, tuple[Callable[[], bytes], str]] = {
 
 @pytest.mark.parametrize("name", REFUSED)
 def test_what_is_too_much_is_refused_at_once(tmp_path: Path, name: str) -> None:
-    """Few bytes that make much work are met by the limits of limits.py, before the memory is taken."""
+    """Few bytes that make much work are met by the limits of limits.py, before the memory is
+    taken."""
     bag = tmp_path / "a.mcap"
     make, reason = REFUSED[name]
     bag.write_bytes(make())
@@ -120,7 +125,8 @@ def test_a_table_is_reserved_by_its_bytes(tmp_path: Path) -> None:
     "names", [("9" * 5000, "1", "2"), ("1" * 300_000 + "x", "j1", "j2"), ("j²", "j1", "j3")]
 )
 def test_names_of_many_digits_are_names(tmp_path: Path, names: tuple[str, ...]) -> None:
-    """They count no joints, so the order is that of the messages; and no digit is looked at twice."""
+    """They count no joints, so the order is that of the messages; and no digit is looked at
+    twice."""
     bag = tmp_path / "a.mcap"
     bag.write_bytes(packed(*(named(names, row) for row in range(20))))
     assert quickly(lambda: read_recording(bag).joints) == names

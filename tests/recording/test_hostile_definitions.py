@@ -1,4 +1,5 @@
-"""Message definitions of a bag are data: never executed, read in bounded time, refused in one line."""
+"""Message definitions of a bag are data: never executed, read in bounded time, refused in one
+line."""
 
 import builtins
 import time
@@ -68,7 +69,8 @@ HOSTILE_MSG = {
 
 
 def refused(encoding: str, text: str, type_name: str = TYPE) -> str:
-    """Return the one short line of the refusal, of the definition or of the first message, which must come at once."""
+    """Return the one short line of the refusal, of the definition or of the first message, which
+    must come at once."""
     begin = time.process_time()
     with pytest.raises(RecordingError) as caught:
         defined = message_types.types_of(Topic("/t", type_name, text, "", "", encoding))
@@ -123,7 +125,8 @@ def test_an_unknown_language_is_named() -> None:
 
 
 def test_no_definition_is_executed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Reading a bag with definitions neither registers them with the library nor calls exec, eval or compile."""
+    """Reading a bag with definitions neither registers them with the library nor calls exec, eval
+    or compile."""
     bag = write_foreign(tmp_path / "bag", states("/joint_states", stamps(300)))
     read_recording(bag)  # imports what it needs
     parse_definition.cache_clear()
@@ -152,7 +155,8 @@ def test_a_message_of_nothing_is_not_walked_for_ever() -> None:
 
 
 def test_messages_of_endless_layouts_are_refused(tmp_path: Path) -> None:
-    """A topic whose every message names other joints is refused, not held in one table a message."""
+    """A topic whose every message names other joints is refused, not held in one table a
+    message."""
     rng = np.random.default_rng(0)
     messages = []
     for stamp in stamps(limits.LAYOUTS + 10):

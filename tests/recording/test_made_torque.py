@@ -30,7 +30,8 @@ def controlled(arm: Robot, **numbers: object) -> Robot:
 
 
 def recording(shift: float = 0.0) -> Recording:
-    """Commands sin(W t) and positions sin(W (t - LAG)) of all joints, positions stamped later by a shift."""
+    """Commands sin(W t) and positions sin(W (t - LAG)) of all joints, positions stamped later by a
+    shift."""
     t = np.arange(300) * STEP
     stamps = np.round(1e9 * t).astype(np.int64)
     at = t + shift
@@ -57,7 +58,8 @@ def mean(t: np.ndarray, phase: float = 0.0) -> np.ndarray:
 
 
 def test_a_position_controller_acts_on_the_error_and_damps_the_motor(arm: Robot) -> None:
-    """kp (r - q) - kd dq, r interpolated, late by the delay; each sample is the mean over its interval."""
+    """kp (r - q) - kd dq, r interpolated, late by the delay; each sample is the mean over its
+    interval."""
     t, torque = made(arm, kp=20.0, kd=0.5, delay=0.03, between="interpolated")
     wanted = 20.0 * (mean(t - 0.03) - mean(t - LAG)) - 0.5 * W * mean(t - LAG, np.pi / 2)
     np.testing.assert_allclose(torque, wanted, rtol=0, atol=2e-3)
@@ -71,7 +73,8 @@ def test_a_held_command_is_the_mean_over_the_last_interval(arm: Robot) -> None:
 
 
 def test_the_rate_of_commands_counts_where_it_is_followed(arm: Robot) -> None:
-    """Mode both: kd (dr - dq); mode velocity: its ki acts on the angle, from no error at the start."""
+    """Mode both: kd (dr - dq); mode velocity: its ki acts on the angle, from no error at the
+    start."""
     t, torque = made(arm, mode="both", kp=20.0, kd=0.5, between="interpolated")
     error = mean(t) - mean(t - LAG)
     rate_error = W * (mean(t, np.pi / 2) - mean(t - LAG, np.pi / 2))
@@ -92,7 +95,8 @@ def test_the_integral_and_the_limit(arm: Robot) -> None:
 
 
 def test_gravity_is_fed_forward_of_the_command(arm: Robot) -> None:
-    """A controller with gravity makes that of the described arm at its commands, where no gain adds any."""
+    """A controller with gravity makes that of the described arm at its commands, where no gain adds
+    any."""
     both = arm
     for name in arm.joint_names:
         both = both.with_joint(
@@ -105,7 +109,8 @@ def test_gravity_is_fed_forward_of_the_command(arm: Robot) -> None:
 
 
 def test_what_is_known_otherwise_is_left_as_it_is(arm: Robot) -> None:
-    """A recorded torque is never replaced; without commands, or without a controller, nothing is made."""
+    """A recorded torque is never replaced; without commands, or without a controller, nothing is
+    made."""
     plain, robot = recording(), controlled(arm, kp=20.0)
     torqued = replace(plain, link=replace(plain.link, effort=np.ones((300, 3))))
     assert with_made_torque(torqued, robot) is torqued
@@ -115,7 +120,8 @@ def test_what_is_known_otherwise_is_left_as_it_is(arm: Robot) -> None:
 
 
 def test_the_command_is_known_at_the_samples_that_are_left(arm: Robot) -> None:
-    """Samples before the first command has arrived are left out; `r` of the samples is the command as it is taken."""
+    """Samples before the first command has arrived are left out; `r` of the samples is the command
+    as it is taken."""
     found = with_made_torque(
         recording(), controlled(arm, kp=20.0, delay=0.1, between="interpolated")
     )

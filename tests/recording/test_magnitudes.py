@@ -1,4 +1,5 @@
-"""Units that were mistaken show in sizes that no arm has; arms within their limits are not blamed."""
+"""Units that were mistaken show in sizes that no arm has; arms within their limits are not
+blamed."""
 
 from dataclasses import replace
 

@@ -18,7 +18,8 @@ RECORDS = st.lists(
 def test_every_record_is_found_once(
     kinds: list[tuple[int, int, int]], repeats: int, torn: int
 ) -> None:
-    """Any run of records, however often it repeats and wherever it is torn, is found whole, in order, and no more."""
+    """Any run of records, however often it repeats and wherever it is torn, is found whole, in
+    order, and no more."""
     content, begins, others = b"", [], []
     for opcode, channel, extra in kinds * repeats:
         if opcode == 5:
@@ -76,7 +77,8 @@ def by_channel(content: bytes) -> McapBlock:
 def test_a_chunk_like_the_one_before_has_the_messages_that_a_walk_finds(
     sizes: list[int], rounds: int, count: int, change: str, where: int
 ) -> None:
-    """Any part of any number of rounds; another record among them, or a head that differs, is never taken for one."""
+    """Any part of any number of rounds; another record among them, or a head that differs, is never
+    taken for one."""
     turn = [message(channel, size) for channel, size in enumerate(sizes)]
     before = by_channel(b"".join(turn * rounds))
     records = (turn * 60)[:count]
@@ -136,7 +138,8 @@ def test_indexes_are_believed_if_every_byte_is_a_records(
 
 @pytest.mark.parametrize("inner", [1, 2])
 def test_a_record_within_another_does_not_make_up_for_a_gap(inner: int) -> None:
-    """A message among the bytes of another, on its channel or not, and as many bytes behind that are no record."""
+    """A message among the bytes of another, on its channel or not, and as many bytes behind that
+    are no record."""
     within = message(inner, 5)
     outer = message(1, 60)
     plain = outer[:50] + within + outer[50 + len(within) :] + bytes(len(within))
@@ -145,7 +148,8 @@ def test_a_record_within_another_does_not_make_up_for_a_gap(inner: int) -> None:
 
 
 def test_lengths_that_overflow_together_are_refused() -> None:
-    """Two of 2^63 - 1 bytes add up to -2, which a third record and its neighbours can make the chunk's length."""
+    """Two of 2^63 - 1 bytes add up to -2, which a third record and its neighbours can make the
+    chunk's length."""
     long = message(1, 0, 2**63 - 1)
     outer = message(1, 2 * len(long))
     plain = outer[:31] + 2 * long + bytes(2 * 9 - 2)
@@ -154,7 +158,8 @@ def test_lengths_that_overflow_together_are_refused() -> None:
 
 
 def test_a_regular_message_within_another_does_not_make_up_for_a_gap() -> None:
-    """Three channels, each equally spaced, that take no turns: the first would go on among the bytes of the third."""
+    """Three channels, each equally spaced, that take no turns: the first would go on among the
+    bytes of the third."""
     a, b, c = message(1, 59), message(2, 0), message(3, 29)
     before = by_channel(a + b + a + c + b + c)
     hidden = bytearray(a + b + a + c + b + c + bytes(len(a)))

@@ -33,7 +33,8 @@ def angles(folder: Path, seed: int) -> np.ndarray:
 
 
 def test_the_only_arm_of_a_bag_is_found_in_its_namespace(tmp_path: Path) -> None:
-    """Topics below /left are read as those of the root are, URDF and all, and the source names the namespace."""
+    """Topics below /left are read as those of the root are, URDF and all, and the source names the
+    namespace."""
     bag = bag_of(tmp_path, left=1)
     recording = read_recording(bag)
     np.testing.assert_array_equal(recording.link.position, angles(tmp_path, 1))
@@ -44,7 +45,8 @@ def test_the_only_arm_of_a_bag_is_found_in_its_namespace(tmp_path: Path) -> None
 
 @pytest.mark.parametrize("wanted", ["left", "/left", "/left/"])
 def test_of_several_arms_one_is_chosen_by_its_namespace(tmp_path: Path, wanted: str) -> None:
-    """Two arms in one bag are never mixed: without a choice it is refused, with one its samples alone are read."""
+    """Two arms in one bag are never mixed: without a choice it is refused, with one its samples
+    alone are read."""
     bag = bag_of(tmp_path, left=1, right=2)
     with pytest.raises(
         RecordingError, match=r"holds 2 arms: /left, /right\. Choose one: --namespace"
@@ -59,7 +61,8 @@ def test_of_several_arms_one_is_chosen_by_its_namespace(tmp_path: Path, wanted: 
 
 
 def test_an_arm_without_a_namespace_comes_first(tmp_path: Path) -> None:
-    """Where the contract's own names are in the bag they are read, as ever, and others on demand."""
+    """Where the contract's own names are in the bag they are read, as ever, and others on
+    demand."""
     bag = bag_of(tmp_path, **{"": 1, "right": 2})
     recordings = [read_recording(bag, namespace=name) for name in (None, "/", "right")]
     for recording, seed in zip(recordings, (1, 1, 2), strict=True):

@@ -1,4 +1,5 @@
-"""Messages in the order of their stamps: what reader and check make of every order they may come in."""
+"""Messages in the order of their stamps: what reader and check make of every order they may come
+in."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,7 +18,8 @@ TAKEN = stamps(COUNT)
 
 
 def recorded(folder: Path, stamp_ns: np.ndarray, names: Sequence[str] = JOINTS) -> Path:
-    """A bag of both sides whose messages arrive in turn, whatever their stamps are: the numbers tell which is which."""
+    """A bag of both sides whose messages arrive in turn, whatever their stamps are: the numbers
+    tell which is which."""
     arrival = stamps(len(stamp_ns))
     both = [
         m for topic in ("/joint_states", "/motor_states") for m in states(topic, stamp_ns, names)
@@ -66,7 +68,8 @@ def test_a_clock_that_was_set_back_is_named_as_that(tmp_path: Path, back: float)
 
 
 def test_a_clock_set_back_while_nothing_came_leaves_a_hole_of_a_second(tmp_path: Path) -> None:
-    """A driver that starts anew has moved its arm meanwhile: both sides go on a second later, whenever they arrived."""
+    """A driver that starts anew has moved its arm meanwhile: both sides go on a second later,
+    whenever they arrived."""
     later = np.arange(COUNT) > 1800
     messages = []
     for topic, late in (("/joint_states", 0), ("/motor_states", 40_000_000)):
@@ -81,7 +84,8 @@ def test_a_clock_set_back_while_nothing_came_leaves_a_hole_of_a_second(tmp_path:
 
 
 def test_parts_of_a_long_bag_after_a_clock_was_set_back_count_as_later(tmp_path: Path) -> None:
-    """No sample is lost of the parts that follow, which the clock stamps as those before, and a note tells it."""
+    """No sample is lost of the parts that follow, which the clock stamps as those before, and a
+    note tells it."""
     back = [0, 600_000_000_000, 600_000_000_000]
     thirds = [taken - by for taken, by in zip(np.split(TAKEN, 3), back, strict=True)]
     bags = [recorded(tmp_path / f"bag_{k}", third) for k, third in enumerate(thirds)]
@@ -116,7 +120,8 @@ def test_of_messages_with_one_stamp_one_is_taken(tmp_path: Path) -> None:
 
 
 def test_equal_stamps_are_said_to_be_equal_and_arrival_is_believed(tmp_path: Path) -> None:
-    """Nobody stamped the messages: the error says so; with the times of arrival, by option or map, all is in order."""
+    """Nobody stamped the messages: the error says so; with the times of arrival, by option or map,
+    all is in order."""
     bag = recorded(tmp_path / "bag", np.full(COUNT, TAKEN[0]))
     with pytest.raises(RecordingError, match=f"all {COUNT} header stamps are equal.*time: arrival"):
         read_recording(bag)
@@ -133,7 +138,8 @@ def test_equal_stamps_are_said_to_be_equal_and_arrival_is_believed(tmp_path: Pat
 
 @pytest.mark.parametrize("late_ns", [0, 300_000])
 def test_half_messages_of_one_arm_are_joined(tmp_path: Path, late_ns: int) -> None:
-    """Two publishers of some joints each, stamped alike or apart: one recording of all joints, for reader and check."""
+    """Two publishers of some joints each, stamped alike or apart: one recording of all joints, for
+    reader and check."""
     parts = [
         (
             topic,

@@ -1,4 +1,5 @@
-"""Absurd but finite numbers: named by the check, left out with a note by identification and diagnosis."""
+"""Absurd but finite numbers: named by the check, left out with a note by identification and
+diagnosis."""
 
 import re
 from collections.abc import Callable
@@ -54,7 +55,8 @@ def test_a_sound_recording_has_no_outliers(recording: Recording) -> None:
 def test_absurd_numbers_are_found_and_left_out(
     recording: Recording, side: str, channel: str, value: float, rows: object
 ) -> None:
-    """One sample, a run of them, or some here and there: exactly these rows, with place and size in the note."""
+    """One sample, a run of them, or some here and there: exactly these rows, with place and size in
+    the note."""
     bad = spoiled(recording, side, channel, value, rows)
     (found,) = find_outliers(bad)
     assert found.rows.tolist() == np.atleast_1d(np.arange(len(bad.link))[rows]).tolist()  # type: ignore[index, arg-type]
@@ -68,7 +70,8 @@ def test_absurd_numbers_are_found_and_left_out(
 def test_impulses_at_regular_intervals_are_outliers(
     recording: Recording, every: int, value: float
 ) -> None:
-    """So many samples that they lie within the range of nearly all; their neighbours have nothing of them."""
+    """So many samples that they lie within the range of nearly all; their neighbours have nothing
+    of them."""
     spoilt = spoiled(recording, "motor", "effort", value, slice(0, None, every))
     (found,) = find_outliers(spoilt)
     assert found.rows.tolist() == list(range(0, len(spoilt.motor), every))
@@ -169,8 +172,8 @@ def test_a_single_sample_within_the_range_of_others_is_said_to_be_off_its_neighb
     )
     words = found.words()
     assert (
-        f"1 sample of the motor effort of b up to {torque[2000, 1]:.3g}, off the curve through its neighbours by up to"
-        in words
+        f"1 sample of the motor effort of b up to {torque[2000, 1]:.3g}, off the curve through its"
+        " neighbours by up to" in words
     )
     off, kept = (
         float(words.split("neighbours by up to ")[1].split(",")[0]),
@@ -237,7 +240,8 @@ def within(turn: float) -> Callable[[np.ndarray], np.ndarray]:
     ],
 )
 def test_angles_within_a_turn_are_unwound(turn: float, noise: float, hold: int) -> None:
-    """A joint's own turn, or that of its motor over the gear ratio; with noise at its end, and held values; said."""
+    """A joint's own turn, or that of its motor over the gear ratio; with noise at its end, and held
+    values; said."""
     given = turning(noise, hold)
     whole = without_outliers(given)
     assert (whole is given) == (hold == 1)
@@ -250,7 +254,8 @@ def test_angles_within_a_turn_are_unwound(turn: float, noise: float, hold: int) 
 
 @pytest.mark.parametrize("size", [0.2, 1.0, 5.5, -1.0])
 def test_an_encoder_whose_zero_is_set_runs_on(size: float) -> None:
-    """Sample, joint and size are named, and the jump taken out: torques and speeds are as before."""
+    """Sample, joint and size are named, and the jump taken out: torques and speeds are as
+    before."""
     whole = turning()
     found = without_outliers(moved(whole, lambda q: q + size * np.outer(T > 9.995, [1.0, 0.0])))
     (note,) = found.notes
@@ -264,7 +269,8 @@ def test_an_encoder_whose_zero_is_set_runs_on(size: float) -> None:
 
 
 def test_joined_recordings_are_parted() -> None:
-    """Where angles and torques jump nothing is bridged: a hole is left, and the angles stay as they are."""
+    """Where angles and torques jump nothing is bridged: a hole is left, and the angles stay as they
+    are."""
     joined = moved(turning(), lambda q: np.vstack([q[:1200], q[400:1200]]), effort=True)
     found = without_outliers(joined)
     assert len(found.notes) == 2 and all(
@@ -277,7 +283,8 @@ def test_joined_recordings_are_parted() -> None:
 
 
 def test_what_forces_do_is_no_jump() -> None:
-    """An impact changes the speed at once, a held channel goes by steps, a joint starts and stops: nothing is said."""
+    """An impact changes the speed at once, a held channel goes by steps, a joint starts and stops:
+    nothing is said."""
     whole = turning()
     impact = moved(whole, lambda q: q + np.outer(np.maximum(T - 8.0, 0.0), [0.5, -0.6]))
     stop = moved(
@@ -294,7 +301,8 @@ def test_what_forces_do_is_no_jump() -> None:
 def test_a_second_publisher_of_one_pose_is_left_out(
     tmp_path: Path, same_stamp: bool, pose: float
 ) -> None:
-    """Between the samples of the arm, or zeros at their stamps: the arm's alone are left, and that is said."""
+    """Between the samples of the arm, or zeros at their stamps: the arm's alone are left, and that
+    is said."""
     whole = turning()
     later = STAMPS + (0 if same_stamp else 2_000_000)
     values = {"position": whole.motor.position, "velocity": None, "effort": whole.motor.effort}
@@ -314,7 +322,8 @@ def test_a_second_publisher_of_one_pose_is_left_out(
 
 
 def test_a_pose_that_an_arm_comes_back_to_is_no_second_publisher() -> None:
-    """It rests there again and again, as still as a simulation without noise is, or its encoder changes by a code."""
+    """It rests there again and again, as still as a simulation without noise is, or its encoder
+    changes by a code."""
     phase = np.clip(np.abs(T % 2.0 - 1.0) * 3.0 - 1.0, 0.0, 1.0)
     still = moved(turning(), lambda q: 0.3 + np.outer(3 * phase**2 - 2 * phase**3, [0.5, -0.8]))
     still = replace(still, motor=replace(still.motor, effort=None))
@@ -327,7 +336,8 @@ def test_a_pose_that_an_arm_comes_back_to_is_no_second_publisher() -> None:
 
 @pytest.mark.slow(3)
 def test_identification_goes_on_without_them(recording: Recording) -> None:
-    """The same parameters as without the sample, within a small part of their deviations, and a note."""
+    """The same parameters as without the sample, within a small part of their deviations, and a
+    note."""
     sound = identify(recording, load_robot(), IdentificationSettings(consistent=False))
     spoilt = spoiled(recording, "motor", "effort", 1e6)
     found = identify(spoilt, load_robot(), IdentificationSettings(consistent=False))

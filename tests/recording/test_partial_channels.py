@@ -1,4 +1,5 @@
-"""Channels that only some joints have: NaN for the others, from the mapping to the samples and back from a bag."""
+"""Channels that only some joints have: NaN for the others, from the mapping to the samples and back
+from a bag."""
 
 from pathlib import Path
 
@@ -40,7 +41,8 @@ def test_a_joint_without_an_encoder_takes_the_angle_of_its_other_side(
 
 
 def test_a_bag_keeps_which_joints_have_a_channel(partial: Recording, tmp_path: Path) -> None:
-    """What is written comes back, with a note on the joint without the channel; no outlier is found in it."""
+    """What is written comes back, with a note on the joint without the channel; no outlier is found
+    in it."""
     write_recording(tmp_path / "bag", partial)
     found = read_recording(tmp_path / "bag")
     np.testing.assert_array_equal(found.link.position, partial.link.position)
@@ -59,7 +61,8 @@ def test_sides_stamped_apart_are_joined(partial: Recording, angles: np.ndarray) 
 
 @pytest.mark.parametrize("apart", [False, True])
 def test_a_joint_that_appears_later_is_said_to(tmp_path: Path, apart: bool) -> None:
-    """From then on all joints are read; how much was left out until then, and for which joint, is a note."""
+    """From then on all joints are read; how much was left out until then, and for which joint, is a
+    note."""
     messages = []
     for k, stamp in enumerate(stamps(400).tolist()):
         kinds = [ARM] if k >= 100 and not apart else [ARM[:2], *([ARM[2:]] if k >= 100 else [])]

@@ -1,4 +1,5 @@
-"""Numbers that no sensors of a moving arm measure are found; sensors with ordinary noise are not blamed."""
+"""Numbers that no sensors of a moving arm measure are found; sensors with ordinary noise are not
+blamed."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -21,7 +22,8 @@ COUNT = 6000
 
 
 def motion(t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Angles, rates and torques of three joints at the times given: sums of sinusoids below 2 Hz."""
+    """Angles, rates and torques of three joints at the times given: sums of sinusoids below 2
+    Hz."""
     w = 2 * np.pi * np.array([[0.31, 0.43, 0.57], [0.91, 1.13, 1.37]])
     phase = np.array([[0.0, 1.0, 2.0], [0.5, 0.1, 0.9]])
     angle = w[:, None] * t[:, None] + phase[:, None]
@@ -77,7 +79,8 @@ def test_ordinary_sensors_are_not_blamed(seed: int) -> None:
 
 
 def test_a_velocity_in_another_unit_is_found_with_its_factor() -> None:
-    """Degrees a second in a place of radians: the factor is named; of one joint alone, that joint."""
+    """Degrees a second in a place of radians: the factor is named; of one joint alone, that
+    joint."""
     recording = arm()
     given = recording.link.velocity * [1.0, 180 / np.pi, 1.0]
     (finding,) = implausible(changed(recording, "link", velocity=given))
@@ -106,7 +109,8 @@ def test_a_late_velocity_is_found_with_its_lag() -> None:
 
 
 def test_a_motor_torque_of_the_wrong_sign_is_found() -> None:
-    """Dry friction of a joint gives energy where its torque has the other sign; a sensor behind the drive may."""
+    """Dry friction of a joint gives energy where its torque has the other sign; a sensor behind the
+    drive may."""
     recording = arm()
     rates = recording.motor.velocity
     torque = recording.motor.effort + 30.0 * np.sign(rates)
@@ -118,7 +122,8 @@ def test_a_motor_torque_of_the_wrong_sign_is_found() -> None:
 
 
 def test_a_motor_torque_of_the_wrong_sign_is_found_beside_the_encoders_of_the_links() -> None:
-    """An arm with one encoder a joint has its angles on the link's side, with stamps of their own."""
+    """An arm with one encoder a joint has its angles on the link's side, with stamps of their
+    own."""
     recording = arm()
     torque = recording.motor.effort + 30.0 * np.sign(recording.motor.velocity)
     alone = Side(recording.motor.stamp_ns[:-7] + 300_000, effort=torque[:-7])
@@ -131,7 +136,8 @@ def test_a_motor_torque_of_the_wrong_sign_is_found_beside_the_encoders_of_the_li
 
 
 def test_an_axis_that_brakes_the_others_is_not_of_the_wrong_sign() -> None:
-    """A coupled axis that moves with the one before it feels more of that one's friction than it has of its own."""
+    """A coupled axis that moves with the one before it feels more of that one's friction than it
+    has of its own."""
     motor = arm().motor
     position, rates = (
         one + 0.9 * one[:, [1]] * [0.0, 0.0, 1.0] for one in (motor.position, motor.velocity)
@@ -142,7 +148,8 @@ def test_an_axis_that_brakes_the_others_is_not_of_the_wrong_sign() -> None:
 
 
 def test_regular_stamps_on_samples_taken_irregularly_are_made_up() -> None:
-    """Samples taken 0.2 ms (std) beside their perfectly regular stamps: all joints tell of the same times."""
+    """Samples taken 0.2 ms (std) beside their perfectly regular stamps: all joints tell of the same
+    times."""
     even = np.arange(COUNT) / RATE
     assert codes(arm(even, even + np.random.default_rng(3).normal(scale=2e-4, size=COUNT))) == {
         "made_up_stamps"
@@ -203,7 +210,8 @@ def test_the_check_of_a_bag_lists_them(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(not SHARED.is_dir(), reason="needs the recordings of real robots")
 def test_low_passed_torques_of_real_robots_are_found() -> None:
-    """The UR10's currents and the LWR 4+'s joint torques hold nothing above 6 Hz, as is known of them."""
+    """The UR10's currents and the LWR 4+'s joint torques hold nothing above 6 Hz, as is known of
+    them."""
     ur10 = read_recording(SHARED / "ur10" / "ur10_exciting_trajectory.db3")
     mapping = ROOT / "examples" / "kuka_lwr4" / "import.yaml"
     lwr4 = import_arrays(SHARED / "kuka_lwr4" / "measurements_1.npz", mapping)
@@ -211,7 +219,8 @@ def test_low_passed_torques_of_real_robots_are_found() -> None:
 
 
 def test_velocities_beside_stamps_of_a_wrong_unit_are_compared() -> None:
-    """Milliseconds taken for seconds make the motion a thousand times slower than its velocities: no standstill."""
+    """Milliseconds taken for seconds make the motion a thousand times slower than its velocities:
+    no standstill."""
     recording = arm()
     slow = replace(recording.link, stamp_ns=1000 * (recording.link.stamp_ns - 10**18))
     (finding,) = implausible(Recording(JOINTS, link=slow))
@@ -236,7 +245,8 @@ def torque(seconds: float = 30.0) -> np.ndarray:
 @pytest.mark.parametrize("order", [3, 5])
 @pytest.mark.parametrize("corner", [2.0, 5.0])
 def test_the_knee_is_where_the_filter_begins(order: int, corner: float) -> None:
-    """A zero-phase Butterworth filter of 2 or 5 Hz is found to a third of its corner, and nothing is left far above."""
+    """A zero-phase Butterworth filter of 2 or 5 Hz is found to a third of its corner, and nothing
+    is left far above."""
     sections = scipy.signal.butter(order, corner, fs=SLOW_RATE, output="sos")
     found = torque_spectrum(scipy.signal.sosfiltfilt(sections, torque(), axis=0), SLOW_RATE)
     assert found.low_passed.all() and not found.computed.any()

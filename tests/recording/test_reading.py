@@ -47,7 +47,8 @@ def test_bags_of_another_writer_are_read(tmp_path: Path, configure) -> None:
 
 
 def test_joint_order_may_change_within_a_bag(tmp_path: Path) -> None:
-    """Joints are matched by name, also where messages of several orders and lengths are mixed in one chunk."""
+    """Joints are matched by name, also where messages of several orders and lengths are mixed in
+    one chunk."""
     rng = np.random.default_rng(3)
     messages = []
     for row, stamp in enumerate(stamps(400)):
@@ -146,7 +147,8 @@ def test_several_bags_make_one_recording(tmp_path: Path) -> None:
 
 
 def test_one_side_alone_is_read_with_its_effort_as_motor_torque(tmp_path: Path) -> None:
-    """Without /motor_states the effort of /joint_states is the motor's torque, and the result says so."""
+    """Without /motor_states the effort of /joint_states is the motor's torque, and the result says
+    so."""
     recording = read_recording(
         write_foreign(tmp_path / "bag", states("/joint_states", stamps(100)))
     )
@@ -158,7 +160,8 @@ def test_one_side_alone_is_read_with_its_effort_as_motor_torque(tmp_path: Path) 
 
 
 def test_motor_side_alone_is_read(tmp_path: Path) -> None:
-    """A bag with /motor_states alone, the commonest industrial arm, gives theta and tau_m and nothing else."""
+    """A bag with /motor_states alone, the commonest industrial arm, gives theta and tau_m and
+    nothing else."""
     samples = read_recording(
         write_foreign(tmp_path / "bag", states("/motor_states", stamps(100)))
     ).samples()
@@ -181,7 +184,8 @@ def test_a_channel_that_is_nan_throughout_counts_as_missing(tmp_path: Path) -> N
 
 
 def test_a_gripper_on_the_same_topic_is_set_aside(tmp_path: Path) -> None:
-    """Messages of other joints on /joint_states are left out, with a note, once the arm's joints are named."""
+    """Messages of other joints on /joint_states are left out, with a note, once the arm's joints
+    are named."""
     gripper = [
         ("/joint_states", JOINT_STATE, int(t), joint_state(t, ["finger"], [0.1], [0.0], [0.0]))
         for t in stamps(100) + 300_000
@@ -198,7 +202,10 @@ def test_joints_follow_the_robot_description_in_the_bag(
     tmp_path: Path, rng: np.random.Generator
 ) -> None:
     """Columns stand in the order of the URDF in the bag, whatever the messages say."""
-    urdf = "<robot name='r'><joint name='wrist' type='revolute'/><joint name='arm' type='revolute'/></robot>"
+    urdf = (
+        "<robot name='r'><joint name='wrist' type='revolute'/><joint name='arm'"
+        " type='revolute'/></robot>"
+    )
     given = Recording(
         ("arm", "wrist"), side(rng, stamps(50), 2), side(rng, stamps(50), 2), robot_description=urdf
     )

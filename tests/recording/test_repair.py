@@ -35,7 +35,8 @@ def with_nan(tmp_path: Path) -> Path:
 
 
 def test_a_number_that_is_none_is_named_found_and_mended(tmp_path: Path) -> None:
-    """Reading refuses, naming topic, field, joint and time; the check finds it; the repaired copy can be used."""
+    """Reading refuses, naming topic, field, joint and time; the check finds it; the repaired copy
+    can be used."""
     bag = with_nan(tmp_path)
     before = {file: file.read_bytes() for file in bag.iterdir()}
     with pytest.raises(RecordingError) as caught:
@@ -51,7 +52,8 @@ def test_a_number_that_is_none_is_named_found_and_mended(tmp_path: Path) -> None
 
 
 def test_a_repair_never_drops_a_good_message(tmp_path: Path) -> None:
-    """Not those of other joints, nor those of half of the joints, nor those out of order or with a stamp twice."""
+    """Not those of other joints, nor those of half of the joints, nor those out of order or with a
+    stamp twice."""
     taken = stamps(400)
     swapped = taken.reshape(-1, 2)[:, ::-1].ravel()
     swapped[77] = swapped[76]
@@ -82,7 +84,8 @@ def test_arms_in_namespaces_are_repaired(tmp_path: Path) -> None:
 
 
 def test_topics_of_a_channel_map_are_repaired(tmp_path: Path) -> None:
-    """Messages with numbers that are none in a mapped field are left out, and those with them elsewhere stay."""
+    """Messages with numbers that are none in a mapped field are left out, and those with them
+    elsewhere stay."""
     given = states("/drives", stamps(100))
     for row, field in ((30, 0), (60, 2)):
         numbers = [[0.0, np.nan, 0.0] if k == field else [0.0] * 3 for k in range(3)]
@@ -114,7 +117,8 @@ def test_repair_copies_everything_else(tmp_path: Path, rng: np.random.Generator)
 def test_a_truncated_bag_is_read_up_to_the_tear(
     tmp_path: Path, rng: np.random.Generator, share: float
 ) -> None:
-    """A file cut off anywhere gives all whole chunks before the cut, says so, and can be made whole."""
+    """A file cut off anywhere gives all whole chunks before the cut, says so, and can be made
+    whole."""
     given = two_sided(rng, 20_000)
     file = write_recording(tmp_path / "bag", given) / "bag_0.mcap"
     file.write_bytes(file.read_bytes()[: int(share * file.stat().st_size)])
@@ -131,7 +135,8 @@ def test_a_truncated_bag_is_read_up_to_the_tear(
 def test_a_torn_chunk_is_read_up_to_the_tear(
     tmp_path: Path, rng: np.random.Generator, compression: str
 ) -> None:
-    """A file that has one chunk, cut off within it, gives the messages before the cut, and can be made whole."""
+    """A file that has one chunk, cut off within it, gives the messages before the cut, and can be
+    made whole."""
     given = two_sided(rng, 2_000)
     file = write_recording(tmp_path / "bag", given, compression) / "bag_0.mcap"  # type: ignore[arg-type]
     (chunk,) = open_mcap(file).chunks
@@ -161,7 +166,8 @@ def test_a_flipped_bit_is_found(tmp_path: Path, rng: np.random.Generator) -> Non
 
 @pytest.mark.parametrize("compression", ["none", "lz4", "zstd"])
 def test_flipped_bits_in_packed_chunks_are_found(tmp_path: Path, compression: str) -> None:
-    """Of forty single bits none changes what is read without an error; nearly all of them are errors."""
+    """Of forty single bits none changes what is read without an error; nearly all of them are
+    errors."""
     given = two_sided(np.random.default_rng(1), 3_000)
     file = write_recording(tmp_path / "bag", given, compression) / "bag_0.mcap"  # type: ignore[arg-type]
     content = file.read_bytes()

@@ -26,7 +26,8 @@ def disk(tmp_path: Path) -> Iterator[Path]:
 
 @pytest.mark.parametrize("compression", ["none", "lz4", "zstd"])
 def test_a_full_disk_loses_nothing_that_was_written(disk: Path, compression: str) -> None:
-    """Where the disk takes no more the error says so, and what was written before it is read again, in order."""
+    """Where the disk takes no more the error says so, and what was written before it is read again,
+    in order."""
     writer = StreamWriter(disk / "bag", compression, chunk_bytes=10_000)  # type: ignore[arg-type]
     writer.add_topic("/motor_states", "sensor_msgs/msg/JointState")
     with pytest.raises(RecordingError, match="No space left on device") as caught:
@@ -41,7 +42,8 @@ def test_a_full_disk_loses_nothing_that_was_written(disk: Path, compression: str
 
 
 def test_a_recording_that_does_not_fit_is_refused(disk: Path, rng: np.random.Generator) -> None:
-    """Writing a recording at once ends with the system's reason, and so does mending a bag onto a full disk."""
+    """Writing a recording at once ends with the system's reason, and so does mending a bag onto a
+    full disk."""
     with pytest.raises(RecordingError, match="No space left on device"):
         write_recording(disk / "bag", two_sided(rng, 5000), "none")
     fill(disk)
@@ -63,7 +65,8 @@ def test_nothing_is_made_on_a_disk_that_may_only_be_read(
 
 
 def test_bags_are_read_where_nothing_can_be_written(disk: Path, rng: np.random.Generator) -> None:
-    """MCAP, SQLite and packed SQLite bags on a disk that may only be read are read, checked and summed up."""
+    """MCAP, SQLite and packed SQLite bags on a disk that may only be read are read, checked and
+    summed up."""
     write_recording(disk / "mcap", two_sided(rng, 120))
     database = next(
         write_sqlite(disk / "sqlite", states("/joint_states", stamps(60))).glob("*.db3")

@@ -29,7 +29,8 @@ SHARED = Path(__file__).parents[3] / "shared" / "data" / "ur10"
 
 
 def older(file: Path) -> None:
-    """Take from a .db3 what versions of rosbag2 before Iron did not write: definitions, hashes, schema, metadata."""
+    """Take from a .db3 what versions of rosbag2 before Iron did not write: definitions, hashes,
+    schema, metadata."""
     database = sqlite3.connect(file)
     for table in ("message_definitions", "schema", "metadata"):
         database.execute(f"DROP TABLE {table}")
@@ -39,7 +40,8 @@ def older(file: Path) -> None:
 
 
 def test_the_same_recording_comes_from_both_storages(tmp_path: Path) -> None:
-    """A bag of 18 000 messages in a .db3 gives the very arrays that the same messages in an MCAP file give."""
+    """A bag of 18 000 messages in a .db3 gives the very arrays that the same messages in an MCAP
+    file give."""
     messages = both(stamps(9_000))
     one, other = (
         write_foreign(tmp_path / "mcap", messages),
@@ -60,7 +62,8 @@ def vars_of(topic: object) -> tuple[str, ...]:
 
 @pytest.mark.parametrize("bare", [False, True], ids=["without metadata.yaml", "the file alone"])
 def test_an_old_bag_without_metadata_or_definitions_is_read(tmp_path: Path, bare: bool) -> None:
-    """Message types that the file does not define are the standard ones; the repair writes a bag that has all."""
+    """Message types that the file does not define are the standard ones; the repair writes a bag
+    that has all."""
     folder = write_sqlite(tmp_path / "bag", both(stamps(300)))
     (folder / "metadata.yaml").unlink()
     older(folder / "bag.db3")
@@ -107,7 +110,8 @@ def test_messages_compressed_one_by_one_are_refused_with_the_way_out(tmp_path: P
 
 
 def test_rows_out_of_order_come_out_by_their_timestamps(tmp_path: Path) -> None:
-    """A recorder writes what it receives late behind later rows; messages come out in the order of their times."""
+    """A recorder writes what it receives late behind later rows; messages come out in the order of
+    their times."""
     messages = both(stamps(9_000))
     shuffled = [messages[i] for i in np.random.default_rng(1).permutation(len(messages))]
     folder = write_sqlite(tmp_path / "bag", shuffled)
@@ -132,7 +136,8 @@ def test_rows_in_a_write_ahead_log_are_read(tmp_path: Path) -> None:
 
 
 def test_a_torn_file_is_read_up_to_the_tear(tmp_path: Path) -> None:
-    """A damaged database is refused by name; check finds it and the repair saves what can be read."""
+    """A damaged database is refused by name; check finds it and the repair saves what can be
+    read."""
     folder = write_sqlite(tmp_path / "bag", both(stamps(9_000)))
     file = folder / "bag.db3"
     content = bytearray(file.read_bytes())

@@ -15,7 +15,8 @@ RATE = 250.0
 
 
 def arm(noise: float = 1e-4, rest: float = 60.0) -> Recording:
-    """Return two joints, of which one swings for 5 s before and after a rest; the other stands throughout."""
+    """Return two joints, of which one swings for 5 s before and after a rest; the other stands
+    throughout."""
     t = np.arange(round((10.0 + rest) * RATE)) / RATE
     moving = np.where(t < 5.0, np.sin(t), np.where(t > 5.0 + rest, np.sin(t - rest), np.sin(5.0)))
     position = np.stack([moving, np.full_like(t, 0.3)], axis=1)
@@ -25,7 +26,8 @@ def arm(noise: float = 1e-4, rest: float = 60.0) -> Recording:
 
 
 def test_standstill_is_left_out_but_for_some_seconds_around_motion() -> None:
-    """What is kept is the motion and 3 s on either side of the rest; a note says how much that leaves out."""
+    """What is kept is the motion and 3 s on either side of the rest; a note says how much that
+    leaves out."""
     whole = arm()
     found = without_standstill(whole)
     t = found.motor.stamp_ns * 1e-9

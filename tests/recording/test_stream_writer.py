@@ -1,4 +1,5 @@
-"""A bag that is written while it happens keeps what it was given, whatever becomes of the process."""
+"""A bag that is written while it happens keeps what it was given, whatever becomes of the
+process."""
 
 import signal
 import subprocess
@@ -56,7 +57,8 @@ def test_a_killed_recorder_leaves_all_but_the_last_second(tmp_path: Path) -> Non
 
 
 def test_the_stream_writer_keeps_every_byte(tmp_path: Path) -> None:
-    """Messages come out as they went in: bytes, topics, both times, in log order; the bag is in order."""
+    """Messages come out as they went in: bytes, topics, both times, in log order; the bag is in
+    order."""
     given = [(t, k, s, d) for t, k, s, d in both(stamps(1500))]
     given.sort(key=lambda message: message[2])
     with StreamWriter(tmp_path / "bag", chunk_bytes=20_000) as writer:

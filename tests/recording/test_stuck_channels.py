@@ -1,4 +1,5 @@
-"""Torques at an end of their range and recordings that freeze are found; peaks, rests and slow channels are not."""
+"""Torques at an end of their range and recordings that freeze are found; peaks, rests and slow
+channels are not."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -41,7 +42,8 @@ def found(samples: Recording, code: str) -> list[Finding]:
 
 
 def held(samples: Recording, rows: slice, begin: int | None = None) -> Recording:
-    """The recording with all channels in some rows as they were at the first, or at sample `begin`."""
+    """The recording with all channels in some rows as they were at the first, or at sample
+    `begin`."""
     kept = np.arange(COUNT)
     kept[rows] = rows.start if begin is None else begin
     link, motor = (
@@ -57,7 +59,8 @@ def held(samples: Recording, rows: slice, begin: int | None = None) -> Recording
 def test_a_torque_at_the_end_of_its_range_is_named_with_its_share(
     noise: float, step: float
 ) -> None:
-    """Of the joint whose drive saturates, with the torque at which it does; peaks of the others are none."""
+    """Of the joint whose drive saturates, with the torque at which it does; peaks of the others are
+    none."""
     assert found(recording(noise, step), "clipped") == []
     (finding,) = found(recording(noise, step, limit=50.0), "clipped")
     assert finding.code == "clipped"
@@ -93,7 +96,8 @@ def test_an_arm_at_rest_neither_freezes_nor_saturates() -> None:
 
 @pytest.mark.filterwarnings("error")
 def test_a_recording_of_one_sample_throughout_holds_no_motion(tmp_path: Path) -> None:
-    """Numbers that never change are said to be no motion, in words and without a warning of the numbers' own."""
+    """Numbers that never change are said to be no motion, in words and without a warning of the
+    numbers' own."""
     stamp_ns = np.arange(400, dtype=np.int64) * 5_000_000
     same = Side(stamp_ns, *(np.full((400, 2), value) for value in (0.3, 0.0, 1.0)))
     bag = write_recording(tmp_path / "bag", Recording(("joint_1", "joint_2"), same, same))
@@ -110,7 +114,8 @@ def test_a_recording_of_one_sample_throughout_holds_no_motion(tmp_path: Path) ->
 
 
 def test_freezes_are_found_with_their_times() -> None:
-    """Two stretches of 0.1 s, and the end; with velocities and without; single repeats and slow channels are none."""
+    """Two stretches of 0.1 s, and the end; with velocities and without; single repeats and slow
+    channels are none."""
     rows = (slice(1000, 1021), slice(3000, 3021), slice(COUNT - 100, COUNT))
     whole, icy = recording(), recording()
     for stretch in rows:
@@ -187,7 +192,8 @@ def with_motor_encoders() -> Recording:
 def test_a_channel_that_holds_one_number_while_its_joint_moves_is_named(
     what: str, tmp_path: Path
 ) -> None:
-    """By the check, and as a note before anything is fitted; no channel of the recording as it was."""
+    """By the check, and as a note before anything is fitted; no channel of the recording as it
+    was."""
     whole = with_motor_encoders()
     assert found(whole, "stuck") == []
     name, channel, value, words = STUCK[what]
@@ -204,7 +210,8 @@ def test_a_channel_that_holds_one_number_while_its_joint_moves_is_named(
 
 
 def test_joints_at_rest_hold_their_numbers() -> None:
-    """Neither a joint that rests beside others that move, nor its encoder's zero of the velocity, is suspicious."""
+    """Neither a joint that rests beside others that move, nor its encoder's zero of the velocity,
+    is suspicious."""
     whole = with_motor_encoders()
     for name in ("link", "motor"):
         side: Side = getattr(whole, name)
@@ -237,7 +244,8 @@ def every(times: int, values: Array) -> Array:
 def test_a_channel_of_any_kind_that_is_held_is_named_with_its_period(
     side: str, channel: str, times: int, step: float
 ) -> None:
-    """One rule for angles, speeds and torques, rounded or not; the other channels are not blamed."""
+    """One rule for angles, speeds and torques, rounded or not; the other channels are not
+    blamed."""
     whole = recording(step=step)
     assert found(whole, "held") == []
     own = getattr(whole, side)
@@ -263,7 +271,8 @@ def test_a_cycle_missed_now_and_then_is_named_with_its_share() -> None:
 
 
 def test_velocities_of_a_coarse_encoder_are_zero_by_right() -> None:
-    """Differences of rounded angles by stamps that jitter are zero wherever the encoder takes no step."""
+    """Differences of rounded angles by stamps that jitter are zero wherever the encoder takes no
+    step."""
     whole = recording()
     assert whole.link is not None and whole.link.position is not None
     jitter = np.random.default_rng(0).integers(-100_000, 100_000, COUNT)
@@ -277,7 +286,8 @@ def test_velocities_of_a_coarse_encoder_are_zero_by_right() -> None:
 
 
 def test_zeros_between_the_values_of_a_channel_are_named() -> None:
-    """A velocity that is zero two samples of three is no velocity that is held; one that passes zero has none."""
+    """A velocity that is zero two samples of three is no velocity that is held; one that passes
+    zero has none."""
     whole = recording()
     assert found(whole, "zeros") == []
     velocity = whole.link.velocity * (np.arange(COUNT) % 3 == 0)[:, None]
@@ -295,7 +305,8 @@ def test_rounded_noise_is_not_held() -> None:
 
 
 def test_measured_values_between_zeros_are_no_outliers() -> None:
-    """A velocity that is zero in two of three samples is named as that, and nothing of it is left out."""
+    """A velocity that is zero in two of three samples is named as that, and nothing of it is left
+    out."""
     t = np.arange(3000) / 250.0
     q, dq = np.sin(2.0 * t)[:, None], 2.0 * np.cos(2.0 * t)[:, None]
     dq[np.arange(len(t)) % 3 != 0] = 0.0

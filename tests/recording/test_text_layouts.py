@@ -1,4 +1,5 @@
-"""Tables as others write them: long ones, lists in cells, dates, JSON, MATLAB 7.3; the same numbers from each."""
+"""Tables as others write them: long ones, lists in cells, dates, JSON, MATLAB 7.3; the same numbers
+from each."""
 
 import json
 from collections.abc import Callable
@@ -118,7 +119,8 @@ def test_the_reports_are_read() -> None:
 
 
 def test_matlab_7_3_is_read_as_hdf5_is(tmp_path: Path) -> None:
-    """Texts and cells are left out, axes of length one too; another layout than the report's: joints x samples."""
+    """Texts and cells are left out, axes of length one too; another layout than the report's:
+    joints x samples."""
     file = tmp_path / "a.mat"
     with h5py.File(file, "w", userblock_size=512) as content:
         content["log/q"] = Q.T
@@ -214,7 +216,8 @@ def guessed(**arrays: np.ndarray) -> dict[tuple[str, str], tuple[str, str]]:
 
 
 def test_a_draft_goes_by_names_and_values() -> None:
-    """Efforts that end in ff, stamps that hold amp, goals, counts, and positions that are current ones."""
+    """Efforts that end in ff, stamps that hold amp, goals, counts, and positions that are current
+    ones."""
     tau = 5.0 * np.cos(Q)
     assert guessed(q=Q, joint_eff=tau)["motor", "effort"] == ("joint_eff", "Nm")
     assert guessed(q=Q, tau_coeff=tau, timestamps_raw=tau * 0 + T[:, None]).keys() == {
@@ -235,7 +238,8 @@ def test_a_draft_goes_by_names_and_values() -> None:
 
 
 def test_an_order_that_is_assumed_is_said() -> None:
-    """Columns by number are taken in the order of the arm; those by the joints' names are not assumed."""
+    """Columns by number are taken in the order of the arm; those by the joints' names are not
+    assumed."""
     numbered = guess_mapping(
         Arrays({"time": T, "position[0]": Q[:, 0], "position[1]": Q[:, 1]}), NAMES
     )

@@ -42,7 +42,8 @@ def test_lost_messages_are_left_out_of_both_sides(rng: np.random.Generator) -> N
 
 
 def test_stamps_apart_are_interpolated_to_the_link_side() -> None:
-    """Half a sample apart, a 5 Hz motion at 1 kHz is met to the cubic spline's error, and the result says so."""
+    """Half a sample apart, a 5 Hz motion at 1 kHz is met to the cubic spline's error, and the
+    result says so."""
     link, motor = wave(stamps(2000)), wave(stamps(2000) + 500_000)
     samples = Recording(JOINTS, link, motor).samples()
     expected = wave(samples.stamp_ns)
@@ -61,10 +62,11 @@ def test_stamps_apart_are_interpolated_to_the_link_side() -> None:
 def test_each_side_has_its_own_jitter(
     rng: np.random.Generator, clock: ClockMode | None, true: bool
 ) -> None:
-    """Two drivers stamp apart: the jitter of stamps moves no sample that was taken regularly, and those that it does.
+    """Two drivers stamp apart: the jitter of stamps moves no sample that was taken regularly, and
+    those that it does.
 
-    By the stamps alone positions of regular samples would be off by 4e-3, the jitter of both times their velocity; the
-    mean of 4000 stamps is known to a sixtieth of that.
+    By the stamps alone positions of regular samples would be off by 4e-3, the jitter of both times
+    their velocity; the mean of 4000 stamps is known to a sixtieth of that.
     """
     jitter = rng.normal(0.0, 3e-5, (2, 4000))
     late = [stamps(4000) + np.round(1e9 * own).astype(np.int64) for own in jitter]
@@ -123,7 +125,8 @@ def test_an_empty_recording_has_no_samples() -> None:
 def test_rates_that_last_are_told_apart(
     rng: np.random.Generator, parts: list[tuple[int, int]], rates: list[int], begins: list[int]
 ) -> None:
-    """Stretches of 2.5 s and more, with jittered stamps and a hole; shorter ones count to their neighbours."""
+    """Stretches of 2.5 s and more, with jittered stamps and a hole; shorter ones count to their
+    neighbours."""
     t = np.cumsum(np.concatenate([np.full(seconds * rate, 1 / rate) for seconds, rate in parts]))
     t += rng.uniform(0.0, 2e-4, len(t))
     holed = t + 30.0 * (t > 2.0)
@@ -136,7 +139,8 @@ def test_rates_that_last_are_told_apart(
 def test_neither_bunches_nor_lost_samples_nor_jitter_are_another_rate(
     rng: np.random.Generator,
 ) -> None:
-    """One rate is told of samples that arrive in bunches of 20, of which a third is lost, or late by 2 ms."""
+    """One rate is told of samples that arrive in bunches of 20, of which a third is lost, or late
+    by 2 ms."""
     t = np.arange(1, 20_000) * 1e-3
     bunched = np.ceil(t / 0.02) * 0.02 + np.arange(len(t)) * 1e-9
     short = np.arange(500) * 10_000_000 * 1e-9  # its bunches end where it ends

@@ -18,7 +18,8 @@ RIGID = random_arm(3, np.random.default_rng(1), elastic=False)
 
 
 def recorded() -> Recording:
-    """Link encoders at two of three joints, 3 ms late, and motors with encoders and torques at all."""
+    """Link encoders at two of three joints, 3 ms late, and motors with encoders and torques at
+    all."""
     link = np.sin(W * (T[:, None] - LAG)) + np.array([0.01, 0.0, 0.0])
     link[:, 2] = np.nan
     motor = Side(

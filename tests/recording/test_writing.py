@@ -25,7 +25,8 @@ COMPRESSIONS = ("none", "lz4", "zstd")
 def test_round_trip_is_exact(
     tmp_path: Path, rng: np.random.Generator, compression: str, n: int
 ) -> None:
-    """What is written is read back bit by bit, over several chunks, for any number of joints and compression."""
+    """What is written is read back bit by bit, over several chunks, for any number of joints and
+    compression."""
     recording = two_sided(rng, 6000, n)
     assert_equal(
         read_recording(write_recording(tmp_path / "bag", recording, compression)), recording
@@ -35,7 +36,8 @@ def test_round_trip_is_exact(
 def test_sides_with_stamps_of_their_own_round_trip(
     tmp_path: Path, rng: np.random.Generator
 ) -> None:
-    """Jittered stamps, other rates, missing channels, a reference with acceleration and a URDF all survive."""
+    """Jittered stamps, other rates, missing channels, a reference with acceleration and a URDF all
+    survive."""
     jitter = np.sort(stamps(5000) + rng.integers(-200_000, 200_000, 5000))
     link = Side(jitter, position=rng.normal(size=(5000, 3)))
     motor = side(rng, stamps(2500, 2_000_000))
@@ -50,7 +52,8 @@ def test_sides_with_stamps_of_their_own_round_trip(
 
 
 def test_joint_torques_alone_stay_joint_torques(tmp_path: Path, rng: np.random.Generator) -> None:
-    """A link side with torque sensors and no motor side comes back as it was, not as motor torque."""
+    """A link side with torque sensors and no motor side comes back as it was, not as motor
+    torque."""
     recording = Recording(JOINTS, link=side(rng, stamps(500)))
     assert_equal(read_recording(write_recording(tmp_path / "bag", recording)), recording)
 
@@ -59,7 +62,8 @@ def test_joint_torques_alone_stay_joint_torques(tmp_path: Path, rng: np.random.G
 def test_rosbags_reads_the_same_numbers(
     tmp_path: Path, rng: np.random.Generator, compression: str
 ) -> None:
-    """rosbags finds every message, in order of time, with the same numbers, names, types and hashes."""
+    """rosbags finds every message, in order of time, with the same numbers, names, types and
+    hashes."""
     recording = two_sided(rng, 3000)
     folder = write_recording(tmp_path / "bag", recording, compression)
     rows: dict[str, list] = {"/joint_states": [], "/motor_states": []}
@@ -87,7 +91,8 @@ def test_rosbags_reads_the_same_numbers(
 def test_mcap_library_reads_the_same_numbers(
     tmp_path: Path, rng: np.random.Generator, compression: str
 ) -> None:
-    """The MCAP project's own reader accepts checksums, indexes and summary, and decodes by the schemas in the file."""
+    """The MCAP project's own reader accepts checksums, indexes and summary, and decodes by the
+    schemas in the file."""
     recording = two_sided(rng, 3000)
     folder = write_recording(tmp_path / "bag", recording, compression)
     positions = []
@@ -106,7 +111,8 @@ def test_mcap_library_reads_the_same_numbers(
 def test_transforms_move_the_links_of_the_urdf_beside_them(
     tmp_path: Path, rng: np.random.Generator
 ) -> None:
-    """What viewers draw: at every stamp of /tf Pinocchio puts the links of /robot_description at the same places."""
+    """What viewers draw: at every stamp of /tf Pinocchio puts the links of /robot_description at
+    the same places."""
     robot = random_arm(6, rng, prismatic={3})
     q = rng.uniform(-2.0, 2.0, (100, 6))
     at = 10_000_000 * np.arange(1, 101)  # 100 Hz, of which half is drawn
@@ -195,7 +201,8 @@ def test_names_that_no_disk_takes_are_refused_in_words(
 
 
 def test_recordings_that_cannot_be_are_refused(tmp_path: Path, rng: np.random.Generator) -> None:
-    """Empty recordings, stamps that do not advance and columns that do not fit the joints are refused on writing."""
+    """Empty recordings, stamps that do not advance and columns that do not fit the joints are
+    refused on writing."""
     with pytest.raises(RecordingError, match="holds no samples"):
         write_recording(tmp_path / "a", Recording(JOINTS))
     with pytest.raises(RecordingError, match="/joint_states jumps back in time"):

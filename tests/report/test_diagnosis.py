@@ -75,7 +75,8 @@ def test_report_shows_verdict_map_causes_and_prediction_in_a_browser(
         titles
     )
     assert page.index("explained: ") < page.index("<svg")
-    # Map, two causes, horizons are drawings; what is over time can be zoomed: two causes, and nine residuals.
+    # Map, two causes, horizons are drawings; what is over time can be zoomed: two causes, and nine
+    # residuals.
     assert (page.count("<svg"), page.count("<canvas")) == (4, 2 + 9)
     assert len(page.encode()) < 3e6 and not re.findall(r'(?:src|href)="http', page)
     for words in ("velocity [rad/s]", "wave generator angle", "frequency [Hz]", "ahead [ms]", "Trust in the",
@@ -84,7 +85,8 @@ def test_report_shows_verdict_map_causes_and_prediction_in_a_browser(
 
 
 def test_every_column_of_the_report_is_explained(two_causes: Diagnosis) -> None:
-    """Below a table stands what each of its columns means, but for joints, times and what residuals follow."""
+    """Below a table stands what each of its columns means, but for joints, times and what residuals
+    follow."""
     tables = [
         block for part in sections(two_causes) for block in part.blocks if isinstance(block, Table)
     ]
@@ -117,7 +119,8 @@ def test_report_of_a_clean_arm_speaks_of_no_cause(tmp_path: Path) -> None:
 
 
 def test_gap_without_an_effect_for_it_is_drawn_as_unexplained(tmp_path: Path) -> None:
-    """With nothing in the catalogue that could explain it, the report shows where the gap is and what it looks like."""
+    """With nothing in the catalogue that could explain it, the report shows where the gap is and
+    what it looks like."""
     recordings = [record(motion, FRICTION, seed=k) for k, motion in enumerate(motions())]
     found = diagnose([recordings[0]], Question(ROBOT, effects=()), [recordings[1]])
     page = write_gap_report(tmp_path / "report.html", found).read_text()
@@ -126,7 +129,8 @@ def test_gap_without_an_effect_for_it_is_drawn_as_unexplained(tmp_path: Path) ->
 
 
 def test_arm_with_the_causes_in_it_has_no_gap_left(two_causes: Diagnosis) -> None:
-    """Diagnosed against the arm file that the diagnosis wrote, a new recording agrees with the model."""
+    """Diagnosed against the arm file that the diagnosis wrote, a new recording agrees with the
+    model."""
     repaired = repaired_robot(ROBOT, two_causes)
     assert {e["effect"] for e in repaired.effects} == {"coulomb_friction", "transmission_error"}
     recordings = [record(motion, FRICTION, ERROR, seed=7 + k) for k, motion in enumerate(motions())]
@@ -135,7 +139,8 @@ def test_arm_with_the_causes_in_it_has_no_gap_left(two_causes: Diagnosis) -> Non
 
 
 def test_command_writes_the_motion_that_the_simulator_takes(tmp_path: Path) -> None:
-    """Two bags give result, report, arm and separating motion; `simulate --trajectory` takes the motion as it is."""
+    """Two bags give result, report, arm and separating motion; `simulate --trajectory` takes the
+    motion as it is."""
     for k in (1, 2):
         write_recording(tmp_path / f"bag_{k}", record(gentle(k), PLAY, seed=k))
     folder = tmp_path / "diagnosis"
@@ -173,7 +178,8 @@ def test_command_writes_the_motion_that_the_simulator_takes(tmp_path: Path) -> N
 
 
 def test_the_layout_of_residuals_shows_what_the_bag_holds(two_causes: Diagnosis) -> None:
-    """Every curve of layouts/residuals.json is a residual of the bag, and every panel has its place."""
+    """Every curve of layouts/residuals.json is a residual of the bag, and every panel has its
+    place."""
     layout = json.loads((Path(__file__).parents[2] / "layouts" / "residuals.json").read_text())
     panels = layout["configById"]
     curves = [
@@ -192,7 +198,8 @@ def test_the_layout_of_residuals_shows_what_the_bag_holds(two_causes: Diagnosis)
 
 
 def check_residuals(table: Path, folder: Path) -> None:
-    """The bag of residuals is the recording that judged, and its topics hold at each time what the table has."""
+    """The bag of residuals is the recording that judged, and its topics hold at each time what the
+    table has."""
     rows = list(csv.DictReader(table.read_text().splitlines()))
     messages = list(read_messages(folder / "residuals", {"/residuals/motor/before"}))
     assert (
@@ -221,7 +228,8 @@ def shown(
 def test_causes_are_readable_on_a_narrow_screen(
     two_causes: Diagnosis, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """On 80 columns no line is longer, and a size as real arms have it stands on one line with deviation and unit."""
+    """On 80 columns no line is longer, and a size as real arms have it stands on one line with
+    deviation and unit."""
     offset = {"offset": ParameterEstimate(-0.6656, 0.02628, "Nm")}
     tilt = {
         "x": ParameterEstimate(-0.01668, 0.001152, "rad"),
@@ -245,7 +253,8 @@ def test_causes_are_readable_on_a_narrow_screen(
 def test_piped_causes_are_a_line_each(
     two_causes: Diagnosis, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Where no screen ends the line, a cause stands on one with all its sizes, and no sentence is broken."""
+    """Where no screen ends the line, a cause stands on one with all its sizes, and no sentence is
+    broken."""
     lines = shown(two_causes, Path("diagnosis"), monkeypatch, width=UNLIMITED)
     assert lines[:3] == summary(two_causes)
     first, second = two_causes.causes
@@ -264,7 +273,8 @@ def test_piped_causes_are_a_line_each(
 def test_numbers_that_puzzle_are_explained_beside_them(
     two_causes: Diagnosis, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A cause that alone enlarges the gap, a certain one and a size of two values, on screen and in the report."""
+    """A cause that alone enlarges the gap, a certain one and a size of two values, on screen and in
+    the report."""
     first, *others = two_causes.causes
     change = Change(
         "coulomb_friction", "joint_2", "torque", "Nm", (("a", 6.0, 0.1), ("b", 9.0, 0.1)), 0.99
@@ -312,12 +322,14 @@ def test_help_says_what_is_written_and_how_it_ends() -> None:
     ],
 )
 def test_repeatable_options_take_several_values(given: str, meant: str) -> None:
-    """`--validate A B` judges on both, as the usage line says; what stands before any argument is an argument."""
+    """`--validate A B` judges on both, as the usage line says; what stands before any argument is
+    an argument."""
     assert spelled_out(given.split(), load("diagnose").params) == meant.split()
 
 
 def test_sides_without_a_residual_are_not_drawn(two_causes: Diagnosis, tmp_path: Path) -> None:
-    """An arm with one encoder and motor torque has one equation a joint, and no columns of what was not recorded."""
+    """An arm with one encoder and motor torque has one equation a joint, and no columns of what was
+    not recorded."""
 
     def motor_alone(values: dict[tuple[str, str], float]) -> dict[tuple[str, str], float]:
         return {place: value for place, value in values.items() if place[1] == "motor"}

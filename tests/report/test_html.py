@@ -53,7 +53,8 @@ def test_ids_of_two_equal_figures_differ(tmp_path):
 
 @pytest.mark.parametrize(("count", "peak"), [(14_661, 14_600), (1_000_003, 1_000_001)])
 def test_thinning_keeps_extremes_near_the_end(count, peak):
-    """Where bins do not divide the samples evenly, the last ones are drawn as densely as the others."""
+    """Where bins do not divide the samples evenly, the last ones are drawn as densely as the
+    others."""
     y = np.zeros(count)
     y[peak] = 1.0
     keep = envelope_indices(y, 1500)
@@ -63,7 +64,8 @@ def test_thinning_keeps_extremes_near_the_end(count, peak):
 
 
 def test_tables_write_numbers_for_reading():
-    """No powers of ten where a plain number will do; own digits a column; a missing number stands where numbers do."""
+    """No powers of ten where a plain number will do; own digits a column; a missing number stands
+    where numbers do."""
     table = Table(
         ["name", "value", "std"],
         [["K", 150_000.0, 1.2345], ["a long name that breaks", 3.2e-7, None]],

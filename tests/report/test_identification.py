@@ -22,7 +22,8 @@ from tests.helpers.gap_recordings import ROBOT, motions, record
     ],
 )
 def test_names_keep_their_letters_in_notes(note: str, shown: str) -> None:
-    """A note becomes a sentence, and the name of a file or recording that it begins with stays as it is."""
+    """A note becomes a sentence, and the name of a file or recording that it begins with stays as
+    it is."""
     assert sentence(note) == shown
 
 
@@ -40,7 +41,8 @@ def fitted() -> tuple[Any, ...]:
 
 
 def test_instants_at_which_a_joint_sticks_are_gaps_in_the_figures(fitted: tuple[Any, ...]) -> None:
-    """They are left out of the fit, and no residual as large as the motor's torque is drawn there."""
+    """They are left out of the fit, and no residual as large as the motor's torque is drawn
+    there."""
     result, identifier, motion = fitted
     stuck = np.zeros((len(motion), 3), dtype=bool)
     stuck[1000:1500, 1] = True
@@ -63,7 +65,8 @@ def test_instants_at_which_a_joint_sticks_are_gaps_in_the_figures(fitted: tuple[
 def test_combinations_go_by_their_first_term_and_friction_comes_first(
     fitted: tuple[Any, ...],
 ) -> None:
-    """The report lists friction before base parameters, these by short names, and what they stand for further down."""
+    """The report lists friction before base parameters, these by short names, and what they stand
+    for further down."""
     result, *_ = fitted
     shown = sections(result)
     laws, base, full = (next(b for b in part.blocks if isinstance(b, Table)) for part in shown[1:4])

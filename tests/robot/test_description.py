@@ -1,4 +1,5 @@
-"""The arm file: what it holds, what is refused and how, and that a saved arm loads to the same arm."""
+"""The arm file: what it holds, what is refused and how, and that a saved arm loads to the same
+arm."""
 
 import copy
 from collections.abc import Callable
@@ -210,7 +211,8 @@ def test_a_mixture_of_elastic_and_rigid_joints_is_refused_by_name(
 def test_files_that_are_no_arm_files_are_refused(
     text: str | None, message: str, tmp_path: Path
 ) -> None:
-    """Missing and empty files, lists, bytes and broken YAML give an error with the file's name, and the line."""
+    """Missing and empty files, lists, bytes and broken YAML give an error with the file's name, and
+    the line."""
     path = tmp_path / "broken.yaml"
     if text is not None:
         path.write_text(text, encoding="utf-8", errors="surrogateescape")

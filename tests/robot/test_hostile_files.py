@@ -1,4 +1,5 @@
-"""Arm files, overlays, URDFs, maps and trajectories that are hostile or broken: one line each, at once."""
+"""Arm files, overlays, URDFs, maps and trajectories that are hostile or broken: one line each, at
+once."""
 
 import os
 import time
@@ -53,7 +54,9 @@ TEXTS: dict[str, bytes] = {
     "bytes": bytes(range(256)),
     "a NUL": b"name: a\0b",
     "lists as keys": b"? [1, 2]\n: 3\njoints: {? {a: b} : c}",
-    "numbers as keys": b"1: 2\n2.5: 3\nnull: 4\ntrue: 5\njoints: {1: {2: 3}, null: 5}\ntimes: {1: 2}",
+    "numbers as keys": (
+        b"1: 2\n2.5: 3\nnull: 4\ntrue: 5\njoints: {1: {2: 3}, null: 5}\ntimes: {1: 2}"
+    ),
     "a tag of Python": b"joints: !!python/object/apply:os.system ['true']",
     "an unknown tag": b"joints: !foo bar",
     "several documents": b"a: 1\n---\nb: 2\n",
@@ -159,7 +162,8 @@ URDFS: dict[str, bytes] = {
 
 @pytest.mark.parametrize("name", URDFS)
 def test_hostile_urdfs_are_refused_at_once(tmp_path: Path, name: str) -> None:
-    """Encodings, entities, depth and size end in one line, from a file and from a bag's text alike."""
+    """Encodings, entities, depth and size end in one line, from a file and from a bag's text
+    alike."""
     file = tmp_path / "a.urdf"
     file.write_bytes(URDFS[name])
     assert str(file) in quickly(lambda: load_robot(file))

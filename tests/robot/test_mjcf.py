@@ -20,7 +20,8 @@ pytest.importorskip("mujoco")
 from elastic_arm.robot.loading import is_mjcf
 from elastic_arm.robot.mjcf import engine, open_mjcf
 
-# A developer's folder of public models (as MuJoCo Menagerie has them), each beside its meshes or without.
+# A developer's folder of public models (as MuJoCo Menagerie has them), each beside its meshes or
+# without.
 PUBLIC = Path(os.environ.get("ELASTIC_ARM_MJCF_MODELS", "/nowhere"))
 CHAINS = {
     "xarm7.xml": "link_base:link7",
@@ -58,7 +59,8 @@ def assert_same_torque(path: Path, chain: str | None = None, at: str | None = No
     ],
 )
 def test_inverse_dynamics_are_mujocos(file: str, chain: str | None, at: str | None) -> None:
-    """Defaults, includes, several joints and bodies a link, held joints, springs, armature, gravcomp: all as MuJoCo."""
+    """Defaults, includes, several joints and bodies a link, held joints, springs, armature,
+    gravcomp: all as MuJoCo."""
     assert_same_torque(MODELS / file, chain, at)
 
 
@@ -66,7 +68,8 @@ if PUBLIC.is_dir():
 
     @pytest.mark.parametrize("path", sorted(PUBLIC.rglob("*.xml")), ids=lambda path: path.name)
     def test_inverse_dynamics_of_public_models_are_mujocos(path: Path) -> None:
-        """Models of a developer's folder, $ELASTIC_ARM_MJCF_MODELS, are read as MuJoCo computes them."""
+        """Models of a developer's folder, $ELASTIC_ARM_MJCF_MODELS, are read as MuJoCo computes
+        them."""
         try:
             open_mjcf(path, tuple(CHAINS[path.name].split(":")) if path.name in CHAINS else None)
         except RobotError as error:
@@ -87,7 +90,8 @@ RAIL = """<mujoco><worldbody><body name="carriage" pos="0.2 0.1 0.3" euler="10 2
 
 
 def test_slides_within_the_arm_are_prismatic_joints(tmp_path: Path) -> None:
-    """A rail, and a quill before the last hinge, are joints of the arm, as MuJoCo moves them; a finger is held."""
+    """A rail, and a quill before the last hinge, are joints of the arm, as MuJoCo moves them; a
+    finger is held."""
     path = tmp_path / "rail.xml"
     path.write_text(RAIL)
     robot = load_robot(path)
@@ -138,7 +142,8 @@ def test_what_is_held_is_noted() -> None:
 
 
 def test_meshes_without_files_are_left_out_where_inertia_is_stated(tmp_path: Path) -> None:
-    """A model whose meshes are not at hand is read all the same, unless a moving body's inertia comes from them."""
+    """A model whose meshes are not at hand is read all the same, unless a moving body's inertia
+    comes from them."""
     text = (MODELS / "arm.xml").read_text()
     text = text.replace(
         "<worldbody>", '<asset><mesh name="shell" file="shell.stl"/></asset><worldbody>'
@@ -147,7 +152,10 @@ def test_meshes_without_files_are_left_out_where_inertia_is_stated(tmp_path: Pat
     (tmp_path / "arm.xml").write_text(text)
     (tmp_path / "hand.xml").write_text((MODELS / "hand.xml").read_text())
     assert any("mesh" in note for note in load_robot(tmp_path / "arm.xml").notes)
-    weighing = '<inertial mass="4.9" pos="0.004 0.002 -0.05" fullinertia="0.07 0.068 0.02 -0.0001 0.004 0.006"/>'
+    weighing = (
+        '<inertial mass="4.9" pos="0.004 0.002 -0.05" fullinertia="0.07 0.068 0.02 -0.0001 0.004'
+        ' 0.006"/>'
+    )
     assert weighing in text
     (tmp_path / "arm.xml").write_text(text.replace(weighing, ""))
     with pytest.raises(RobotError, match=r"link1 take their inertia from them.*<inertial>"):
@@ -178,7 +186,10 @@ CHILD = '<body name="b" pos="0.3 0 0"><joint name="k"/><geom size=".1"/></body>'
         (
             "",
             CHILD,
-            '<tendon><fixed name="t"><joint joint="j" coef="1"/><joint joint="k" coef="1"/></fixed></tendon>',
+            (
+                '<tendon><fixed name="t"><joint joint="j" coef="1"/><joint joint="k"'
+                ' coef="1"/></fixed></tendon>'
+            ),
             "tendon 't'",
         ),
         (
@@ -287,7 +298,8 @@ HOSTILE = {
 def test_hostile_models_are_refused_within_the_limits(
     tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """MuJoCo compiles in a process of its own: what takes too much ends in one line, and nothing is waited for."""
+    """MuJoCo compiles in a process of its own: what takes too much ends in one line, and nothing is
+    waited for."""
     monkeypatch.setattr(sys.modules["elastic_arm.robot.mjcf.engine"], "SECONDS", 2)
     os.mkfifo(tmp_path / "pipe.xml")
     named, inside, more, reason = HOSTILE[name]
@@ -347,7 +359,8 @@ def two_joints(
 
 
 def test_a_second_hinge_of_small_range_is_play(tmp_path: Path) -> None:
-    """MuJoCo's backlash is no joint of the arm: it is held in its middle and named, the rest is as without it."""
+    """MuJoCo's backlash is no joint of the arm: it is held in its middle and named, the rest is as
+    without it."""
     path = two_joints(
         tmp_path, play='<joint name="slack" axis="0 1 0" range="-0.02 0.01" armature="0.001"/>'
     )
@@ -392,7 +405,8 @@ def test_motor_inertia_is_unknown_where_a_file_states_none(tmp_path: Path) -> No
 
 
 def test_friction_of_a_dc_motor_is_friction_of_its_joint(tmp_path: Path) -> None:
-    """LuGre friction is Coulomb and Stribeck friction by the gear; what a rigid arm cannot hold is named."""
+    """LuGre friction is Coulomb and Stribeck friction by the gear; what a rigid arm cannot hold is
+    named."""
     motor = '<dcmotor name="m" joint="j1" motorconst="0.05" resistance="1" gear="100" {}/>'
     stated = motor.format('lugre="1000 1 0.01 0.02 0.1" cogging="0.03 6 0"')
     robot = load_robot(two_joints(tmp_path, actuator=stated))
@@ -436,7 +450,8 @@ SERVOS = {
 
 @pytest.mark.parametrize("actuator", SERVOS)
 def test_servos_are_controllers(tmp_path: Path, actuator: str) -> None:
-    """Actuators that feed back angle and speed are the joints' controllers, at the joint's side of their gear."""
+    """Actuators that feed back angle and speed are the joints' controllers, at the joint's side of
+    their gear."""
     robot = load_robot(two_joints(tmp_path, actuator=actuator.format("j1") + actuator.format("j2")))
     assert all(joint.controller == SERVOS[actuator] for joint in robot.joints)
 
@@ -475,7 +490,8 @@ def test_a_servo_moves_the_arm_as_in_mujoco(tmp_path: Path, actuator: str) -> No
     ],
 )
 def test_other_controllers_are_named_as_left_out(tmp_path: Path, actuator: str) -> None:
-    """Filters, scaled set-points, limited integrals and several actuators of one joint are not dropped silently."""
+    """Filters, scaled set-points, limited integrals and several actuators of one joint are not
+    dropped silently."""
     robot = load_robot(two_joints(tmp_path, actuator=actuator))
     assert robot.joints[0].controller is None
     assert any("controller of j1 (servo" in note and "left out" in note for note in robot.notes)

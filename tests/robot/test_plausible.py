@@ -1,4 +1,5 @@
-"""Numbers of a description that no arm has: said by `describe` with the number, refused by `excite`."""
+"""Numbers of a description that no arm has: said by `describe` with the number, refused by
+`excite`."""
 
 from dataclasses import replace
 from pathlib import Path

@@ -1,4 +1,5 @@
-"""URDF in and out: any serial chain of revolute joints, checked against engines that nobody here wrote."""
+"""URDF in and out: any serial chain of revolute joints, checked against engines that nobody here
+wrote."""
 
 import re
 from dataclasses import replace
@@ -38,8 +39,8 @@ def joint(
 ) -> str:
     place = origin or '<origin xyz="0.1 0 0.3" rpy="0 0.4 0"/>'
     return (
-        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>{place}'
-        f'<axis xyz="0 1 0"/>{inside}</joint>'
+        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child'
+        f' link="{child}"/>{place}<axis xyz="0 1 0"/>{inside}</joint>'
     )
 
 
@@ -54,7 +55,8 @@ def two_joints(*more: str) -> str:
 
 
 def random_chain(rng: np.random.Generator, joints: int) -> str:
-    """A chain with axes and origins in all directions, fixed links between and at the end, continuous joints."""
+    """A chain with axes and origins in all directions, fixed links between and at the end,
+    continuous joints."""
     elements, parent = [link("foot")], "foot"
     for i in range(2 * joints + 1):
         child = f"link_{i}"
@@ -62,14 +64,14 @@ def random_chain(rng: np.random.Generator, joints: int) -> str:
         inertia = f'ixx="{y + z}" iyy="{x + z}" izz="{x + y}" ixy="0" ixz="0" iyz="0"'
         xyz, rpy = ("{} {} {}".format(*rng.uniform(-1, 1, 3)) for _ in range(2))
         elements.append(
-            f'<link name="{child}"><inertial><origin xyz="{xyz}" rpy="{rpy}"/><mass value="{mass}"/>'
-            f"<inertia {inertia}/></inertial></link>"
+            f'<link name="{child}"><inertial><origin xyz="{xyz}" rpy="{rpy}"/><mass'
+            f' value="{mass}"/><inertia {inertia}/></inertial></link>'
         )
         kind = "fixed" if i % 2 == 0 else ("continuous" if i % 4 == 1 else "revolute")
         xyz, rpy, axis = ("{} {} {}".format(*rng.uniform(-1, 1, 3)) for _ in range(3))
         elements.append(
-            f'<joint name="joint_{i}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
-            f'<origin xyz="{xyz}" rpy="{rpy}"/><axis xyz="{axis}"/>{LIMIT}</joint>'
+            f'<joint name="joint_{i}" type="{kind}"><parent link="{parent}"/><child'
+            f' link="{child}"/><origin xyz="{xyz}" rpy="{rpy}"/><axis xyz="{axis}"/>{LIMIT}</joint>'
         )
         parent = child
     return urdf(*elements)
@@ -108,7 +110,8 @@ def test_the_kuka_arm_moves_as_in_pinocchio() -> None:
 
 @pytest.mark.parametrize("joints", [2, 4])
 def test_a_chain_in_all_directions_moves_as_in_pinocchio(joints: int) -> None:
-    """Axes off z, turned inertials, fixed links between joints and continuous joints give Pinocchio's dynamics."""
+    """Axes off z, turned inertials, fixed links between joints and continuous joints give
+    Pinocchio's dynamics."""
     text = random_chain(np.random.default_rng(joints), joints)
     robot = parse_urdf(text)
     assert robot.n == joints
@@ -116,7 +119,8 @@ def test_a_chain_in_all_directions_moves_as_in_pinocchio(joints: int) -> None:
 
 
 def test_a_robot_written_as_urdf_and_read_again_moves_the_same() -> None:
-    """Robot -> URDF -> robot keeps frames, inertias and limits, and the text becomes a fixed point."""
+    """Robot -> URDF -> robot keeps frames, inertias and limits, and the text becomes a fixed
+    point."""
     robot = parse_urdf(random_chain(np.random.default_rng(9), 3))
     text = to_urdf(robot)
     again = parse_urdf(text)
@@ -131,7 +135,8 @@ def test_a_robot_written_as_urdf_and_read_again_moves_the_same() -> None:
 
 
 def test_the_elastic_arm_as_urdf_carries_its_motors() -> None:
-    """In an elastic arm's URDF, motors and gears ride on their carriers: mass and gravity torques are the arm's."""
+    """In an elastic arm's URDF, motors and gears ride on their carriers: mass and gravity torques
+    are the arm's."""
     robot = load_robot()
     text = to_urdf(robot)
     rigid = parse_urdf(text)
@@ -230,7 +235,8 @@ def test_a_link_without_inertial_counts_as_massless_and_is_said() -> None:
 
 
 def test_right_angles_written_with_few_digits_are_exact() -> None:
-    """1.5708 is taken as pi/2, so that no parameter seems identifiable only because of the missing digits."""
+    """1.5708 is taken as pi/2, so that no parameter seems identifiable only because of the missing
+    digits."""
     place = '<origin xyz="0 0 0.3" rpy="1.5708 0 3.1416"/>'
     robot = parse_urdf(two_joints().replace('<origin xyz="0.1 0 0.3" rpy="0 0.4 0"/>', place))
     entries = np.abs(robot.joints[0].before[:3, :3])
@@ -239,7 +245,8 @@ def test_right_angles_written_with_few_digits_are_exact() -> None:
 
 
 def with_gripper(kind: str = "revolute") -> str:
-    """Two joints and a gripper on a flange: a finger, a second one that mimics it, and a tip on the first."""
+    """Two joints and a gripper on a flange: a finger, a second one that mimics it, and a tip on the
+    first."""
     finger = joint("left", "palm", "left_finger", kind)
     return two_joints(
         link("flange", ""), joint("mount", "b", "flange", "fixed", ""),
@@ -252,7 +259,8 @@ def with_gripper(kind: str = "revolute") -> str:
 
 @pytest.mark.parametrize("kind", ["revolute", "prismatic"])
 def test_a_gripper_is_held_at_zero_and_a_note_names_it(kind: str) -> None:
-    """Joints that mimic one another are part of the link that carries them, as where they are fixed."""
+    """Joints that mimic one another are part of the link that carries them, as where they are
+    fixed."""
     robot = parse_urdf(with_gripper(kind))
     assert robot.joint_names == ("one", "two")
     assert_same_dynamics(
@@ -264,7 +272,8 @@ def test_a_gripper_is_held_at_zero_and_a_note_names_it(kind: str) -> None:
 
 
 def test_an_inertia_that_a_body_just_cannot_have_is_made_one() -> None:
-    """A moment little beyond the sum of the other two is taken as the nearest that a body has, and a note names it."""
+    """A moment little beyond the sum of the other two is taken as the nearest that a body has, and
+    a note names it."""
     robot = parse_urdf(two_joints().replace('izz="0.05"', 'izz="0.072"'))
     moments = np.linalg.eigvalsh(robot.joints[0].link.inertia)
     assert moments[2] * (1 + 1e-6) < moments[0] + moments[1] < moments[2] * (1 + 1e-3)
@@ -273,7 +282,8 @@ def test_an_inertia_that_a_body_just_cannot_have_is_made_one() -> None:
 
 
 def test_what_rests_may_state_any_inertia() -> None:
-    """Of the base the mass alone counts: an antenna whose inertia no body has leaves the arm as it is."""
+    """Of the base the mass alone counts: an antenna whose inertia no body has leaves the arm as it
+    is."""
     antenna = link("antenna").replace('ixx="0.03"', 'ixx="-0.03"')
     robot = parse_urdf(two_joints(antenna, joint("aerial", "foot", "antenna", "fixed", "")))
     assert robot.base_mass == pytest.approx(parse_urdf(two_joints()).base_mass + 2.0)
@@ -281,7 +291,8 @@ def test_what_rests_may_state_any_inertia() -> None:
 
 
 def test_prismatic_joints_have_the_dynamics_of_pinocchio() -> None:
-    """A linear axis under an arm, and one within it, slide along the axis that the URDF names; limits are kept."""
+    """A linear axis under an arm, and one within it, slide along the axis that the URDF names;
+    limits are kept."""
     text = two_joints(link("c"), joint("three", "b", "c")).replace(
         '"two" type="revolute"', '"two" type="prismatic"'
     )
@@ -305,14 +316,16 @@ def test_a_slide_without_limits_is_written_for_other_readers() -> None:
 
 
 def test_a_chain_leaves_out_what_stands_on_its_tip() -> None:
-    """With the flange as tip the gripper is no part of the arm, and a note names its links and mass."""
+    """With the flange as tip the gripper is no part of the arm, and a note names its links and
+    mass."""
     robot = parse_urdf(with_gripper("planar"), ("foot", "flange"))
     assert_same_dynamics(robot, two_joints())
     assert any("left_finger, palm, right_finger, tip (8 kg)" in note for note in robot.notes)
 
 
 def test_a_chain_leaves_out_other_branches_and_keeps_gravity() -> None:
-    """One arm of two on a tilted torso: its dynamics are those of Pinocchio with the torso and the other arm fixed."""
+    """One arm of two on a tilted torso: its dynamics are those of Pinocchio with the torso and the
+    other arm fixed."""
     text = urdf(
         link("foot"), link("torso"), link("a"), link("b"), link("c"), link("camera"),
         joint("mast", "foot", "torso", "fixed", "", '<origin xyz="0 0 1" rpy="0.4 0.3 -0.2"/>'),
@@ -349,7 +362,8 @@ def test_an_inertia_without_mass_counts_for_nothing() -> None:
     ("chain", "mass"), [(None, 1.857), ("gen3_base_link:gen3_end_effector_link", 0.936)]
 )
 def test_the_kinova_arm_with_its_gripper_loads(chain: str | None, mass: float) -> None:
-    """A vendor's URDF with a gripper and a camera loads as it is, or without the gripper by its chain."""
+    """A vendor's URDF with a gripper and a camera loads as it is, or without the gripper by its
+    chain."""
     robot = load_robot(KINOVA, chain)
     assert robot.n == 7
     assert robot.joints[-1].link.mass == pytest.approx(mass, abs=0.001)
@@ -451,7 +465,8 @@ def overlay(*joints: tuple[str, str], more: str = "") -> str:
 
 
 def test_an_overlay_makes_a_urdf_arm_elastic(tmp_path: Path) -> None:
-    """YAML that names a URDF and gives transmissions and limits by joint makes an elastic robot, which saves."""
+    """YAML that names a URDF and gives transmissions and limits by joint makes an elastic robot,
+    which saves."""
     (tmp_path / "arm.urdf").write_text(two_joints())
     path = tmp_path / "arm.yaml"
     path.write_text(
@@ -472,7 +487,8 @@ def test_an_overlay_makes_a_urdf_arm_elastic(tmp_path: Path) -> None:
 
 
 def test_the_documented_overlay_loads(tmp_path: Path) -> None:
-    """The example of docs/robots.md is an overlay that loads, on a URDF with joints of its names."""
+    """The example of docs/robots.md is an overlay that loads, on a URDF with joints of its
+    names."""
     text = (Path(__file__).parents[2] / "docs" / "robots.md").read_text()
     (tmp_path / "overlay.yaml").write_text(text.split("```yaml\n")[1].split("```")[0])
     urdf = (
@@ -515,11 +531,12 @@ def test_a_wrong_overlay_is_refused_by_name(tmp_path: Path, content: str, proble
 
 
 def test_dynamics_of_a_joint_are_friction_of_that_size() -> None:
-    """<dynamics damping friction> is viscous and Coulomb friction; zero is none, and less is refused."""
+    """<dynamics damping friction> is viscous and Coulomb friction; zero is none, and less is
+    refused."""
     text = to_urdf(load_robot()).replace(
         "<axis", '<dynamics damping="1.5" friction="0.5"/><axis', 1
     )
-    (viscous, dry) = parse_urdf(text).effects
+    viscous, dry = parse_urdf(text).effects
     assert (viscous["effect"], viscous["joint"], viscous["parameters"]) == (
         "viscous_friction",
         "joint_1",
@@ -558,12 +575,14 @@ ROS_1 = (
 )
 ROS_2 = (
     '<ros2_control name="h" type="system"><transmission name="t"><actuator name="m"/>'
-    '<joint name="j"><mechanical_reduction>50</mechanical_reduction></joint></transmission></ros2_control>'
+    "<joint"
+    ' name="j"><mechanical_reduction>50</mechanical_reduction></joint></transmission></ros2_control>'
 )
 
 
 def test_drakes_rotor_is_the_armature() -> None:
-    """Rotor inertia times the square of the gear ratio is what the joint feels; unstated it is unknown."""
+    """Rotor inertia times the square of the gear ratio is what the joint feels; unstated it is
+    unknown."""
     robot = parse_urdf(MOTOR.format(DRAKE))
     assert robot.joints[0].armature == pytest.approx(0.6) and any(
         "6e-05 kg m²" in note for note in robot.notes
@@ -578,7 +597,8 @@ BOTH = DRAKE.replace("</actuator>", "<mechanicalReduction>{}</mechanicalReductio
 
 
 def test_a_ratio_that_two_tags_state_is_one_number() -> None:
-    """Drake's tag and ROS's, in one transmission or in two, are one reduction: 0.6 kg m², not 6000."""
+    """Drake's tag and ROS's, in one transmission or in two, are one reduction: 0.6 kg m², not
+    6000."""
     apart = DRAKE + ROS_1.replace(">50<", ">100<")
     of_joint = DRAKE.replace("<joint", "<mechanical_reduction>100</mechanical_reduction><joint")
     for stated in (
@@ -635,7 +655,8 @@ def test_an_element_that_comes_twice_states_one_thing(element: str, other: str) 
 
 @pytest.mark.parametrize("transmission", [ROS_1, ROS_2])
 def test_a_reduction_without_a_rotor_is_named(transmission: str) -> None:
-    """ros_control's and ros2_control's reductions are no number of the model by themselves, and the notes say so."""
+    """ros_control's and ros2_control's reductions are no number of the model by themselves, and the
+    notes say so."""
     robot = parse_urdf(MOTOR.format(transmission))
     assert robot.joints[0].armature is None
     assert any("reduction of 50" in note and "'j'" in note for note in robot.notes)

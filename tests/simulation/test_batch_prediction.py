@@ -31,7 +31,8 @@ joints:
 
 @pytest.mark.parametrize("effects", [(), ("viscous_friction:joint_2:coefficient=20",)])
 def test_every_start_follows_the_simulator(effects: tuple[str, ...]) -> None:
-    """From each measured state on, under the same held torques, the angles are those of the simulator."""
+    """From each measured state on, under the same held torques, the angles are those of the
+    simulator."""
     laws = [parse(text, ROBOT) for text in effects]
     motion = completed(smooth_motion(MODEL, samples=60, period=1e-3), MODEL)
     equations = ArmEquations(ROBOT, "mod3")
@@ -54,7 +55,8 @@ def test_every_start_follows_the_simulator(effects: tuple[str, ...]) -> None:
 
 
 def test_an_axis_without_friction_and_gravity_is_followed(tmp_path: Path) -> None:
-    """A body that nothing holds back vibrates at no frequency: under a constant torque it travels tau t²/2J."""
+    """A body that nothing holds back vibrates at no frequency: under a constant torque it travels
+    tau t²/2J."""
     file = tmp_path / "one.yaml"
     file.write_text(ONE_JOINT.format(inertia=1e-3))
     equations = ArmEquations(load_robot(file), "mod3")
@@ -79,7 +81,8 @@ def test_the_step_is_of_fourth_order() -> None:
 
 
 def test_strong_friction_on_a_light_link_is_followed(tmp_path: Path) -> None:
-    """A joint of 1e-3 kg m² under 370 Nm s/rad, far too stiff for explicit steps, takes its speed at once.
+    """A joint of 1e-3 kg m² under 370 Nm s/rad, far too stiff for explicit steps, takes its speed
+    at once.
 
     Its exact motion is w = tau/d (1 − exp(−d t/J)): after 40 ms the angle is tau/d (t − J/d).
     """

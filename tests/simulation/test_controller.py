@@ -1,4 +1,5 @@
-"""The controller of a simulated arm: commanded often enough at any sample rate, and as the description states it."""
+"""The controller of a simulated arm: commanded often enough at any sample rate, and as the
+description states it."""
 
 from dataclasses import replace
 
@@ -20,7 +21,8 @@ def arm():
 
 @pytest.fixture(scope="module")
 def light_wrist():
-    """Six stiff joints whose last links weigh a hundredth of the first: a shoulder turns them fast."""
+    """Six stiff joints whose last links weigh a hundredth of the first: a shoulder turns them
+    fast."""
     links = [replace(joint, transmission=None) for joint in load_robot(None).joints]
     joints = []
     for k in range(6):
@@ -54,14 +56,16 @@ def follow(robot, rate, reference, **settings):
 
 @pytest.mark.parametrize("rate", [1000.0, 125.0, 50.0])
 def test_a_stiff_arm_follows_its_reference_at_any_sample_rate(light_wrist, rate):
-    """Joints that turn one another faster than samples come are commanded in between: within 3 % of the swing."""
+    """Joints that turn one another faster than samples come are commanded in between: within 3 % of
+    the swing."""
     reference = motion(6, rate)
     off = np.abs(follow(light_wrist, rate, reference).theta - reference[0]).max(axis=0)
     assert (off < 0.03 * np.ptp(reference[0], axis=0)).all()
 
 
 def test_torques_at_a_low_rate_are_means_over_the_samples(light_wrist):
-    """Without drives tau_J, integrated with the motion, is the mean of the commands given from sample to sample."""
+    """Without drives tau_J, integrated with the motion, is the mean of the commands given from
+    sample to sample."""
     truth = follow(light_wrist, 125.0, motion(6, 125.0))
     assert (
         np.allclose(truth.tau_J, truth.tau_m, rtol=0.0, atol=1e-9)
@@ -75,7 +79,8 @@ def test_torques_at_a_low_rate_are_means_over_the_samples(light_wrist):
 @pytest.mark.parametrize("bearings", [False, True])
 @pytest.mark.parametrize("rate", [125.0, 30.0])
 def test_steps_follow_the_fastest_eigenvalue(arm, bearings, rate):
-    """Drives and bearings of an elastic arm are integrated at any sample rate to the motion at 4 kHz."""
+    """Drives and bearings of an elastic arm are integrated at any sample rate to the motion at 4
+    kHz."""
     slow = follow(arm, rate, motion(3, rate), bearings=bearings)
     fast = follow(arm, 30.0 * 125.0, motion(3, 30.0 * 125.0), bearings=bearings)
     every = round(30.0 * 125.0 / rate)
@@ -84,7 +89,8 @@ def test_steps_follow_the_fastest_eigenvalue(arm, bearings, rate):
 
 
 def test_many_commands_a_sample_step_as_they_roll(light_wrist):
-    """Engines agree, and a live arm has the bits of a run, where the drives are commanded between samples."""
+    """Engines agree, and a live arm has the bits of a run, where the drives are commanded between
+    samples."""
     reference = motion(6, 125.0, 1.0)
     robot = controlled(
         light_wrist, mode="both", kp=3000.0, kd=150.0, ki=500.0, delay=0.008, feedforward="gravity"
@@ -149,7 +155,8 @@ def test_a_delay_of_the_command_shifts_the_motion(arm):
 
 
 def test_commanded_speeds_are_followed_and_positions_alone_lag(arm):
-    """A velocity drive turns at the speed asked for; a position servo lags by kd over kp times it."""
+    """A velocity drive turns at the speed asked for; a position servo lags by kd over kp times
+    it."""
     t = np.arange(2000)[:, None] / 1000.0
     speed = np.array([0.2, 0.0, 0.0])
     reference = (t * speed, np.tile(speed, (len(t), 1)), np.zeros((len(t), 3)))

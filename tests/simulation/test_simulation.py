@@ -40,7 +40,8 @@ def undamped(robot):
 
 
 def springs(robot, x, dx):
-    """K and D of drives and bearings, written out apart from the package: on the left side of (1), (dof,)."""
+    """K and D of drives and bearings, written out apart from the package: on the left side of (1),
+    (dof,)."""
     n = robot.n
     f = np.zeros(len(x))
     for i, joint in enumerate(robot.joints):
@@ -71,7 +72,8 @@ def integrate(rate, y, command):
 
 
 def test_error_over_ten_seconds_is_below_1e_minus_8_rad(arm):
-    """Over 10 s under the same held torques the motion stays within 1e-8 rad of DOP853 at a tolerance of 1e-12."""
+    """Over 10 s under the same held torques the motion stays within 1e-8 rad of DOP853 at a
+    tolerance of 1e-12."""
     truth, _ = Simulator(arm, SimulationSettings(sensors=Sensors.exact()), q0=swing().q0).follow(
         *reference(10.0)
     )
@@ -95,7 +97,8 @@ def test_error_over_ten_seconds_is_below_1e_minus_8_rad(arm):
 
 @pytest.mark.parametrize("bearings", [False, True])
 def test_motion_agrees_with_pinocchio(arm, bearings):
-    """An arm of separate bodies in Pinocchio, reduced by its gears, moves alike under the same torques."""
+    """An arm of separate bodies in Pinocchio, reduced by its gears, moves alike under the same
+    torques."""
     tree = KinematicTree(arm, bearings=bearings)
     simulator = Simulator(
         arm,
@@ -155,7 +158,8 @@ def test_the_integrator_is_of_fourth_order(arm):
 
 @pytest.mark.parametrize("engine", ["c", "casadi"])
 def test_stepping_gives_the_bits_of_the_rollout(arm, engine):
-    """One sample at a time or all at once: the same bits of truth and measurement, noise and delay included."""
+    """One sample at a time or all at once: the same bits of truth and measurement, noise and delay
+    included."""
     encoder = Encoder(noise=1e-5, velocity_noise=1e-4, delay=0.0013)
     sensors = Sensors(link_encoder=encoder, joint_torque=TorqueSensor(delay=0.002))
     effects = [
@@ -233,7 +237,8 @@ def test_kernels_are_compiled_once_per_structure(arm, monkeypatch, tmp_path):
 
 @pytest.mark.parametrize("q0", [(0.0, -0.16, 0.5), (0.0, -0.14, 0.5)])
 def test_an_arm_with_play_starts_at_the_loaded_end_of_it(arm, q0):
-    """Where gravity's own slope points to the other end, too; a drive is wound by its load beyond the play."""
+    """Where gravity's own slope points to the other end, too; a drive is wound by its load beyond
+    the play."""
     half_gap = 1e-4
     simulator = Simulator(
         arm, SimulationSettings(effects=[parse(f"backlash:joint_2:half_gap={half_gap}")]), q0=q0
@@ -246,7 +251,8 @@ def test_an_arm_with_play_starts_at_the_loaded_end_of_it(arm, q0):
 
 
 def test_a_drive_that_softens_starts_below_its_fold_or_not_at_all(arm):
-    """K d + c d³ falls beyond the square root of K / 3 |c|, where no arm stays; too soft, it holds no load at all."""
+    """K d + c d³ falls beyond the square root of K / 3 |c|, where no arm stays; too soft, it holds
+    no load at all."""
     q0 = (0.0, 0.3, 0.5)
     deflections = []
     for text in ((), (parse("nonlinear_stiffness:joint_2:cubic=-3e9"),)):
@@ -276,7 +282,8 @@ def test_the_arm_starts_in_equilibrium(arm, bearings):
 
 
 def test_a_torque_sample_is_the_mean_over_its_interval(arm):
-    """tau_m is the mean of the two commands it bounds, tau_J the mean of the torque over the interval around it."""
+    """tau_m is the mean of the two commands it bounds, tau_J the mean of the torque over the
+    interval around it."""
     truth, _ = Simulator(arm, SimulationSettings(sensors=Sensors.exact()), q0=swing().q0).follow(
         *reference(0.6)
     )
@@ -331,7 +338,8 @@ def test_the_tuned_controller_is_stable_at_every_ratio_and_rate(arm, ratio, rate
 
 
 def test_a_recording_knows_only_the_nominal_arm(arm):
-    """Whatever the true arm is, the recording's description is the nominal one, and no effect is named in it."""
+    """Whatever the true arm is, the recording's description is the nominal one, and no effect is
+    named in it."""
     heavier = arm.with_joint("joint_3", link=replace(arm.joints[2].link, mass=30.0)).with_(
         name="the_truth"
     )
@@ -376,7 +384,8 @@ def test_effects_change_while_the_arm_moves(arm):
 
 
 def test_effects_that_cannot_be_taken_leave_the_arm_as_it_was(arm):
-    """A payload that no drive can hold is refused, and the arm goes on, to the bit, as if nobody had asked."""
+    """A payload that no drive can hold is refused, and the arm goes on, to the bit, as if nobody
+    had asked."""
     still = (np.zeros((50, 3)),) * 3
 
     def run(ask: bool):
@@ -395,7 +404,8 @@ def test_effects_that_cannot_be_taken_leave_the_arm_as_it_was(arm):
 
 
 def test_a_prediction_starts_from_any_motion(arm):
-    """Placed into a motion of another run and given its torques, the arm goes on as that run did."""
+    """Placed into a motion of another run and given its torques, the arm goes on as that run
+    did."""
     effects = [parse("hysteresis:joint_2:torque=5,width=1e-4")]
     truth, _ = Simulator(
         arm, SimulationSettings(effects=effects, sensors=Sensors.exact()), q0=swing().q0

@@ -37,7 +37,8 @@ JOINTS = list(ROBOT.joint_names)
 
 
 def test_the_levels_draw_what_a_diagnosis_looks_for() -> None:
-    """Effects that act only where they are stated are no hidden effects; those that a user adds are drawn."""
+    """Effects that act only where they are stated are no hidden effects; those that a user adds are
+    drawn."""
     assert all(EFFECTS[effect].searched for effect in (*LABORATORY.effects, *FIELD.effects))
     assert LABORATORY.drawn((*EFFECTS, "of_a_user"))[-1] == "of_a_user" and set(FLOORS) <= set(
         LABORATORY.effects
@@ -56,7 +57,8 @@ def test_effects_at_once_show_with_the_sensors_of_one_arm() -> None:
 
 
 def test_a_bound_counts_what_is_ordinary() -> None:
-    """An offset of 0.5 Nm is 1.7 ordinary deviations of its own prior, and some ten bounds without it."""
+    """An offset of 0.5 Nm is 1.7 ordinary deviations of its own prior, and some ten bounds without
+    it."""
     rng = np.random.default_rng(1)
     real = imprecise(ROBOT, rng)
     course = HiddenArm(real, geometry=ROBOT).run(random_motion(rng, 3, 10.0))
@@ -68,8 +70,8 @@ def test_a_bound_counts_what_is_ordinary() -> None:
     change[:, 2, 1] = 0.5
     key = ("motor_torque_offset", 1)
     assert information.distance(change) == pytest.approx(0.5 / 0.3, rel=0.02)
-    # A zero of the motor differs from one of the joint torque sensor by the spring's equation alone, in which a zero of
-    # an encoder does the same.
+    # A zero of the motor differs from one of the joint torque sensor by the spring's equation
+    # alone, in which a zero of an encoder does the same.
     assert information.distance(change, without=[key]) == pytest.approx(9.5, rel=0.1)
     alone = information.distance(change, without=[key, ("encoder_offset", 1)])
     assert (
@@ -90,7 +92,8 @@ def test_a_link_that_is_heavier_is_known_by_its_own_numbers_alone() -> None:
 @pytest.mark.slow(25)
 @pytest.mark.parametrize("effect", sorted(LABORATORY.effects))
 def test_every_effect_is_drawn_at_the_wanted_multiple_of_its_bound(effect: str) -> None:
-    """Sizes are what was asked over the bound, or at an end of the plausible range, which the truth then holds."""
+    """Sizes are what was asked over the bound, or at an end of the plausible range, which the truth
+    then holds."""
     rng = np.random.default_rng([4, *effect.encode()])
     arm = draw(
         Request("arm", (effect,), (0,), (5.0, 4.0), (40.0, 40.0)), LABORATORY, rng, EFFECTS
@@ -129,7 +132,8 @@ EFFECT = Effect(
 
 
 def test_an_effect_acts_in_both_recordings_or_is_refused(tmp_path: Path) -> None:
-    """A buffer is drawn where both motions touch it, with a size of its range; one that nothing reaches is refused."""
+    """A buffer is drawn where both motions touch it, with a size of its range; one that nothing
+    reaches is refused."""
     requests, catalogues = [], []
     for name, low, high in (("near", -0.5, 0.5), ("never", 50.0, 60.0)):
         file = tmp_path / f"{name}.py"
@@ -151,7 +155,8 @@ def test_an_effect_acts_in_both_recordings_or_is_refused(tmp_path: Path) -> None
 
 @pytest.mark.slow(25)
 def test_small_campaign_is_made_resumed_answered_and_scored(tmp_path: Path) -> None:
-    """What is made and answered stays, clean arms are called none, a withheld effect is not named, all is scored."""
+    """What is made and answered stays, clean arms are called none, a withheld effect is not named,
+    all is scored."""
     settings = campaign.ChallengeSettings(
         seed=3, per_effect=1, clean=1, pairs=0, seconds=(5.0, 4.0), ratio=(60.0, 200.0), effects=("viscous_friction",),
     )  # fmt: skip
@@ -190,7 +195,8 @@ def test_small_campaign_is_made_resumed_answered_and_scored(tmp_path: Path) -> N
 
 @pytest.mark.slow(20)
 def test_a_field_arm_is_recorded_with_its_description_and_read_back(tmp_path: Path) -> None:
-    """Bags, URDF with overlay and channel map of an arm are complete: torque sensors are read as such."""
+    """Bags, URDF with overlay and channel map of an arm are complete: torque sensors are read as
+    such."""
     settings = campaign.ChallengeSettings(
         seed=1, per_effect=0, clean=2, pairs=0, seconds=(4.0, 4.0), level="field"
     )
@@ -219,7 +225,8 @@ def test_a_field_arm_is_recorded_with_its_description_and_read_back(tmp_path: Pa
 
 
 def test_a_challenge_that_is_not_complete_is_not_diagnosed(tmp_path: Path) -> None:
-    """Without a sealed truth there is nothing to score against, and the tool says so before it works for hours."""
+    """Without a sealed truth there is nothing to score against, and the tool says so before it
+    works for hours."""
     (tmp_path / campaign.MANIFEST).write_text('{"settings": {}, "items": []}')
     with pytest.raises(DiagnosisError, match="not complete"):
         campaign.solve(tmp_path)
@@ -299,7 +306,8 @@ def test_a_declared_alternative_counts_as_found_and_an_undeclared_one_does_not()
 
 
 def test_joint_side_and_interval_are_judged_apart() -> None:
-    """Right effect on the wrong joint, on the wrong side, or with too narrow an interval: each is its own mistake."""
+    """Right effect on the wrong joint, on the wrong side, or with too narrow an interval: each is
+    its own mistake."""
     right = score_answer(_entry(), _answer(_cause("coulomb_friction", "joint_2")))
     assert right["effect_right"] and right["joint_right"] and right["side_right"]
     assert right["coverage"]["causes"] == [1, 1] and right["z"] == [pytest.approx(1.0)]
@@ -313,7 +321,8 @@ def test_joint_side_and_interval_are_judged_apart() -> None:
 
 
 def test_a_delay_is_right_on_its_side_only_in_its_channels() -> None:
-    """The right effect on the right joint, said of another channel, is right but not on its side."""
+    """The right effect on the right joint, said of another channel, is right but not on its
+    side."""
     truth = _entry(effect="time_delay", parameters={"delay": 0.003}, channels=["joint_torque"])
     delay = {"value": 0.003, "std": 1e-4, "unit": "s"}
     for channels, right in ((["joint_torque"], True), (["link_encoder", "motor_torque"], False)):
@@ -323,7 +332,8 @@ def test_a_delay_is_right_on_its_side_only_in_its_channels() -> None:
 
 
 def test_a_model_that_lacks_two_things_may_be_told_both() -> None:
-    """mod1 has neither splines nor S: a second cause that names it is right, and on a mod3 arm it is false."""
+    """mod1 has neither splines nor S: a second cause that names it is right, and on a mod3 arm it
+    is false."""
     spline = _entry(effect="spline_inertia", joint=None, parameters={})
     answer = _answer(
         *(_cause(e, None, parameters={}) for e in ("spline_inertia", "inertia_coupling"))
@@ -336,7 +346,8 @@ def test_a_model_that_lacks_two_things_may_be_told_both() -> None:
 def test_a_refused_diagnosis_is_a_wrong_answer(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """What the diagnosis refuses is told, written down as an answer, and judged as one that found nothing."""
+    """What the diagnosis refuses is told, written down as an answer, and judged as one that found
+    nothing."""
 
     def refuse(*_: Any) -> None:
         raise DiagnosisError("too little motion", "Record longer")
@@ -351,7 +362,8 @@ def test_a_refused_diagnosis_is_a_wrong_answer(
 
 
 def test_a_false_cause_counts_by_its_confidence_and_a_condition_of_the_level_is_none() -> None:
-    """A cause that no arm had accuses it from 0.9 on; what every arm of the level has beyond the ordinary does not."""
+    """A cause that no arm had accuses it from 0.9 on; what every arm of the level has beyond the
+    ordinary does not."""
     drift = {"effect": "torque_drift", "joint": 2, "parameters": {"rate": 0.01}, "side": "motor"}
     entry = _entry(conditions=[drift]) | {"faults": []}
     said = [
@@ -365,7 +377,8 @@ def test_a_false_cause_counts_by_its_confidence_and_a_condition_of_the_level_is_
 
 
 def test_intervals_of_friction_and_numbers_are_held_against_the_truth() -> None:
-    """Of two stated intervals, one holds its true value: the friction's does, the stiffness' does not."""
+    """Of two stated intervals, one holds its true value: the friction's does, the stiffness' does
+    not."""
     ordinary = {
         "effect": "coulomb_friction",
         "joint": 0,
@@ -392,7 +405,8 @@ def test_none_is_right_only_where_an_effect_of_no_catalogue_cannot_be_seen() -> 
 
 
 def test_shares_carry_binomial_intervals_and_confidences_are_counted_bin_by_bin() -> None:
-    """Twenty of twenty begins near 0.83; of four causes with 0.97, three of which were right, the bin has three."""
+    """Twenty of twenty begins near 0.83; of four causes with 0.97, three of which were right, the
+    bin has three."""
     assert proportion([True] * 20)["interval"] == pytest.approx([0.8316, 1.0], abs=1e-3)
     rows = calibration([*((0.97, held) for held in (True, True, True, False)), (0.3, False)])
     assert [(r["hits"], r["trials"]) for r in rows] == [(0, 1), (3, 4)]
@@ -400,7 +414,8 @@ def test_shares_carry_binomial_intervals_and_confidences_are_counted_bin_by_bin(
 
 
 def test_servo_arms_are_drawn_answered_and_scored(tmp_path: Path) -> None:
-    """A campaign of the level `servo` has an MJCF, two bags of commands and positions, and an answer that is right."""
+    """A campaign of the level `servo` has an MJCF, two bags of commands and positions, and an
+    answer that is right."""
     settings = campaign.ChallengeSettings(
         seed=2, effects=("position_gain",), clean=0, pairs=0, seconds=(10.0, 5.0), level="servo"
     )
@@ -418,7 +433,8 @@ def test_servo_arms_are_drawn_answered_and_scored(tmp_path: Path) -> None:
 
 @pytest.mark.slow(12)
 def test_a_history_is_recorded_and_its_change_told_where_it_happened(tmp_path: Path) -> None:
-    """Of three bags those from one on have more friction; a change that is sure at another is a false one."""
+    """Of three bags those from one on have more friction; a change that is sure at another is a
+    false one."""
     settings = campaign.ChallengeSettings(
         seed=1, effects=("coulomb_friction",), clean=0, pairs=0, seconds=(8.0,) * 3, level="history"
     )
@@ -437,7 +453,8 @@ def test_a_history_is_recorded_and_its_change_told_where_it_happened(tmp_path: P
 
 
 def test_what_is_drawn_of_a_servo_arm_is_the_whole_difference() -> None:
-    """Each effect of the levels, and what no catalogue has, changes its joint, or all joints, and no other."""
+    """Each effect of the levels, and what no catalogue has, changes its joint, or all joints, and
+    no other."""
     stated = described(np.random.default_rng(0))
     for effect in (*SERVO.effects, *SERVO.foreign):
         changed, fault = with_effect(

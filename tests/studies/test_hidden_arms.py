@@ -1,4 +1,5 @@
-"""The hidden arms of the challenge: their engine, laws, motions and sensors, and that they share nothing else."""
+"""The hidden arms of the challenge: their engine, laws, motions and sensors, and that they share
+nothing else."""
 
 from pathlib import Path
 
@@ -51,7 +52,8 @@ ANSWERING = sorted(
 def test_what_makes_a_hidden_arm_knows_neither_catalogue_nor_models_and_no_diagnosis_looks_into_the_challenge() -> (
     None
 ):
-    """No law, dynamics or part of the diagnosis stands behind a hidden recording, and no truth behind answers."""
+    """No law, dynamics or part of the diagnosis stands behind a hidden recording, and no truth
+    behind answers."""
     assert len(HIDDEN) >= 7 and len(ANSWERING) > 40
 
     def imported(path: Path) -> list[str]:
@@ -112,7 +114,8 @@ def test_hidden_tree_has_the_papers_coupling() -> None:
     ids=lambda fault: fault.effect,
 )
 def test_compiled_hidden_arm_moves_as_pinocchio_says(fault: Fault) -> None:
-    """Joint and motor torques of a run are those that Pinocchio finds for its motion, to what sampling leaves."""
+    """Joint and motor torques of a run are those that Pinocchio finds for its motion, to what
+    sampling leaves."""
     arm = HiddenArm(ROBOT, [fault])
     course = arm.run(
         random_motion(np.random.default_rng(8), 3, 2.0)
@@ -127,7 +130,8 @@ def test_compiled_hidden_arm_moves_as_pinocchio_says(fault: Fault) -> None:
 
 
 def test_an_arm_on_a_lifting_column_moves_as_pinocchio_says_and_the_project_derives() -> None:
-    """A first axis that slides: three engines give one motion, and the column carries the arm's whole weight."""
+    """A first axis that slides: three engines give one motion, and the column carries the arm's
+    whole weight."""
     arm = industrial_arm(6, np.random.default_rng(4), lift=True)
     course = HiddenArm(arm).run(
         random_points(np.random.default_rng(5), 6, 3.0)
@@ -174,7 +178,8 @@ def test_the_larger_set_of_equations_without_its_effects_is_the_smaller_one() ->
 
 @pytest.mark.parametrize("effect", sorted(FOREIGN))
 def test_an_effect_of_no_catalogue_changes_what_is_recorded(effect: str) -> None:
-    """Each of the ten moves the arm, or its readings, by more than rounding, and Pinocchio confirms every run."""
+    """Each of the ten moves the arm, or its readings, by more than rounding, and Pinocchio confirms
+    every run."""
     rng = np.random.default_rng(2)
     motion = random_motion(rng, 3, 4.0)
     plain = HiddenArm(ROBOT).run(motion)
@@ -227,7 +232,8 @@ def test_a_compensated_torque_lacks_gravity_and_a_zero_moves_both_encoders() -> 
 
 
 def test_motion_from_point_to_point_dwells_and_keeps_its_limits() -> None:
-    """Velocities and accelerations are the derivatives of the angles, within 1 rad/s and 3 rad/s², and rest between."""
+    """Velocities and accelerations are the derivatives of the angles, within 1 rad/s and 3 rad/s²,
+    and rest between."""
     motion = random_points(np.random.default_rng(1), 3, 20.0)
     t = np.linspace(0.0, 20.0, 20_001)
     q, dq, ddq = motion.evaluate(t)
@@ -238,7 +244,8 @@ def test_motion_from_point_to_point_dwells_and_keeps_its_limits() -> None:
 
 
 def test_an_arm_read_from_its_urdf_moves_as_the_arm_does() -> None:
-    """Base arms of six joints, on a lifting column and upside down too, keep mass matrix and gravity through a URDF."""
+    """Base arms of six joints, on a lifting column and upside down too, keep mass matrix and
+    gravity through a URDF."""
     for lift in (False, True):
         arm = mounted(
             industrial_arm(6, np.random.default_rng(4), lift=lift), np.random.default_rng(0)
@@ -251,7 +258,8 @@ def test_an_arm_read_from_its_urdf_moves_as_the_arm_does() -> None:
 
 
 def test_a_strained_body_stays_one_and_gains_products_of_inertia() -> None:
-    """The moments of a rod stretched along itself grow across it by twice the strain; shear makes a product."""
+    """The moments of a rod stretched along itself grow across it by twice the strain; shear makes a
+    product."""
     rod = np.diag([0.0, 1.0, 1.0])
     along, sheared = np.zeros((3, 3)), np.zeros((3, 3))
     along[0, 0], sheared[1, 0] = 0.01, 0.01
@@ -262,7 +270,8 @@ def test_a_strained_body_stays_one_and_gains_products_of_inertia() -> None:
 
 
 def test_zeros_of_torques_wander_about_their_offsets() -> None:
-    """The mean of a channel's noise over a recording is that of white noise, however far its zero walks."""
+    """The mean of a channel's noise over a recording is that of white noise, however far its zero
+    walks."""
     sensors = RealisticSensors((0.26,) * 3, drift=1.0)
     noise = _noise(sensors, 20_000, np.random.default_rng(2))
     assert np.all(np.abs(noise.mean(axis=0)) < 4.0 * 0.26 / np.sqrt(20_000))
@@ -271,7 +280,8 @@ def test_zeros_of_torques_wander_about_their_offsets() -> None:
 
 @pytest.mark.parametrize("lost", [0.0, 0.05])
 def test_sides_that_jitter_apart_are_sampled_where_their_stamps_say(lost: float) -> None:
-    """The stamps of the two sides differ by some 28 µs, each angle is that of its own stamp, and a share is lost."""
+    """The stamps of the two sides differ by some 28 µs, each angle is that of its own stamp, and a
+    share is lost."""
     rng = np.random.default_rng(7)
     course = HiddenArm(ROBOT).run(random_motion(rng, 3, 3.0))
     sensors = RealisticSensors((0.0,) * 3, link_bits=40, motor_bits=40, apart=True, lost=lost)
@@ -286,9 +296,11 @@ def test_sides_that_jitter_apart_are_sampled_where_their_stamps_say(lost: float)
 
 
 def test_realistic_sensors_leave_out_a_side_and_thin_out_samples() -> None:
-    """At 100 Hz with the motor side alone no link is there, angles stand on the encoder's steps, torques are means.
+    """At 100 Hz with the motor side alone no link is there, angles stand on the encoder's steps,
+    torques are means.
 
-    A mean is over the interval that is centred on its stamp: of ten samples, with half of the eleventh at either end.
+    A mean is over the interval that is centred on its stamp: of ten samples, with half of the
+    eleventh at either end.
     """
     rng = np.random.default_rng(6)
     course = HiddenArm(ROBOT).run(random_motion(rng, 3, 3.0))

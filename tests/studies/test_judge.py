@@ -42,7 +42,8 @@ def answer(*causes: dict[str, Any], verdict: str = "explained") -> dict[str, Any
 
 
 def test_a_row_holds_what_is_right_what_is_false_and_how_far_sizes_are_off() -> None:
-    """The true effect counts at its joint or as a declared alternative, a false one from 0.9 on, sizes by component."""
+    """The true effect counts at its joint or as a declared alternative, a false one from 0.9 on,
+    sizes by component."""
     mass = {
         "mass": {"value": 2.2, "std": 0.1},
         "position": {"value": [0.1, 0.02, 0.0], "std": [0.01, 0.01, None]},
@@ -78,14 +79,16 @@ def test_a_row_holds_what_is_right_what_is_false_and_how_far_sizes_are_off() -> 
 def test_without_a_truth_the_verdict_decides(
     kind: str, verdicts: list[str], said: Any, right: str
 ) -> None:
-    """A clean arm has no cause and is not unknown; what no catalogue has is unknown, with whatever causes."""
+    """A clean arm has no cause and is not unknown; what no catalogue has is unknown, with whatever
+    causes."""
     assert row(replace(ARM, kind=kind, truth=[], verdicts=verdicts), said)["right"] == right
 
 
 def test_an_arm_that_fails_is_a_row_and_answers_are_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A crash ends nothing; what the CSV holds is not asked again, and the summary counts it as wrong."""
+    """A crash ends nothing; what the CSV holds is not asked again, and the summary counts it as
+    wrong."""
     asked: list[str] = []
 
     def crash(arguments: list[str], seconds: float | None = None) -> None:
@@ -121,7 +124,8 @@ def bench() -> Bench:
 
 @pytest.mark.parametrize("effect", sorted(NOTICED))
 def test_a_change_is_its_law_and_goes_with_its_size(bench: Bench, effect: str) -> None:
-    """Three times of a change do about three times what one does, in every recording, and the truth has its size."""
+    """Three times of a change do about three times what one does, in every recording, and the truth
+    has its size."""
     sizes = []
     for times in (1.0, 3.0):
         recordings, truth = bench.changed(effect, times, 1)
@@ -137,7 +141,8 @@ def test_a_change_is_its_law_and_goes_with_its_size(bench: Bench, effect: str) -
 
 
 def test_another_arm_takes_other_torques(bench: Bench) -> None:
-    """A mass weighs at rest, a tilt turns gravity against the base, a zero is read as true angle and offset."""
+    """A mass weighs at rest, a tilt turns gravity against the base, a zero is read as true angle
+    and offset."""
     motion, robot = bench.motions[0], bench.robot
     heavy, _ = bench.changed("load", 1.0, 1)
     added = with_mass(
@@ -156,7 +161,8 @@ def test_another_arm_takes_other_torques(bench: Bench) -> None:
 
 
 def test_the_size_to_be_found_is_that_before_and_the_change() -> None:
-    """Friction of 5 Nm and 2 Nm more is 7 Nm, found from 6 Nm on; causes before are not false; gains multiply."""
+    """Friction of 5 Nm and 2 Nm more is 7 Nm, found from 6 Nm on; causes before are not false;
+    gains multiply."""
     truth = {
         "effect": "coulomb_friction",
         "joint": "j1",

@@ -29,8 +29,8 @@ from tests.helpers.command_line import refusal
 
 pytestmark = pytest.mark.slow(55)
 
-# A claim that flips is a failing test, whichever way it flips. "undecided" is what the noise of the quick study (seeds
-# of noise, searches and guesses) leaves open by the margins in claims/.
+# A claim that flips is a failing test, whichever way it flips. "undecided" is what the noise of the
+# quick study (seeds of noise, searches and guesses) leaves open by the margins in claims/.
 VERDICTS = {
     "motor_mod3_close": "holds",
     "link_mod3_not_zero": "holds",
@@ -74,7 +74,8 @@ def claims(result: StudyResult) -> dict[str, Claim]:
 def test_claims_keep_their_verdicts_and_those_that_rest_on_a_choice_are_marked(
     claims: dict[str, Claim],
 ) -> None:
-    """Verdicts are those that the documentation states; two name the number of the arm file chosen for them."""
+    """Verdicts are those that the documentation states; two name the number of the arm file chosen
+    for them."""
     flipped = {
         key: claim.finding for key, claim in claims.items() if claim.verdict != VERDICTS.get(key)
     }
@@ -83,7 +84,8 @@ def test_claims_keep_their_verdicts_and_those_that_rest_on_a_choice_are_marked(
 
 
 def test_verdicts_left_open_by_noise_are_undecided() -> None:
-    """One part that noise leaves open opens the verdict, unless others already show that it holds in part."""
+    """One part that noise leaves open opens the verdict, unless others already show that it holds
+    in part."""
     assert verdict([True, None]) == "undecided" == verdict([False, None])
     assert verdict([True, False, None]) == "holds in part"
     assert (
@@ -94,7 +96,8 @@ def test_verdicts_left_open_by_noise_are_undecided() -> None:
 
 
 def test_an_error_too_small_to_matter_does_not_grow(result: StudyResult) -> None:
-    """Joint 1's error of mod3 lies on a line over r_tot, and is a ten-thousandth of the sensor's noise."""
+    """Joint 1's error of mod3 lies on a line over r_tot, and is a ten-thousandth of the sensor's
+    noise."""
     line = line_over_ratio(result.against_prototype, "mod3", "motor", 1)
     assert line.r_squared > 0.99 and line.slope > 0.0
     assert line.highest < 1e-4
@@ -176,13 +179,15 @@ def test_high_errors_belong_to_coefficients_that_move_little_torque(result: Stud
 
 
 def test_mod3_has_no_error_of_its_own(result: StudyResult) -> None:
-    """With locked bushings and no noise its identified coefficients are the true ones; those of mod1 are not."""
+    """With locked bushings and no noise its identified coefficients are the true ones; those of
+    mod1 are not."""
     assert np.abs(result.estimate("mod3").model_error).max() < 1e-2
     assert np.abs(result.estimate("mod1").model_error).max() > 1.0
 
 
 def test_links_follow_better_under_mod3(result: StudyResult) -> None:
-    """Feed-forward of the identified mod3 leaves less than half the joints' error of mod1's and mod2's."""
+    """Feed-forward of the identified mod3 leaves less than half the joints' error of mod1's and
+    mod2's."""
     errors = {t.feedforward: t.joints_rms for t in result.tracking if t.r_tot == result.highest}
     assert errors["identified mod3"] < 0.5 * min(
         errors["identified mod1"], errors["identified mod2"]
@@ -235,7 +240,8 @@ def test_error_categories_are_the_papers() -> None:
 
 
 def test_inverted_command_fulfils_the_equations_of_motion() -> None:
-    """The feed-forward's motion has no link-side residual in its own model, and its torque is the model's."""
+    """The feed-forward's motion has no link-side residual in its own model, and its torque is the
+    model's."""
     robot = load_robot(None).with_ratio(128)
     model = build_model(robot, "mod3")
     reference = feedforward.reference(robot.n, 4.0, 4.0, np.random.default_rng(2))

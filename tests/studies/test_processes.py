@@ -19,7 +19,8 @@ from tests.helpers.interrupted import interrupted
 
 @pytest.mark.parametrize("workers", [1, 2])
 def test_results_come_in_the_order_of_the_tasks_and_each_is_counted(workers: int) -> None:
-    """Whichever ends first, in one process or in several; a second batch may begin before the first is waited for."""
+    """Whichever ends first, in one process or in several; a second batch may begin before the first
+    is waited for."""
     done: list[int] = []
     with ProcessPool(workers) as pool:
         first = pool.start(
@@ -32,7 +33,8 @@ def test_results_come_in_the_order_of_the_tasks_and_each_is_counted(workers: int
 
 
 def test_workers_of_a_cluster_give_the_same() -> None:
-    """Results in order, a task's error where it is waited for; an address where none answers is refused in one line."""
+    """Results in order, a task's error where it is waited for; an address where none answers is
+    refused in one line."""
     distributed = pytest.importorskip("distributed")
     local = {"n_workers": 1, "threads_per_worker": 1, "processes": False, "dashboard_address": None}
     with distributed.LocalCluster(**local, protocol="tcp://") as cluster:

@@ -1,4 +1,5 @@
-"""The virtual prototype: an engine that nobody here wrote, against mod3, against itself, and against its limits."""
+"""The virtual prototype: an engine that nobody here wrote, against mod3, against itself, and
+against its limits."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -38,7 +39,8 @@ def test_every_component_is_a_body_and_the_masses_sum_to_the_papers(robot: Robot
 
 @pytest.mark.parametrize("joints", [2, 3])
 def test_mod3_meets_the_prototype_when_the_bushing_is_locked(robot: Robot, joints: int) -> None:
-    """With locked tilts and translations, engine and mod3 give one tau_m, and mod3's first row is in equilibrium."""
+    """With locked tilts and translations, engine and mod3 give one tau_m, and mod3's first row is
+    in equilibrium."""
     arm = robot.with_(joints=robot.joints[:joints])
     run = Prototype(arm, Bushing(locked=True)).follow(short_ramp(POSE[:joints]), step=1e-3)
     torques = model_torques(build_model(arm, "mod3"), run)
@@ -55,7 +57,8 @@ def test_mod1_and_mod2_do_not_meet_it(robot: Robot) -> None:
 
 
 def test_bearing_tilts_in_the_model_explain_what_the_bushing_does(robot: Robot) -> None:
-    """mod3 with bearings, given the tilts, leaves a tenth or less of tau_l: the rest are the bushing's translations."""
+    """mod3 with bearings, given the tilts, leaves a tenth or less of tau_l: the rest are the
+    bushing's translations."""
     run = Prototype(robot).follow(short_ramp(POSE, shape=QUINTIC), step=2e-4)
     locked = model_torques(build_model(robot, "mod3"), run)
     tilting = model_torques(build_model(robot, "mod3", bearings=True), run)
@@ -63,7 +66,8 @@ def test_bearing_tilts_in_the_model_explain_what_the_bushing_does(robot: Robot) 
 
 
 def test_tau_l_of_mod3_falls_as_the_bushing_grows_stiff(robot: Robot) -> None:
-    """Nine times the stiffness leaves less than a third of the link-side residual, on a ramp without jumps."""
+    """Nine times the stiffness leaves less than a third of the link-side residual, on a ramp
+    without jumps."""
     left = []
     for scale, step in ((1.0, 2e-4), (9.0, 6e-5)):
         run = Prototype(robot, Bushing(bearing_scale=scale)).follow(
@@ -104,7 +108,8 @@ def test_torques_read_under_an_imposed_motion_bring_that_motion_about(robot: Rob
 
 
 def test_link_angles_are_converted_exactly_with_their_rates() -> None:
-    """The paper's tilts-first angles give the chain's rotation, angular velocity and acceleration."""
+    """The paper's tilts-first angles give the chain's rotation, angular velocity and
+    acceleration."""
     rng = np.random.default_rng(3)
     theta = [rng.standard_normal(20) for _ in range(3)]
     bushing = [0.3 * rng.standard_normal((20, 3)) for _ in range(3)]
@@ -119,7 +124,8 @@ def test_link_angles_are_converted_exactly_with_their_rates() -> None:
 def test_too_large_a_step_is_refused_and_a_stable_one_is_known(
     robot: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A step beyond the bushing's reach is a clear error and leaves no file; the step that is proposed works."""
+    """A step beyond the bushing's reach is a clear error and leaves no file; the step that is
+    proposed works."""
     monkeypatch.chdir(tmp_path)
     prototype = Prototype(robot)
     with pytest.raises(SimulationError, match="smaller step"), np.errstate(all="ignore"):

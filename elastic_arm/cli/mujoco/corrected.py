@@ -1,4 +1,5 @@
-"""The user's own file with the numbers that a diagnosis or an identification found, beside robot.yaml."""
+"""The user's own file with the numbers that a diagnosis or an identification found, beside
+robot.yaml."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -49,7 +50,8 @@ class Written:
     ] = ()  # numbers of it that were refined in closed loop, and by how much
 
     def note(self) -> str:
-        """Return in a sentence which numbers differ from those that were found; empty where none does."""
+        """Return in a sentence which numbers differ from those that were found; empty where none
+        does."""
         far = [(abs(by) / number.std, number, by) for number, by in self.refined]
         told = [
             by_words(number, by)
@@ -60,15 +62,17 @@ class Written:
             return ""
         more = len(told) - NAMED
         return (
-            "The corrected arm has its numbers refined by simulations of the recordings that were fitted, within what "
-            f"was found; beyond its deviation each: {listed(told[:NAMED], more)}."
+            "The corrected arm has its numbers refined by simulations of the recordings that were"
+            " fitted, within what was found; beyond its deviation each:"
+            f" {listed(told[:NAMED], more)}."
         )
 
 
 class Correction:
     """Where an arm came from, and so where its corrected numbers go.
 
-    base: file that the arm was read from; nothing is written for the package's own arm and for arm files.
+    base: file that the arm was read from; nothing is written for the package's own arm and for arm
+    files.
     """
 
     def __init__(
@@ -128,10 +132,12 @@ class Correction:
         numbers: Sequence[Refinable] = (),
         fitted: Sequence[Judging] = (),
     ) -> Written:
-        """Write of a commanded arm's correction what moves it nearer to the recordings that judge, or as near.
+        """Write of a commanded arm's correction what moves it nearer to the recordings that judge,
+        or as near.
 
-        robot: as described; units: what can be taken back; caused: whether what is as near as described is written;
-        numbers: those that are refined first, on the recordings that were fitted.
+        robot: as described; units: what can be taken back; caused: whether what is as near as
+        described is written; numbers: those that are refined first, on the recordings that were
+        fitted.
         """
         choice = None
         by = np.zeros(len(numbers))
@@ -192,7 +198,8 @@ class Correction:
         return export_urdf(robot, self.base, file, **common)  # type: ignore[arg-type]
 
     def _played(self, robot: Robot, file: Path) -> MjcfArm:
-        """Return a corrected arm as MuJoCo plays it: by the file that is written, or by a new one."""
+        """Return a corrected arm as MuJoCo plays it: by the file that is written, or by a new
+        one."""
         if not self.mjcf:
             return playable(robot, file, self._catalogue)
         self._exported(robot, file)

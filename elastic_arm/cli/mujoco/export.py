@@ -46,7 +46,10 @@ def format_of(file: Path, asked: Format | None) -> Format:
     possible = by_ending.get(file.suffix.lower(), [] if asked is None else [asked])
     if not possible or (asked is not None and asked not in possible):
         what = "" if asked is None else f" as {asked.value}"
-        remedy = "Name it .urdf (Gazebo makes SDF of it: `gz sdf -p`), .usda, or .xml or .mjcf for an MJCF."
+        remedy = (
+            "Name it .urdf (Gazebo makes SDF of it: `gz sdf -p`), .usda, or .xml or .mjcf for an"
+            " MJCF."
+        )
         raise RobotError(f"{file} cannot be written{what} by its ending", remedy)
     return possible[0] if asked is None else asked
 
@@ -63,7 +66,10 @@ def export(
     base: Annotated[
         Path | None,
         typer.Option(
-            help="Your own file, whose numbers change and whose shape stays; else a new file is made."
+            help=(
+                "Your own file, whose numbers change and whose shape stays; else a new file is"
+                " made."
+            )
         ),
     ] = None,
     chain: options.Chain = None,
@@ -78,7 +84,8 @@ def export(
     json: options.Json = False,
     force: Force = False,
 ) -> None:
-    """Write an arm, such as a diagnosis' robot.yaml, as MJCF, URDF or USD, and list what changes and what is left.
+    """Write an arm, such as a diagnosis' robot.yaml, as MJCF, URDF or USD, and list what changes
+    and what is left.
 
     With --base your own file is copied and only its numbers change: inertials,
     armature, damping, friction, gravity, sensor delays. Effects that no number
@@ -194,7 +201,8 @@ def print_closed_loop(errors: Mapping[str, ClosedLoopError]) -> None:
             )
     out.print(table)
     out.print(
-        "[dim]errors of angles under the recorded commands, root mean squares over the recordings that judge[/]"
+        "[dim]errors of angles under the recorded commands, root mean squares over the recordings"
+        " that judge[/]"
     )
 
 
@@ -233,7 +241,10 @@ def left_text(one: Left, units: JointUnits) -> str:
     )
     costs = [f"{size:.3g} {units.at(joint, 'Nm')} at {joint}" for joint, size in one.cost.items()]
     missing = f"; {', '.join(costs)} are missing" if costs else ""
-    return f"{one.what} on {one.joint or 'the whole arm'}{f' ({sizes})' if sizes else ''}{missing}: {one.reason}"
+    return (
+        f"{one.what} on {one.joint or 'the whole arm'}{f' ({sizes})' if sizes else ''}{missing}:"
+        f" {one.reason}"
+    )
 
 
 def _size(value: Any) -> str:

@@ -82,7 +82,8 @@ def open_arm(path: Path, chain: str | None, at: str | None) -> MjcfArm:
 
 
 def replay_both(correction: Correction, folder: Path, recording: Recording) -> list[Replay]:
-    """Replay a recording in the model that an arm came from and in the corrected one, and write replay.json."""
+    """Replay a recording in the model that an arm came from and in the corrected one, and write
+    replay.json."""
     assert correction.base is not None  # Correction.require_mjcf has seen to it
     after = correction.path(folder)
     files = [correction.base, *([after] if after is not None and after.exists() else [])]
@@ -136,5 +137,6 @@ def print_replays(found: list[Replay]) -> None:
         out.print(table)
     seconds = found[0].window
     out.print(
-        f"root mean squares over {found[0].windows} windows of {seconds:g} s driven by the recorded torque"
+        f"root mean squares over {found[0].windows} windows of {seconds:g} s driven by the recorded"
+        " torque"
     )

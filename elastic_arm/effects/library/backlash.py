@@ -11,14 +11,15 @@ from elastic_arm.effects.law import (
     searched,
 )
 
-SHARP = 20.0  # a load of so much less than the play is worth decides at which end of it a drive lies; numerical
+# a load of so much less than the play is worth decides at which end of it a drive lies; numerical
+SHARP = 20.0
 
 
 def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
     """-K times the part of the deflection that the play takes up.
 
-    Where the load is known, its sign gives the end of the play. What encoders read of it has their noise, which the
-    residual holds, too (errors in variables).
+    Where the load is known, its sign gives the end of the play. What encoders read of it has their
+    noise, which the residual holds, too (errors in variables).
     """
     gap, d = p["half_gap"], motion.deflection[i]
     if motion.wound is not None:
@@ -31,8 +32,10 @@ EFFECT = Effect(
     formula="d replaced by sign(d) max(abs(d) - b, 0) in K d; D acts throughout",
     description="Play: within the gap the drive transmits damping only.",
     plain="has {half_gap} of play to either side in its drive",
-    signature="Joint torque over deflection is flat in the middle; where the load changes sign the residual steps from "
-    "+K b to -K b and the link rings.",
+    signature=(
+        "Joint torque over deflection is flat in the middle; where the load changes sign the"
+        " residual steps from +K b to -K b and the link rings."
+    ),
     law=law,
     # A loaded drive lies at one end of its play, and is wound beyond it.
     parameters=(

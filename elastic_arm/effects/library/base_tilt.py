@@ -30,7 +30,10 @@ EFFECT = Effect(
     formula="base rotated by Rx(a) Ry(b) in the ground frame",
     description="The arm's base does not stand level, so gravity pulls askew.",
     plain="stands on a base that leans by {x} about x and {y} about y",
-    signature="A link residual that depends on the pose alone, on all joints at once, even on a vertical first axis.",
+    signature=(
+        "A link residual that depends on the pose alone, on all joints at once, even on a vertical"
+        " first axis."
+    ),
     law=law,
     # Beyond, the arm is mounted otherwise, which is looked for first.
     parameters=(

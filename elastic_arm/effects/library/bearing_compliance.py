@@ -1,9 +1,11 @@
-"""Bearings that tilt: as a law without ringing, and as the tilts that a regressor estimates from their moments.
+"""Bearings that tilt: as a law without ringing, and as the tilts that a regressor estimates from
+their moments.
 
-The law adds nothing to the residuals of the locked arm, as the tilts are coordinates of their own. What they do
-follows in steps: the moments about the tilting axes move the tilts against the bearings' stiffness, damping and the
-arm's own inertia, and the tilts enter the equations of link and motor. The first step takes the inertia for the same in
-all poses; each further one mends the tilts by the moment that is missing then.
+The law adds nothing to the residuals of the locked arm, as the tilts are coordinates of their own.
+What they do follows in steps: the moments about the tilting axes move the tilts against the
+bearings' stiffness, damping and the arm's own inertia, and the tilts enter the equations of link
+and motor. The first step takes the inertia for the same in all poses; each further one mends the
+tilts by the moment that is missing then.
 """
 
 from collections.abc import Mapping, Sequence
@@ -33,22 +35,26 @@ from elastic_arm.errors import EffectError
 from elastic_arm.robot import Robot
 
 POSES = 40
-# Above, in Hz, the moments hold more of the encoders' noise, twice differentiated, than of motion; the same noise is in
-# the residuals, so they are smoothed further where accelerations are good up to a low frequency only. Each step lets
-# through a part of what the steps before have not: after four, half passes at about twice this.
+# Above, in Hz, the moments hold more of the encoders' noise, twice differentiated, than of motion;
+# the same noise is in the residuals, so they are smoothed further where accelerations are good up
+# to a low frequency only. Each step lets through a part of what the steps before have not: after
+# four, half passes at about twice this.
 SMOOTH, SMOOTHER = 12.0, 0.6
 PADDING = 0.5  # s mirrored at both ends, in which the tilts swing in
 RATE = 250.0  # Hz, more than the motion that columns are made of holds
-BEYOND = 8.0  # of the frequency up to which moments are taken: there rounding is left of them (exp(-32)); numerical
+# of the frequency up to which moments are taken: there rounding is left of them (exp(-32));
+# numerical
+BEYOND = 8.0
 STEPS = 4
 
 
 def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
     """What the links feel when the bearings give way as springs, without ringing.
 
-    The tilts follow the moment that the rigid arm puts on its bearings; their rates follow from those of the motion.
-    Without the motion's third and fourth derivative about a tenth of the effect's power is missed. A simulated arm does
-    not need this law: there the tilts are coordinates.
+    The tilts follow the moment that the rigid arm puts on its bearings; their rates follow from
+    those of the motion. Without the motion's third and fourth derivative about a tenth of the
+    effect's power is missed. A simulated arm does not need this law: there the tilts are
+    coordinates.
     """
     n, zero = motion.n, ca.SX.zeros(2 * motion.n)
     _check(motion.robot)
@@ -156,7 +162,8 @@ class TiltRegressor:
         )
 
     def _response(self, t: Array, x: Array, scale: float, smooth: float) -> Array:
-        """Return the tilts per moment (F, 2n, 2n) over frequency, at mean inertia, up to `smooth` Hz."""
+        """Return the tilts per moment (F, 2n, 2n) over frequency, at mean inertia, up to `smooth`
+        Hz."""
         n = self.equations.robot.n
         stiffness, damping = self._bearings
         poses = x[:: max(1, len(x) // POSES)]
@@ -196,7 +203,10 @@ EFFECT: Effect = StructuralEffect(
     formula="tilts q_ix, q_iy of every joint, bearing stiffness times the scale",
     description="The joints' bearings give way about x and y; the model holds them rigid.",
     plain="has bearings that give way, {stiffness_scale} times as stiff as described",
-    signature="Link residuals of all joints that grow with the tilting moments and ring at the bearings' resonances.",
+    signature=(
+        "Link residuals of all joints that grow with the tilting moments and ring at the bearings'"
+        " resonances."
+    ),
     law=law,
     parameters=(
         searched(

@@ -1,4 +1,5 @@
-"""Controllers of drives that are not as stated, where motor torques are made of commands and states by them.
+"""Controllers of drives that are not as stated, where motor torques are made of commands and states
+by them.
 
     tau_m = limit(kp (r(t - d) - theta) + kd (dr(t - d) - dtheta) + ...)
 
@@ -35,7 +36,8 @@ def _made(
 ) -> Law:
     """Return the law of what the stated controller makes more than the true one.
 
-    It is written in the stated controller and parameters; limited: null where the torque is at its limit.
+    It is written in the stated controller and parameters; limited: null where the torque is at its
+    limit.
     """
 
     def motor(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
@@ -56,7 +58,8 @@ def _made(
 
 
 def _of_rate(motion: SymbolicMotion, i: int, controller: JointController) -> Any:
-    """Return what a controller makes of the error of the rate; that of commands may count as zero."""
+    """Return what a controller makes of the error of the rate; that of commands may count as
+    zero."""
     assert motion.dr is not None and motion.kd is not None
     return (
         motion.kd[i] * (controller.follows_rate * motion.dr[i] - motion.dtheta[i])
@@ -68,7 +71,8 @@ def _of_rate(motion: SymbolicMotion, i: int, controller: JointController) -> Any
 def _of_position(motion: SymbolicMotion, i: int, controller: JointController) -> Any:
     """Return what is left of the torque for the error of the angle.
 
-    Not of the angles themselves: their noise is in the torque, too, and gains of zero would explain all of it.
+    Not of the angles themselves: their noise is in the torque, too, and gains of zero would explain
+    all of it.
     """
     assert motion.fed is not None
     return (
@@ -94,7 +98,8 @@ def _within(value: Any, most: Any) -> Any:
 
 
 def _beyond(motion: SymbolicMotion, i: int, controller: JointController, p: Numbers) -> Any:
-    """Return what is beyond the true limit of the torque that the controller makes within its stated one.
+    """Return what is beyond the true limit of the torque that the controller makes within its
+    stated one.
 
     It is made of angles: beyond its limit a torque is far above the noise that they make.
     """
@@ -125,8 +130,13 @@ EFFECTS = (
     ControllerEffect(
         "position_gain",
         formula="kp true = gain * stated",
-        description="The controller's gain of the error of position is not what the description states.",
-        signature="The motor residual follows the error of position: command less angle, in motion and at rest.",
+        description=(
+            "The controller's gain of the error of position is not what the description states."
+        ),
+        signature=(
+            "The motor residual follows the error of position: command less angle, in motion and at"
+            " rest."
+        ),
         plain="is controlled with {gain} times the stated kp",
         law=_made(lambda motion, i, stated, p: (1.0 - p["gain"]) * _of_position(motion, i, stated)),
         parameters=(ratio("gain", 0.3, 3.0, "true / stated kp", above=0.0, draw=(1.6, 2.5)),),
@@ -137,16 +147,20 @@ EFFECTS = (
         confusions=(
             Confusion(
                 "velocity_gain",
-                "one gain hardly makes a torque: that of the other, with all torques scaled, is nearly the same",
-                "faster motion: kp and kd then make torques of their own; a known weight, which anchors their scale",
+                "one gain hardly makes a torque: that of the other, with all torques scaled, is"
+                " nearly the same",
+                "faster motion: kp and kd then make torques of their own; a known weight, which"
+                " anchors their scale",
             ),
         ),
     ),
     ControllerEffect(
         "velocity_gain",
         formula="kd true = gain * stated",
-        description="The controller's gain of the error of speed is not what the description states; back-EMF of a "
-        "servo acts as a part of it.",
+        description=(
+            "The controller's gain of the error of speed is not what the description states;"
+            " back-EMF of a servo acts as a part of it."
+        ),
         signature="The motor residual follows the error of speed.",
         plain="is controlled with {gain} times the stated kd",
         law=_made(lambda motion, i, stated, p: (1.0 - p["gain"]) * _of_rate(motion, i, stated)),
@@ -159,20 +173,26 @@ EFFECTS = (
         confusions=(
             Confusion(
                 "position_gain",
-                "one gain hardly makes a torque: that of the other, with all torques scaled, is nearly the same",
-                "faster motion: kp and kd then make torques of their own; a known weight, which anchors their scale",
+                "one gain hardly makes a torque: that of the other, with all torques scaled, is"
+                " nearly the same",
+                "faster motion: kp and kd then make torques of their own; a known weight, which"
+                " anchors their scale",
             ),
             Confusion(
                 "viscous_friction",
-                "the controller damps the motor's own speed: viscous friction then is the same torque",
-                "a controller that follows the rate of commands, or motion that something else drives",
+                "the controller damps the motor's own speed: viscous friction then is the same"
+                " torque",
+                "a controller that follows the rate of commands, or motion that something else"
+                " drives",
             ),
         ),
     ),
     ControllerEffect(
         "command_delay",
         formula="the drive follows r(t - delay)",
-        description="Commands reach the drive later than stated: buses, queues, filters of set-points.",
+        description=(
+            "Commands reach the drive later than stated: buses, queues, filters of set-points."
+        ),
         signature="The motor residual follows the rate of the command times kp.",
         plain="has its commands {delay} later than stated",
         law=_made(lambda motion, i, stated, p: p["delay"] * _of_delay(motion, i, stated)),
@@ -209,9 +229,14 @@ EFFECTS = (
     ControllerEffect(
         "torque_saturation",
         formula="tau_m true = limit(tau_m made, torque)",
-        description="The drive gives less torque than stated: limits of current, a low supply, overload protection.",
+        description=(
+            "The drive gives less torque than stated: limits of current, a low supply, overload"
+            " protection."
+        ),
         plain="gives {torque} at most",
-        signature="The motor residual is what the controller would make beyond a torque, and null below.",
+        signature=(
+            "The motor residual is what the controller would make beyond a torque, and null below."
+        ),
         law=_made(_beyond, limited=False),
         parameters=(
             searched("torque", "Nm", 0.02, 500.0, "the most that it gives", bounded_by="torque"),
@@ -255,7 +280,10 @@ EFFECTS = (
         formula="tau_m true = made + ki int(r - theta)",
         description="The controller has an integral that the description does not state.",
         plain="integrates its error of position with {ki}",
-        signature="The motor residual follows the integral of command less angle, slowest where it is largest.",
+        signature=(
+            "The motor residual follows the integral of command less angle, slowest where it is"
+            " largest."
+        ),
         law=_integral,
         parameters=(amount("ki", "Nm/(rad s)", 0.5, 200.0, "in addition to the stated one"),),
         sides=("motor",),

@@ -40,16 +40,22 @@ VISCOUS = friction(
     "viscous_friction",
     lambda w, sign, p: p["coefficient"] * w,
     formula="F_v w",
-    description="Friction that grows in proportion to the velocity of its side: grease, oil, seals.",
+    description=(
+        "Friction that grows in proportion to the velocity of its side: grease, oil, seals."
+    ),
     plain="loses {coefficient} of friction that grows with its speed",
-    signature="The residual is a straight line through zero over velocity, largest where the joint is fastest.",
+    signature=(
+        "The residual is a straight line through zero over velocity, largest where the joint is"
+        " fastest."
+    ),
     parameters=(amount("coefficient", "Nm s/rad", 0.1, 200.0, "F_v"),),
     regime="high_speed",
     confusions=(
         Confusion(
             DRY,
             "the joint moves at one speed either way",
-            "the same path at half and at double speed: viscous friction follows the speed, Coulomb friction does not",
+            "the same path at half and at double speed: viscous friction follows the speed, Coulomb"
+            " friction does not",
         ),
     ),
 )
@@ -59,14 +65,18 @@ COULOMB = friction(
     formula="F_c sign(w)",
     description="Dry friction: a constant torque against the motion of its side.",
     plain="loses {torque} of dry friction",
-    signature="The residual jumps by twice the torque at every reversal of velocity and is flat in between.",
+    signature=(
+        "The residual jumps by twice the torque at every reversal of velocity and is flat in"
+        " between."
+    ),
     parameters=(amount("torque", "Nm", 0.1, 100.0, "F_c"),),
     regime="velocity_reversal",
     confusions=(
         Confusion(
             "load_dependent_friction",
             "the joint torque is nearly constant",
-            "reversals under clearly different loads: the jump of load-dependent friction grows with the load",
+            "reversals under clearly different loads: the jump of load-dependent friction grows"
+            " with the load",
         ),
         Confusion(
             "stribeck_friction",
@@ -79,9 +89,15 @@ STRIBECK = friction(
     "stribeck_friction",
     lambda w, sign, p: p["torque"] * ca.exp(-((w / p["speed"]) ** 2)) * sign,
     formula="(F_s - F_c) exp(-(w/v_s)^2) sign(w)",
-    description="The excess of friction near standstill over Coulomb friction, before a lubricating film builds up.",
+    description=(
+        "The excess of friction near standstill over Coulomb friction, before a lubricating film"
+        " builds up."
+    ),
     plain="needs up to {torque} more to break loose below {speed}",
-    signature="The residual peaks on both sides of each velocity reversal and dies out above the Stribeck speed.",
+    signature=(
+        "The residual peaks on both sides of each velocity reversal and dies out above the Stribeck"
+        " speed."
+    ),
     parameters=(
         amount("torque", "Nm", 0.1, 50.0, "F_s - F_c, the excess at standstill"),
         searched("speed", "rad/s", 0.005, 0.5, "v_s", above=0.0, draw=(0.02, 0.2)),
@@ -99,7 +115,10 @@ DEGRESSIVE = friction(
     "degressive_friction",
     lambda w, sign, p: p["torque"] * ca.tanh(w / p["speed"]),
     formula="F tanh(w/v)",
-    description="Viscous friction that levels off: lubricant that thins as it is sheared, such as grease in a gear.",
+    description=(
+        "Viscous friction that levels off: lubricant that thins as it is sheared, such as grease in"
+        " a gear."
+    ),
     plain="loses up to {torque} of friction that levels off above {speed}",
     signature="The residual rises with velocity near standstill and is flat far above the speed v.",
     parameters=(
@@ -126,9 +145,15 @@ LOADED = Effect(
         i, motor=p["coefficient"] * ca.fabs(motion.tau_J[i]) * motion.sign("motor", i)
     ),
     formula="mu abs(tau_J) sign(w)",
-    description="Dry friction in proportion to the torque that the drive transmits: teeth and wave bearing under load.",
+    description=(
+        "Dry friction in proportion to the torque that the drive transmits: teeth and wave bearing"
+        " under load."
+    ),
     plain="loses {coefficient} times the torque of its drive to friction",
-    signature="The jump at a velocity reversal grows with the joint torque there; unloaded reversals show none.",
+    signature=(
+        "The jump at a velocity reversal grows with the joint torque there; unloaded reversals show"
+        " none."
+    ),
     parameters=(amount("coefficient", "1", 0.002, 0.2, "mu"),),
     sides=("motor",),
     regime="load",
@@ -165,7 +190,10 @@ THERMAL = scaling(
     formula="the side's friction times 1 + r (t - t_mid) / T, T the length of the recording",
     description="Friction that changes over the recording: grease thins as the joint warms up.",
     plain="has friction that changes by a share of {change} over the recording",
-    signature="The residual of a friction that is right on average: of one sign at the begin, of the other at the end.",
+    signature=(
+        "The residual of a friction that is right on average: of one sign at the begin, of the"
+        " other at the end."
+    ),
     parameters=(signed("change", "1", 1.0, "r", above=-2.0, draw=(0.6, 1.0)),),
     regime="drift",
     in_time=True,
@@ -184,9 +212,14 @@ ASYMMETRIC = scaling(
     "asymmetric_friction",
     lambda motion, i, p: p["asymmetry"] * motion.sign(p["side"], i),
     formula="the side's friction times 1 + a sign(w)",
-    description="Dry and viscous friction are larger in one direction than in the other, as in most gears.",
+    description=(
+        "Dry and viscous friction are larger in one direction than in the other, as in most gears."
+    ),
     plain="has friction that is larger forwards than on average by a share of {asymmetry}",
-    signature="The residual rises with speed at other slopes to both sides, and its jump at a reversal is off centre.",
+    signature=(
+        "The residual rises with speed at other slopes to both sides, and its jump at a reversal is"
+        " off centre."
+    ),
     parameters=(signed("asymmetry", "1", 0.9, "a", above=-1.0, draw=(0.2, 0.5)),),
     regime="velocity_reversal",
     confusions=(

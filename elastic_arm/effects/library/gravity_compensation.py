@@ -18,7 +18,8 @@ from elastic_arm.effects.library.sensor_error import TORQUES, misread, sides_of
 def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
     """Minus the share of g_i in the named torques, g by the model.
 
-    In a simulated arm the amplifier adds that share to the motor torque that is commanded and recorded.
+    In a simulated arm the amplifier adds that share to the motor torque that is commanded and
+    recorded.
     """
     g = motion.equations.gravity_columns(motion.x) @ ca.DM(motion.robot.gravity)
     total = motion.nothing()
@@ -30,10 +31,15 @@ def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
 EFFECT = Effect(
     id="gravity_compensation",
     formula="recorded torque = true - share * g_i(q)",
-    description="The controller compensates gravity by itself, and the torque that it records lacks that, wholly or in "
-    "part.",
+    description=(
+        "The controller compensates gravity by itself, and the torque that it records lacks that,"
+        " wholly or in part."
+    ),
     plain="records a torque that lacks {share} times its weight",
-    signature="The residual is the weight that the model predicts, with the opposite sign; inertia is felt in full.",
+    signature=(
+        "The residual is the weight that the model predicts, with the opposite sign; inertia is"
+        " felt in full."
+    ),
     law=law,
     parameters=(
         Parameter(

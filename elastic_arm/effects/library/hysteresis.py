@@ -23,10 +23,14 @@ def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
 EFFECT = Effect(
     id="hysteresis",
     formula="H z added to tau_J, z' = (d' - abs(d') z/2 - d' abs(z)/2)/w_h, d = theta - q",
-    description="Micro-slip in the drive: winding and unwinding follow different lines, whatever the speed.",
+    description=(
+        "Micro-slip in the drive: winding and unwinding follow different lines, whatever the speed."
+    ),
     plain="has a drive that winds and unwinds {torque} above and below the mean",
-    signature="Joint torque over deflection is a loop of constant area; the residual swings between +H and -H with "
-    "the direction of winding and changes over a deflection of about the width.",
+    signature=(
+        "Joint torque over deflection is a loop of constant area; the residual swings between +H"
+        " and -H with the direction of winding and changes over a deflection of about the width."
+    ),
     law=law,
     parameters=(
         amount("torque", "Nm", 0.1, 50.0, "H, half the loop's height"),

@@ -13,14 +13,20 @@ ORDERS = (
 SMALL = "the joint turns through a small angle, over which any curve is straight"
 STILL = "the joints above hardly move: gravity is then a function of the joint's own angle too"
 WIDE = "motion over a wide range of the joint"
-OWN = "motion of all joints over a wide range: gravity follows the angles of the others, a spring does not"
+OWN = (
+    "motion of all joints over a wide range: gravity follows the angles of the others, a spring"
+    " does not"
+)
 
 SPRING = Effect(
     "joint_spring",
     formula="k (q - q_0) on the link",
     description="A spring from one link to the next: a counterbalance, a dress pack, a hose.",
     plain="carries a spring of {stiffness}",
-    signature="The link residual is a straight line over the joint angle, whatever the speed and the other joints.",
+    signature=(
+        "The link residual is a straight line over the joint angle, whatever the speed and the"
+        " other joints."
+    ),
     law=lambda motion, i, p: motion.at(i, link=p["stiffness"] * (motion.q[i] - p["rest"])),
     parameters=(
         amount("stiffness", "Nm/rad", 1.0, 2e4, "k"),
@@ -35,10 +41,18 @@ SPRING = Effect(
 )
 COUNTERBALANCE = Effect(
     "counterbalance",
-    formula="c_2 q^2 + c_3 q^3 + c_4 q^4 + c_5 q^5 on the link, q in rad: what a joint spring lacks",
-    description="A counterbalance on a crank, a gas spring: what a joint spring lacks of its torque over the angle.",
+    formula=(
+        "c_2 q^2 + c_3 q^3 + c_4 q^4 + c_5 q^5 on the link, q in rad: what a joint spring lacks"
+    ),
+    description=(
+        "A counterbalance on a crank, a gas spring: what a joint spring lacks of its torque over"
+        " the angle."
+    ),
     plain="carries a counterbalance whose torque bends by {torque} per rad², rad³, …",
-    signature="The link residual is one curve over the joint's own angle, whatever the speed and the other joints.",
+    signature=(
+        "The link residual is one curve over the joint's own angle, whatever the speed and the"
+        " other joints."
+    ),
     law=lambda motion, i, p: motion.at(
         i, link=ca.dot(p["torque"], ca.vertcat(*(motion.q[i] ** k for k in ORDERS)))
     ),

@@ -6,7 +6,8 @@ from elastic_arm.effects.law import Confusion, Contribution, Effect, Numbers, Sy
 
 
 def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
-    """The left side of (1) at the angles of the description, q_i and theta_i less the offset, instead of those read."""
+    """The left side of (1) at the angles of the description, q_i and theta_i less the offset,
+    instead of those read."""
     read, n = motion.x, motion.n
     described = ca.SX(read)
     for k in (i, n + i) if motion.robot.elastic else (i,):
@@ -19,11 +20,19 @@ def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
 
 EFFECT = Effect(
     id="joint_zero",
-    formula="both encoders of a joint = the description's angle + offset; the arm beyond it is turned by -offset",
-    description="The joint's zero differs from the description's: calibrated anew, a motor or encoder exchanged.",
+    formula=(
+        "both encoders of a joint = the description's angle + offset; the arm beyond it is turned"
+        " by -offset"
+    ),
+    description=(
+        "The joint's zero differs from the description's: calibrated anew, a motor or encoder"
+        " exchanged."
+    ),
     plain="has its zero {offset} from where it is described",
-    signature="Weight and inertia of all that hangs on the joint are felt at an angle that is off, also on joints "
-    "before it; the two encoders agree.",
+    signature=(
+        "Weight and inertia of all that hangs on the joint are felt at an angle that is off, also"
+        " on joints before it; the two encoders agree."
+    ),
     law=law,
     parameters=(signed("offset", "rad", 0.5, "recorded - described", draw=(0.02, 0.1)),),
     sides=("link", "motor"),
@@ -31,8 +40,8 @@ EFFECT = Effect(
     confusions=(
         Confusion(
             "link_inertia_mismatch",
-            "on the last joint, or while the joints beyond it stand still: a turned link is one with another centre of "
-            "mass",
+            "on the last joint, or while the joints beyond it stand still: a turned link is one"
+            " with another centre of mass",
             "motion of the joints beyond: a zero turns all of them, a centre of mass does not",
         ),
         Confusion(

@@ -36,9 +36,15 @@ def _steiner(p: Any) -> Any:
 EFFECT = Effect(
     id="link_inertia_mismatch",
     formula="mass m -> r m, centre of mass c -> c + s, inertia about it I -> rho r I",
-    description="The link's inertial parameters differ from the nominal ones: other wall thickness, cables, covers.",
+    description=(
+        "The link's inertial parameters differ from the nominal ones: other wall thickness, cables,"
+        " covers."
+    ),
     plain="has a link of {mass} times the described mass",
-    signature="Weight and inertia of that link are off, felt by the link side of its joint and of those before it.",
+    signature=(
+        "Weight and inertia of that link are off, felt by the link side of its joint and of those"
+        " before it."
+    ),
     law=law,
     parameters=(
         ratio("mass", 0.5, 2.0, "r, true / nominal", default=1.0, above=0.0),

@@ -1,4 +1,5 @@
-"""Masses on the links that the model does not know, and weight that something outside the model carries."""
+"""Masses on the links that the model does not know, and weight that something outside the model
+carries."""
 
 import casadi as ca
 
@@ -49,7 +50,9 @@ PAYLOAD = Effect(
     formula="a point mass m at p in O_n, fixed to the last link",
     description="A tool or workpiece that the model does not know of.",
     plain="carries {mass} at its tool",
-    signature="Extra weight and inertia on the last link, felt by the link side of every joint before it.",
+    signature=(
+        "Extra weight and inertia on the last link, felt by the link side of every joint before it."
+    ),
     law=carried,
     parameters=(amount("mass", "kg", 0.05, 50.0, "m"), PLACE),
     scope=Scope.LAST,
@@ -66,9 +69,14 @@ PAYLOAD = Effect(
 LOAD = Effect(
     "load",
     formula="a point mass m at p in O_i, fixed to link i, not the last",
-    description="Something mounted on a link: a valve block, a cable drum, a camera on the forearm.",
+    description=(
+        "Something mounted on a link: a valve block, a cable drum, a camera on the forearm."
+    ),
     plain="carries {mass} on its link",
-    signature="Extra weight and inertia on that link, felt by the link side of its joint and of those before it.",
+    signature=(
+        "Extra weight and inertia on that link, felt by the link side of its joint and of those"
+        " before it."
+    ),
     law=carried,
     parameters=(amount("mass", "kg", 0.05, 50.0, "m"), PLACE),
     scope=Scope.BUT_LAST,
@@ -95,14 +103,18 @@ LOAD = Effect(
 CARRIED = Effect(
     "carried_weight",
     formula="- weight of m at p in O_i",
-    description="Something that has no inertia carries a part of a link's weight, as a MuJoCo body's gravcomp does.",
+    description=(
+        "Something that has no inertia carries a part of a link's weight, as a MuJoCo body's"
+        " gravcomp does."
+    ),
     plain="has the weight of {mass} carried by something without inertia",
     signature="The residual follows the pose as gravity does, with the opposite sign.",
     law=relieved,
     parameters=(Parameter("mass", "kg", 0.05, 50.0, neutral=0.0, meaning="m"), PLACE),
     sides=("link",),
     regime="position",
-    # Where a description or a user states it: a recording shows it as a payload or load that has no inertia.
+    # Where a description or a user states it: a recording shows it as a payload or load that has no
+    # inertia.
     searched=False,
 )
 

@@ -1,4 +1,5 @@
-"""Wrong numbers of a transmission: the torque that the nominal number makes, times what it is off."""
+"""Wrong numbers of a transmission: the torque that the nominal number makes, times what it is
+off."""
 
 from collections.abc import Callable
 from typing import Any
@@ -23,7 +24,8 @@ def scaled(
     of: str = "",
     **words: Any,
 ) -> Effect:
-    """Return (ratio - 1) times a torque of the nominal transmission, that of a number of the description."""
+    """Return (ratio - 1) times a torque of the nominal transmission, that of a number of the
+    description."""
 
     def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
         if side == "drive":
@@ -70,7 +72,10 @@ EFFECTS = (
         formula="(ratio - 1) D (theta' - q')",
         description="The drive's damping differs from the nominal one.",
         plain="has a drive with {damping} times the described damping",
-        signature="The drive residual follows the rate of deflection: small on slow motion, largest where it rings.",
+        signature=(
+            "The drive residual follows the rate of deflection: small on slow motion, largest where"
+            " it rings."
+        ),
         regime="frequency",
         confusions=(
             Confusion(
@@ -88,7 +93,10 @@ EFFECTS = (
         "rotor_inertia",
         id="rotor_inertia_mismatch",
         formula="(ratio - 1) B_ii theta''",
-        description="The inertia on the motor side differs: rotor, wave generator and spline act together in B.",
+        description=(
+            "The inertia on the motor side differs: rotor, wave generator and spline act together"
+            " in B."
+        ),
         plain="has {inertia} times the described inertia on its motor side",
         signature="The motor residual follows the motor's acceleration.",
         regime="acceleration",
@@ -102,7 +110,8 @@ EFFECTS = (
             Confusion(
                 "inertia_coupling",
                 "the link moves as the motor does",
-                "motion that winds the drive: fast enough for link and motor accelerations to differ",
+                "motion that winds the drive: fast enough for link and motor accelerations to"
+                " differ",
             ),
         ),
     ),

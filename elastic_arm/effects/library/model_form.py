@@ -32,9 +32,15 @@ EFFECTS = (
         "mod2",
         ("mod1",),
         formula="left side of (1) in mod2 - in mod1",
-        description="The splines' inertia turns with the motor, not with the link; mod1 folds it into the link.",
+        description=(
+            "The splines' inertia turns with the motor, not with the link; mod1 folds it into the"
+            " link."
+        ),
         plain="has splines that turn with the motor, not with the link",
-        signature="Small residuals in proportion to the accelerations on link and motor side, of known size.",
+        signature=(
+            "Small residuals in proportion to the accelerations on link and motor side, of known"
+            " size."
+        ),
     ),
     _form(
         "inertia_coupling",
@@ -42,15 +48,21 @@ EFFECTS = (
         "mod3",
         ("mod1", "mod2"),
         formula="S theta'' + c1 on the link side, S' q'' + c2 on the motor side (5), (8)",
-        description="Spinning rotors and wave generators react on the links that carry them; mod1 and mod2 leave this "
-        "out.",
+        description=(
+            "Spinning rotors and wave generators react on the links that carry them; mod1 and mod2"
+            " leave this out."
+        ),
         plain="has spinning rotors that react on the links that carry them",
-        signature="Residuals in proportion to accelerations of other joints and of the other side, of known size.",
+        signature=(
+            "Residuals in proportion to accelerations of other joints and of the other side, of"
+            " known size."
+        ),
         confusions=(
             Confusion(
                 "rotor_inertia_mismatch",
                 ALIKE,
-                "motion that winds the drive of joint 1: fast enough for link and motor accelerations to differ",
+                "motion that winds the drive of joint 1: fast enough for link and motor"
+                " accelerations to differ",
             ),
             Confusion("link_inertia_mismatch", ALIKE, "motion that winds the drive of joint 1"),
         ),

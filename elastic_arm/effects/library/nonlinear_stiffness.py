@@ -17,9 +17,14 @@ def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
 EFFECT = Effect(
     id="nonlinear_stiffness",
     formula="K_3 (theta - q)^3 added to tau_J",
-    description="The drive stiffens as it is wound up (softens where negative), as harmonic drives do.",
+    description=(
+        "The drive stiffens as it is wound up (softens where negative), as harmonic drives do."
+    ),
     plain="has a drive whose torque rises by {cubic} times the cube of its twist",
-    signature="Joint torque over deflection is a bent line: the residual grows with the cube of the deflection.",
+    signature=(
+        "Joint torque over deflection is a bent line: the residual grows with the cube of the"
+        " deflection."
+    ),
     law=law,
     parameters=(signed("cubic", "Nm/rad^3", 1e11, "K_3"),),
     sides=("drive",),

@@ -1,4 +1,5 @@
-"""Torque sensors and encoders with a wrong gain or zero, or a disc off centre, and what all sensor effects share."""
+"""Torque sensors and encoders with a wrong gain or zero, or a disc off centre, and what all sensor
+effects share."""
 
 from collections.abc import Callable
 from typing import Any
@@ -29,7 +30,8 @@ TORQUES = ("joint_torque", "motor_torque")
 
 
 def sides_of(p: Numbers) -> tuple[str, ...]:
-    """Return the residuals that hold the channels of an effect, by its choice `channels`, or `channel`."""
+    """Return the residuals that hold the channels of an effect, by its choice `channels`, or
+    `channel`."""
     chosen = p["channels"] if "channels" in p else (p["channel"],)
     return tuple(
         side
@@ -39,7 +41,8 @@ def sides_of(p: Numbers) -> tuple[str, ...]:
 
 
 def misread(channel: str, error: Callable[[SymbolicMotion, int, Numbers], Any]) -> Law:
-    """Return the law of an error (motion, joint index, parameters) -> recorded - true torque (Nm) of a channel.
+    """Return the law of an error (motion, joint index, parameters) -> recorded - true torque (Nm)
+    of a channel.
 
     The motor equation holds the joint torque with the other sign.
     """
@@ -54,7 +57,8 @@ def misread(channel: str, error: Callable[[SymbolicMotion, int, Numbers], Any]) 
 
 
 def changing(channel: str, **numbers: str) -> Callable[[Sensors, int, int, Numbers], Sensors]:
-    """Return the change that gives numbers of a joint's channel the values of parameters: `gain="gain"`."""
+    """Return the change that gives numbers of a joint's channel the values of parameters:
+    `gain="gain"`."""
 
     def change(sensors: Sensors, i: int, n: int, p: Numbers) -> Sensors:
         return sensors.changed(
@@ -65,7 +69,8 @@ def changing(channel: str, **numbers: str) -> Callable[[Sensors, int, int, Numbe
 
 
 def gain(channel: str, symbol: str, prior: float, **words: Any) -> SensorEffect:
-    """Return a wrong gain of a torque channel; the error is linear in 1 - 1/gain, the coefficient of its column."""
+    """Return a wrong gain of a torque channel; the error is linear in 1 - 1/gain, the coefficient
+    of its column."""
     recorded = {
         "joint_torque": lambda motion: motion.tau_J,
         "motor_torque": lambda motion: motion.tau_m,
@@ -124,7 +129,9 @@ EFFECTS = (
         0.015,  # current sensors and calibrated torque constants: up to 3 %, as two deviations
         description="The motor's torque constant is not what the drive believes.",
         plain="records {gain} times its motor torque",
-        signature="The motor residual follows the motor torque itself, through rest and motion alike.",
+        signature=(
+            "The motor residual follows the motor torque itself, through rest and motion alike."
+        ),
         confusions=(
             Confusion(
                 "rotor_inertia_mismatch",
@@ -139,7 +146,10 @@ EFFECTS = (
         0.01,  # strain gauges: up to 2 % of the reading, as two deviations
         description="The joint torque sensor is scaled wrongly.",
         plain="records {gain} times its joint torque",
-        signature="All three residuals of the joint follow the joint torque, that of the motor with the other sign.",
+        signature=(
+            "All three residuals of the joint follow the joint torque, that of the motor with the"
+            " other sign."
+        ),
         confusions=(
             Confusion("stiffness_mismatch", ONLY_DRIVE, "the link or motor equation"),
             Confusion(
@@ -179,7 +189,10 @@ EFFECTS = (
         formula="tau_J recorded = true + offset",
         description="The zero of the joint torque sensor is off.",
         plain="records its joint torque shifted by {offset}",
-        signature="All three residuals of the joint are shifted by a constant, that of the motor the other way.",
+        signature=(
+            "All three residuals of the joint are shifted by a constant, that of the motor the"
+            " other way."
+        ),
         sides=SIDES["joint_torque"],
         confusions=(
             Confusion(
@@ -199,7 +212,9 @@ EFFECTS = (
         formula="link encoder = true + offset, against the motor encoder",
         description="The zeros of link and motor encoder do not agree.",
         plain="has a link encoder whose zero is {offset} from the motor encoder's",
-        signature="The drive residual is a constant: at rest without load the drive seems wound up.",
+        signature=(
+            "The drive residual is a constant: at rest without load the drive seems wound up."
+        ),
         sides=("drive",),
         confusions=(
             Confusion(
@@ -215,7 +230,9 @@ EFFECTS = (
         formula="link encoder = true + A sin(q + phi)",
         description="The link encoder's disc sits off centre.",
         plain="has a link encoder whose disc sits off centre by {amplitude}",
-        signature="The drive residual is a sine over one turn of the link, whatever the speed and load.",
+        signature=(
+            "The drive residual is a sine over one turn of the link, whatever the speed and load."
+        ),
         law=_off_centre,
         parameters=(Parameter("amplitude", "rad", 1e-6, 5e-3, neutral=0.0, meaning="A"), phase()),
         sides=("drive",),

@@ -19,8 +19,9 @@ from elastic_arm.sensors import Sensors
 def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
     """The delay times the rate of what comes late: first order in the delay.
 
-    A late link encoder makes the link equation compare tau_J with the torque of a moment ago, so the difference is the
-    rate of tau_J; in the drive it is as if the link were `delay` times its velocity further on.
+    A late link encoder makes the link equation compare tau_J with the torque of a moment ago, so
+    the difference is the rate of tau_J; in the drive it is as if the link were `delay` times its
+    velocity further on.
     """
     delay, total = p["delay"], motion.nothing()
     if "joint_torque" in p["channels"]:
@@ -47,7 +48,10 @@ EFFECT: Effect = SensorEffect(
     formula="named channels recorded(t) = true(t - delay), late against the motor encoder",
     description="Channels that reach the recorder late: filters, buses, other clocks.",
     plain="has its {channels} recorded {delay} late",
-    signature="The residual follows the rate of what is late: zero where it stands still, largest where it changes.",
+    signature=(
+        "The residual follows the rate of what is late: zero where it stands still, largest where"
+        " it changes."
+    ),
     law=law,
     parameters=(
         Parameter(

@@ -36,7 +36,10 @@ def change(sensors: Sensors, i: int, n: int, p: Numbers) -> Sensors:
 EFFECT: Effect = SensorEffect(
     id="torque_drift",
     formula="recorded = true + a zero that moves at the mean rate from the first sample on",
-    description="The zero of a torque channel wanders while the arm is recorded: a sensor or a drive that warms up.",
+    description=(
+        "The zero of a torque channel wanders while the arm is recorded: a sensor or a drive that"
+        " warms up."
+    ),
     plain="has a {channel} whose zero drifts by {rate} while it is recorded",
     signature="The residuals that hold the channel move off zero with time, whatever the motion.",
     law=law,

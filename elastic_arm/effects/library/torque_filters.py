@@ -1,7 +1,7 @@
 """Torque channels behind a delay or a first-order low pass: what they read beside the true torque.
 
-The laws hold to first order in the time constant. Of slow lags that is not enough: to first order a delay and a low
-pass are the same. Here the filter is applied to the whole recording.
+The laws hold to first order in the time constant. Of slow lags that is not enough: to first order a
+delay and a low pass are the same. Here the filter is applied to the whole recording.
 """
 
 from __future__ import annotations
@@ -21,14 +21,15 @@ from elastic_arm.effects.regressor import MotionSignals
 
 PADDING = 0.5  # s mirrored at both ends
 AVERAGED = 1.0  # Hz, over which a power spectrum is averaged
-# Times the noise: from there the noise of a torque no longer counts when a filter is undone; and what shows at all, as
-# the power of noise, averaged, stays below. Conventions.
+# Times the noise: from there the noise of a torque no longer counts when a filter is undone; and
+# what shows at all, as the power of noise, averaged, stays below. Conventions.
 CLEAR, VISIBLE = 100.0, 3.0
 CHANNELS = {"joint_torque": "tau_J", "motor_torque": "tau_m"}
 
 
 class FilteredTorques:
-    """Errors of filtered torque channels as they enter the residuals; the filter is the subclass's."""
+    """Errors of filtered torque channels as they enter the residuals; the filter is the
+    subclass's."""
 
     def __init__(self, equations: ArmEquations) -> None:
         self.equations = equations
@@ -57,7 +58,8 @@ class FilteredTorques:
     ) -> Array:
         """Return recorded less true torque (N, k), Nm, of a torque by name at some joints.
 
-        The torque of the signals is the true one where it is the model's, and else the recorded one.
+        The torque of the signals is the true one where it is the model's, and else the recorded
+        one.
         """
         raise NotImplementedError
 
@@ -85,7 +87,8 @@ class DelayedTorques(FilteredTorques):
     def _error(
         self, signals: MotionSignals, name: str, joints: list[int], values: Mapping[str, Any]
     ) -> Array:
-        """Return recorded less true torque (N, k): of the recorded one, the true torque is what comes a delay later."""
+        """Return recorded less true torque (N, k): of the recorded one, the true torque is what
+        comes a delay later."""
         t, torque, delay = signals.t, signals.values[name], float(values["delay"])
         by = -delay if signals.predicted else delay
         splines = [
@@ -106,13 +109,15 @@ class LowPassedTorques(FilteredTorques):
     ) -> Array:
         """Return the error (N, k), Nm, by the recorded torque where it is clear of its noise.
 
-        Undoing a low pass amplifies the noise of what was recorded; a delay does not. So above, as far as the torque
-        shows at all, the model's torque takes its place. No further: to low-pass that would take the noise of its
-        accelerations off the residual, which a filter on the torque does not.
+        Undoing a low pass amplifies the noise of what was recorded; a delay does not. So above, as
+        far as the torque shows at all, the model's torque takes its place. No further: to low-pass
+        that would take the noise of its accelerations off the residual, which a filter on the
+        torque does not.
         """
         t, cutoff = signals.t, float(values["cutoff"])
         if signals.predicted:
-            # Filtered, the noise of accelerations would leave the link's residual and enter those of drive and motor.
+            # Filtered, the noise of accelerations would leave the link's residual and enter those
+            # of drive and motor.
             return low_pass_error(t, signals.model_torques[name][:, joints], cutoff)
         undone = signals.once(f"parts of {name} that are clear", lambda: _Undone.of(signals, name))
         # By y - x = -T y', as y + T y' = x with T = 1 / (2 pi cutoff).
@@ -163,8 +168,8 @@ class _Undone:
     """What undoing a low pass of a recorded torque takes, at any corner."""
 
     rate: Array  # (N, n) Nm/s of the recorded torque, where it is clear of its noise
-    # clear, visible: keep the frequencies at which it is clear of its noise, and at which it shows; None where no
-    # model's torque is there to take its place
+    # clear, visible: keep the frequencies at which it is clear of its noise, and at which it shows;
+    # None where no model's torque is there to take its place
     clear: Clear | None = None
     visible: Clear | None = None
 

@@ -24,7 +24,8 @@ REFERENCE = 5.0  # Hz
 
 
 def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
-    """Recorded less true torque, -T y' of a recorded torque y, as y + T y' is the true one; T = 1 / (2 pi cutoff)."""
+    """Recorded less true torque, -T y' of a recorded torque y, as y + T y' is the true one; T = 1 /
+    (2 pi cutoff)."""
     rates = {"joint_torque": motion.dtau_J, "motor_torque": motion.dtau_m}
     total = motion.nothing()
     for channel in p["channels"]:
@@ -46,9 +47,14 @@ def change(sensors: Sensors, i: int, n: int, p: Numbers) -> Sensors:
 EFFECT: Effect = SensorEffect(
     id="torque_lowpass",
     formula="named channels y with y' = 2 pi cutoff (true - y)",
-    description="A torque, or the current that it was computed from, was filtered before it was recorded.",
+    description=(
+        "A torque, or the current that it was computed from, was filtered before it was recorded."
+    ),
     plain="has its {channels} filtered at {cutoff} before it is recorded",
-    signature="The residual follows the rate of the filtered torque, and fast torque is missing in the recording.",
+    signature=(
+        "The residual follows the rate of the filtered torque, and fast torque is missing in the"
+        " recording."
+    ),
     law=law,
     parameters=(
         Parameter(

@@ -25,7 +25,10 @@ EFFECT = Effect(
     formula="A sin(k r_tot theta + phi) added to the motor's torque, not seen by tau_m",
     description="Cogging and commutation ripple of the motor.",
     plain="has a motor whose torque ripples by ±{amplitude}, {order} times a turn of the rotor",
-    signature="A ripple of the motor residual, periodic in the rotor's angle, as high at all speeds and loads.",
+    signature=(
+        "A ripple of the motor residual, periodic in the rotor's angle, as high at all speeds and"
+        " loads."
+    ),
     law=law,
     parameters=(
         Parameter(
@@ -51,7 +54,8 @@ EFFECT = Effect(
         Confusion(
             "transmission_error",
             "there is no joint torque sensor and both have the same spatial frequency",
-            "a joint torque sensor, or motion under different loads: ripple does not grow with the load",
+            "a joint torque sensor, or motion under different loads: ripple does not grow with the"
+            " load",
         ),
     ),
 )

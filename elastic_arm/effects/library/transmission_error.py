@@ -39,12 +39,21 @@ def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
 
 EFFECT = Effect(
     id="transmission_error",
-    formula="deflection theta + e(theta) - q, e = A sin(k r_hd theta + phi); on the motor tau_J (1 + de/dtheta)",
-    description="The harmonic drive's kinematic error: its output leads and lags periodically in the wave generator's "
-    "angle, two times a turn as a rule.",
-    plain="has a gear that leads and lags by ±{amplitude}, {order} times a turn of the wave generator",
-    signature="A ripple of joint torque that is periodic in the wave generator's angle and grows at the speeds that "
-    "strike the elastic resonance; the motor feels it in proportion to the load.",
+    formula=(
+        "deflection theta + e(theta) - q, e = A sin(k r_hd theta + phi); on the motor tau_J (1 +"
+        " de/dtheta)"
+    ),
+    description=(
+        "The harmonic drive's kinematic error: its output leads and lags periodically in the wave"
+        " generator's angle, two times a turn as a rule."
+    ),
+    plain=(
+        "has a gear that leads and lags by ±{amplitude}, {order} times a turn of the wave generator"
+    ),
+    signature=(
+        "A ripple of joint torque that is periodic in the wave generator's angle and grows at the"
+        " speeds that strike the elastic resonance; the motor feels it in proportion to the load."
+    ),
     law=law,
     parameters=(
         Parameter("amplitude", "rad", 1e-6, 1e-3, neutral=0.0, meaning="A"),
@@ -67,7 +76,8 @@ EFFECT = Effect(
         Confusion(
             "torque_ripple",
             "there is no joint torque sensor and k_ripple r_b equals k_error",
-            "a joint torque sensor, or motion under different loads: ripple does not grow with the load",
+            "a joint torque sensor, or motion under different loads: ripple does not grow with the"
+            " load",
         ),
     ),
 )

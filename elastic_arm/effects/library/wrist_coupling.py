@@ -13,16 +13,18 @@ from elastic_arm.effects.law import (
 )
 from elastic_arm.errors import EffectError
 
-# rad/s within which its dry friction turns over. As that of one joint does where velocities are differences of angles.
+# rad/s within which its dry friction turns over. As that of one joint does where velocities are
+# differences of angles.
 TURNING = 0.02
 TURNS = {"with": 1.0, "against": -1.0}
 
 
 def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
-    """Inertia and friction of a motor that turns by w = dq_i +- dq_(i-1), as torques of both joints.
+    """Inertia and friction of a motor that turns by w = dq_i +- dq_(i-1), as torques of both
+    joints.
 
-    With joint angles that are combinations of motor angles, q = C q_m, the torques of the joints are C^-T times those
-    of the motors: what resists one motor resists every joint that turns it.
+    With joint angles that are combinations of motor angles, q = C q_m, the torques of the joints
+    are C^-T times those of the motors: what resists one motor resists every joint that turns it.
     """
     if i == 0:
         raise EffectError(
@@ -39,9 +41,13 @@ def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
 EFFECT = Effect(
     id="wrist_coupling",
     formula="J dw/dt + b w + F tanh(w/0.02), times s on the joint before; w = dq_i + s dq_(i-1)",
-    description="The motor of this joint turns with the joint before it, too: a wrist of an industrial arm.",
+    description=(
+        "The motor of this joint turns with the joint before it, too: a wrist of an industrial arm."
+    ),
     plain="is turned by a motor that turns the joint before it, too, with {dry} of dry friction",
-    signature="The torque of a wrist joint follows the motion of the next joint, and the other way round.",
+    signature=(
+        "The torque of a wrist joint follows the motion of the next joint, and the other way round."
+    ),
     law=law,
     parameters=(
         amount("dry", "Nm", 0.1, 100.0, "F, of the motor"),

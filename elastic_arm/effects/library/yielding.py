@@ -1,7 +1,9 @@
-"""Joints that yield behind the only encoder: an elastic drive, or play, where the description is rigid.
+"""Joints that yield behind the only encoder: an elastic drive, or play, where the description is
+rigid.
 
-The encoder sits on the motor; the link lies at q + d. Weight and inertia of all that hangs on it act there, and what
-the joint transmits moves d: at each sample the link's own equation, with the inertia it has in that pose.
+The encoder sits on the motor; the link lies at q + d. Weight and inertia of all that hangs on it
+act there, and what the joint transmits moves d: at each sample the link's own equation, with the
+inertia it has in that pose.
 """
 
 from collections.abc import Callable, Mapping
@@ -38,7 +40,8 @@ SMALL = 1e-4  # rad, of the derivative of the load by the angle; numerical
 
 
 def _nothing(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
-    """Nothing at the angles of the encoder: what the joint adds follows in :class:`YieldingJoint`."""
+    """Nothing at the angles of the encoder: what the joint adds follows in
+    :class:`YieldingJoint`."""
     return motion.nothing()
 
 
@@ -56,7 +59,8 @@ def _spring(d: Any, v: Any, free: Any, inertia: Any, h: Any, p: Any) -> Any:
 
 
 def _stopped(d: Any, v: Any, free: Any, inertia: Any, h: Any, p: Any) -> Any:
-    """Return the next rate of a link in play p, at whose ends it comes to rest, pressed but not held.
+    """Return the next rate of a link in play p, at whose ends it comes to rest, pressed but not
+    held.
 
     Critically damped, as what gears lose in an impact is not known.
     """
@@ -68,7 +72,8 @@ def _stopped(d: Any, v: Any, free: Any, inertia: Any, h: Any, p: Any) -> Any:
 
 @cache
 def _recursion(rate: Callable[..., Any]) -> Recursion:
-    """Return d, its rate, and its rate half a sample later, from load, inertia and slope now and a sample later."""
+    """Return d, its rate, and its rate half a sample later, from load, inertia and slope now and a
+    sample later."""
     z, now, p = (ca.SX.sym(name, size) for name, size in (("z", 3), ("now", 6), ("p", 2)))
     d, v, half, h = z[0], z[1], z[2], p[1] / STEPS
     for k in range(STEPS):
@@ -90,7 +95,8 @@ class YieldingJoint:
 
     @property
     def acts(self) -> bool:
-        """Whether the arm is described as rigid, and controllers close on the encoders, which are the motors' then."""
+        """Whether the arm is described as rigid, and controllers close on the encoders, which are
+        the motors' then."""
         robot = self.equations.robot
         return not robot.elastic and all(joint.controller is not None for joint in robot.joints)
 
@@ -105,7 +111,8 @@ class YieldingJoint:
         motion = [signals.values[name] for name in ("x", "dx", "ddx")]
 
         def moved(*by: Array | float) -> Array:
-            """Return the left side (N, n) with the link moved; the motor stays where its encoder is."""
+            """Return the left side (N, n) with the link moved; the motor stays where its encoder
+            is."""
             there = [np.array(own) for own in motion]
             for own, d in zip(there, by, strict=True):
                 own[:, j] += d
@@ -128,7 +135,10 @@ class YieldingJoint:
         return np.hstack([change, np.zeros((len(change), 2 * change.shape[1]))])
 
 
-BEHIND = "A second encoder on the link, or a weight hung on the resting link: the motor's encoder does not show it"
+BEHIND = (
+    "A second encoder on the link, or a weight hung on the resting link: the motor's encoder does"
+    " not show it"
+)
 
 EFFECTS: tuple[Effect, ...] = (
     StructuralEffect(
@@ -136,7 +146,10 @@ EFFECTS: tuple[Effect, ...] = (
         formula="link at q + d behind the encoder, J d'' + 0.2 sqrt(k J) d' + k d = -load",
         description="The joint is elastic behind its encoder, where the description is rigid.",
         plain="yields behind its encoder with {stiffness}",
-        signature="Torque of all joints where the link swings on its drive, and less inertia above that frequency.",
+        signature=(
+            "Torque of all joints where the link swings on its drive, and less inertia above that"
+            " frequency."
+        ),
         law=_nothing,
         change=_change,
         parameters=(searched("stiffness", "Nm/rad", 5.0, 5000.0, "k", above=0.0, inverse=True),),
@@ -147,10 +160,16 @@ EFFECTS: tuple[Effect, ...] = (
     ),
     StructuralEffect(
         id="joint_play",
-        formula="link at q + d behind the encoder, free within |d| < b; at an end it comes to rest within 20 ms",
+        formula=(
+            "link at q + d behind the encoder, free within |d| < b; at an end it comes to rest"
+            " within 20 ms"
+        ),
         description="The joint has play behind its encoder, where the description is rigid.",
         plain="has {half_gap} of play to either side behind its encoder",
-        signature="Torque is missing for a moment where the joint's load changes its sign, then the link strikes.",
+        signature=(
+            "Torque is missing for a moment where the joint's load changes its sign, then the link"
+            " strikes."
+        ),
         law=_nothing,
         change=_change,
         parameters=(

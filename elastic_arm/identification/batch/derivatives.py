@@ -44,7 +44,8 @@ class Derived:
 
     @property
     def motions(self) -> Iterator[Motion]:
-        """Make the runs one after another, the next ones in other threads meanwhile; those of one piece meet."""
+        """Make the runs one after another, the next ones in other threads meanwhile; those of one
+        piece meet."""
         return ahead(self._made, self.pieces)
 
     @property
@@ -71,7 +72,8 @@ class Derived:
         )
 
     def notes(self, source: str, units: JointUnits) -> list[str]:
-        """Return what was done to the recording `source` beside smoothing it; `units` are those of the arm's joints."""
+        """Return what was done to the recording `source` beside smoothing it; `units` are those of
+        the arm's joints."""
         said = [f"{source}: {note}" for note in self.said]
         if self.shift is None or not self.shift.any():
             return said
@@ -87,7 +89,8 @@ class Derived:
         ]
 
     def aligned(self, equations: BaseRegression, first: Derived | None) -> Derived:
-        """Return it with the zeros of the link encoders as in the first recording, where deflections are measured."""
+        """Return it with the zeros of the link encoders as in the first recording, where
+        deflections are measured."""
         if not equations.summed:
             return self
         found = zeros(list(self.motions), equations.model)
@@ -150,7 +153,8 @@ class DerivativeStage:
 
     @functools.cached_property
     def read(self) -> Array | None:
-        """When torques were read, s; None where that is often enough for all that the smoother passes."""
+        """When torques were read, s; None where that is often enough for all that the smoother
+        passes."""
         return (
             None
             if self._read is None or 0.5 / np.median(np.diff(self._read)) > self.band
@@ -163,7 +167,8 @@ class DerivativeStage:
 
     @functools.cached_property
     def _standing(self) -> Array:
-        """Speed (n,) rad/s below which joints stand; zero for those that never move: nothing else is known of them."""
+        """Speed (n,) rad/s below which joints stand; zero for those that never move: nothing else
+        is known of them."""
         angle, lost = "theta" if self._longest.theta is not None else "q", 2 * self._smoother.lag
         grids = [grid for grid in self._grids if len(grid) > lost]
         names = [name for name in (angle, f"d{angle}") if getattr(grids[0], name) is not None]
@@ -208,7 +213,8 @@ class DerivativeStage:
         return Derived(tuple(pieces), method, said=said, lengths=tuple(lengths))
 
     def _too_short(self, lost: int, twice: bool) -> IdentificationError:
-        """Return the error of a recording of which the smoother loses all, laws that pass it `twice` included."""
+        """Return the error of a recording of which the smoother loses all, laws that pass it
+        `twice` included."""
         whole, rate = len(self._longest), self._longest.rate
         piece = (
             "is"
@@ -217,8 +223,8 @@ class DerivativeStage:
         )
         why = ", as laws beyond the model pass it twice" if twice else ""
         problem = (
-            f"{self._source} {piece} {whole / rate:.2f} s long: the smoother to {self.band:.1f} Hz needs more than "
-            f"{lost / rate:.2f} s{why}"
+            f"{self._source} {piece} {whole / rate:.2f} s long: the smoother to {self.band:.1f} Hz"
+            f" needs more than {lost / rate:.2f} s{why}"
         )
         enough = twice and 2 * whole > lost
         without = (
@@ -231,14 +237,16 @@ class DerivativeStage:
 
 
 def repeats(position: Array) -> bool:
-    """Return whether angles (N, n) repeat within the recording: whether their autocorrelation has a peak."""
+    """Return whether angles (N, n) repeat within the recording: whether their autocorrelation has a
+    peak."""
     n_samples = len(position)
     columns = np.ascontiguousarray(
         position.T
     )  # NumPy is slow along the first axis of a narrow array
     x = (columns - columns.mean(axis=1)[:, None]) / np.maximum(columns.std(axis=1), 1e-12)[:, None]
     spectrum = np.abs(np.fft.rfft(x, 2 * n_samples, axis=1)) ** 2
-    # Over the powers of what overlaps: where the motion repeats, this is one, whatever part of a period the ends cut.
+    # Over the powers of what overlaps: where the motion repeats, this is one, whatever part of a
+    # period the ends cut.
     power = np.concatenate([[0.0], np.cumsum(np.sum(x**2, axis=0))])
     overlap = power[-1] - power[:n_samples] + power[n_samples:0:-1]
     together = 2.0 * np.fft.irfft(spectrum.sum(axis=0))[:n_samples] / np.maximum(overlap, 1e-300)

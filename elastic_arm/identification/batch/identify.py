@@ -51,10 +51,14 @@ from elastic_arm.recording.recording import recordings_of
 from elastic_arm.recording.standstill import without_standstill
 from elastic_arm.robot import Robot, require_robot
 
-# Relative error of the description: where an arm is taken for rigid it is never believed to be off by more. What
-# repeats in all parts of a recording shows no need of a prior, and still predicts another motion badly.
+# Relative error of the description: where an arm is taken for rigid it is never believed to be off
+# by more. What repeats in all parts of a recording shows no need of a prior, and still predicts
+# another motion badly.
 LOOSE = 3.0
-MOTOR_INERTIA = "the description states no motor inertia: it was identified too (armature; a URDF cannot hold it)"
+MOTOR_INERTIA = (
+    "the description states no motor inertia: it was identified too (armature; a URDF cannot"
+    " hold it)"
+)
 BARE = "without a torque, and so without an equation: what it alone would show is not determined"
 UNSEEN = "left out, as it acts at a joint without a torque"
 FELT = "taken as what the joint torque sensors feel (side=link), as no motor torque was recorded"
@@ -164,13 +168,15 @@ def identify_with(
 
 
 def _cleared(recording: Recording, robot: Robot) -> Recording:
-    """Return the joints of the arm in motion, without outliers, by the encoders that its equations take."""
+    """Return the joints of the arm in motion, without outliers, by the encoders that its equations
+    take."""
     moving = without_outliers(without_standstill(recording.select(robot.joint_names)))
     return with_made_torque(by_motor_encoders(moving, robot), robot)
 
 
 def _estimated(trials: Trials, choice: BatchChoice) -> tuple[Identification, BatchTrial, float]:
-    """Return the identification by one choice, its estimator, and by what its errors exceed white ones in variance."""
+    """Return the identification by one choice, its estimator, and by what its errors exceed white
+    ones in variance."""
     trial = trials.final(choice)
     trials.report("estimate", 1.0)
     identifier, derived = trial.identifier, trial.derived
@@ -208,7 +214,8 @@ def _estimated(trials: Trials, choice: BatchChoice) -> tuple[Identification, Bat
 def _regularised(
     trial: BatchTrial, choice: BatchChoice, correlated: float
 ) -> tuple[float | None, Prior | None]:
-    """Return the width of the prior that predicts left-out parts best, None where it takes none, and the prior."""
+    """Return the width of the prior that predicts left-out parts best, None where it takes none,
+    and the prior."""
     equations, blocks = trial.identifier.equations, trial.linear_blocks
     prior = partial(prior_of, equations, laws=law_sizes(blocks, equations), correlated=correlated)
     plain = trial.identifier.fit(prior(np.inf)) if choice.held else trial.fit
@@ -240,7 +247,8 @@ def _held_out(
 def _held_out_motions(
     stages: Mapping[str, DerivativeStage], trial: BatchTrial, stuck: bool, report: ProgressCallback
 ) -> HeldOut:
-    """Return the motion of recordings that no fit has seen, `stuck` if it states where joints stick."""
+    """Return the motion of recordings that no fit has seen, `stuck` if it states where joints
+    stick."""
     equations, motions = trial.identifier.equations, {}
     for source, stage in stages.items():
         report(f"validation on {source}", 1.0)
@@ -252,7 +260,8 @@ def _held_out_motions(
 def resonances(
     robot: Robot, model: str, recordings: Sequence[Sequence[Motion]]
 ) -> dict[str, float]:
-    """Return the frequency, Hz, at which rigid joints answer their torque most, of those with such a peak."""
+    """Return the frequency, Hz, at which rigid joints answer their torque most, of those with such
+    a peak."""
     plain, found = robot.with_(effects=()), dict[str, float]()
     friction = parse_laws(PLAIN, plain)
     for motions in recordings:

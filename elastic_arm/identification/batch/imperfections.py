@@ -1,10 +1,12 @@
-"""Imperfections that every recording may have, asked for or not: zeros of torque channels, a base off level.
+"""Imperfections that every recording may have, asked for or not: zeros of torque channels, a base
+off level.
 
-They are identified where laws beyond the model are: without these, a constant torque goes into friction, masses and
-motor inertia. What differs from none in the recordings is free (Wald test by the scatter of their blocks), what they
-show to be none is left out. The others are held to an ordinary size by a prior where the description serves as one, and
-left out elsewhere: in a short recording a zero and the moment of a mass hardly differ, and whatever is left out goes
-into the other.
+They are identified where laws beyond the model are: without these, a constant torque goes into
+friction, masses and motor inertia. What differs from none in the recordings is free (Wald test by
+the scatter of their blocks), what they show to be none is left out. The others are held to an
+ordinary size by a prior where the description serves as one, and left out elsewhere: in a short
+recording a zero and the moment of a mass hardly differ, and whatever is left out goes into the
+other.
 """
 
 from collections.abc import Sequence
@@ -22,14 +24,15 @@ from elastic_arm.identification.least_squares import Fit
 from elastic_arm.recording import Samples
 from elastic_arm.robot import Robot
 
-# What differs from none by so many standard deviations is free: one in 15,000 would be called so by chance. Where a
-# channel has one such zero, its others are from one standard deviation: from there on a parameter lowers the expected
-# error of predictions.
+# What differs from none by so many standard deviations is free: one in 15,000 would be called so by
+# chance. Where a channel has one such zero, its others are from one standard deviation: from there
+# on a parameter lowers the expected error of predictions.
 CERTAIN, LIKELY = 4.0, 1.0
-# What differs from none by so many at most, and is known to such a share of what is ordinary, is none; convention.
+# What differs from none by so many at most, and is known to such a share of what is ordinary, is
+# none; convention.
 NONE, KNOWN = 2.0, 0.1
-# Ordinary size of a zero as a share of its joint's torques (rms): some percent of the rated torque, of which motions
-# take a third or so; convention.
+# Ordinary size of a zero as a share of its joint's torques (rms): some percent of the rated torque,
+# of which motions take a third or so; convention.
 ZERO = 0.1
 # Ordinary tilt of a base, rad: that of one which nobody has levelled; convention.
 LEVEL = 0.02
@@ -52,7 +55,8 @@ class NuisanceLaw:
 
 
 def nuisance_effects(robot: Robot, catalogue: Catalogue | None = None) -> dict[str, str | None]:
-    """Return the ids of effects that are identified unasked, each with the channel whose zero it is, or None."""
+    """Return the ids of effects that are identified unasked, each with the channel whose zero it
+    is, or None."""
     known = catalogue or EFFECTS
     found: dict[str, str | None] = {
         law: channel for channel, law in torque_zeros(known, robot).items()
@@ -66,7 +70,8 @@ def possible_imperfections(
     asked: Sequence[EffectInstance],
     catalogue: Catalogue | None = None,
 ) -> tuple[NuisanceLaw, ...]:
-    """Return the zeros of all recorded torques and the tilt of the base, but for those asked for, each ordinary."""
+    """Return the zeros of all recorded torques and the tilt of the base, but for those asked for,
+    each ordinary."""
     places = {(instance.effect.id, instance.joint) for instance in asked}
     stated = {(each.effect.id, each.joint): each for each in robot_effects(robot, catalogue)}
     found: list[NuisanceLaw] = []
@@ -83,7 +88,8 @@ def possible_imperfections(
 def _ordinary_zeros(
     recordings: Sequence[Samples], robot: Robot, channel: str
 ) -> dict[str | None, float]:
-    """Return the ordinary size of the zero of a torque channel at each joint that has it, and torque in it."""
+    """Return the ordinary size of the zero of a torque channel at each joint that has it, and
+    torque in it."""
     have = [values for samples in recordings if (values := getattr(samples, channel)) is not None]
     if not have:
         return {}
@@ -100,7 +106,8 @@ def told_apart(
 ) -> tuple[NuisanceLaw, ...]:
     """Return the laws without a tilt that another parameter of the equations can stand for.
 
-    About a horizontal first axis it is the same as another centre of mass, for one, and of a sliding axis as a zero.
+    About a horizontal first axis it is the same as another centre of mass, for one, and of a
+    sliding axis as a zero.
     """
     return tuple(
         e for e in possible if e.stated or e.place[0] != TILT or _is_by_itself(e, equations)
@@ -108,7 +115,8 @@ def told_apart(
 
 
 def _is_by_itself(each: NuisanceLaw, equations: BaseRegression) -> bool:
-    """Whether those of a law's parameters that leave a trace are base parameters by themselves, and some are."""
+    """Whether those of a law's parameters that leave a trace are base parameters by themselves, and
+    some are."""
     shares = [equations.base.T[:, equations.names.index(name)] for name in _names(each, equations)]
     traced = [share for share in shares if share.any()]
     alone = (np.count_nonzero(equations.base.T[np.argmax(np.abs(share))]) == 1 for share in traced)
@@ -118,7 +126,8 @@ def _is_by_itself(each: NuisanceLaw, equations: BaseRegression) -> bool:
 def judged_imperfections(
     possible: Sequence[NuisanceLaw], fit: Fit, equations: BaseRegression, *, held: bool
 ) -> tuple[NuisanceLaw, ...]:
-    """Return what is identified: what differs from none is free, the rest is held to its ordinary size or left out.
+    """Return what is identified: what differs from none is free, the rest is held to its ordinary
+    size or left out.
 
     What the description states is never left out.
     """
@@ -162,7 +171,8 @@ def described_imperfections(found: Sequence[NuisanceLaw]) -> list[str]:
     if shown:
         free = ", ".join(f"{law}:{joint}" if joint else law for law, joint in shown)
         notes.append(
-            f"identified without being asked for, as they differ from none in the recordings: {free}"
+            "identified without being asked for, as they differ from none in the recordings:"
+            f" {free}"
         )
     if held - {TILT}:
         others = "the other " if shown else "the "

@@ -2,8 +2,9 @@
 
     tau = tau(q, q', q'', gravity = 0) + G(q) gravity + F sign(q') + zero
 
-A description rarely states how the arm was mounted: on a wall, upside down, on its side. About a wrong mounting all
-else is far from linear, and masses and gains of a calibration stand in for it. So it is looked for first.
+A description rarely states how the arm was mounted: on a wall, upside down, on its side. About a
+wrong mounting all else is far from linear, and masses and gains of a calibration stand in for it.
+So it is looked for first.
 """
 
 from collections.abc import Sequence
@@ -30,13 +31,17 @@ from elastic_arm.robot.parts import placed
 
 ENOUGH = 2000  # samples of a motion that are looked at; bounds the time
 STRAIGHT = 1e-6  # of its size, by which gravity may be off straight down; numerical
-# Probability that another direction explains so much more by chance. Masses that are off are no chance, and short
-# motions take them for gravity: of 600 recordings of 5 s two had 7e-3 and 3e-4. True ones of 20 s have 1e-20.
+# Probability that another direction explains so much more by chance. Masses that are off are no
+# chance, and short motions take them for gravity: of 600 recordings of 5 s two had 7e-3 and 3e-4.
+# True ones of 20 s have 1e-20.
 CHANCE = 1e-5
-STEP = 1.0  # degree to which a mounting is known: masses are off, and what is compiled for an arm serves the next one
+# degree to which a mounting is known: masses are off, and what is compiled for an arm serves the
+# next one
+STEP = 1.0
 WORDS = (
-    "the torques show gravity of {} m/s², where the description has {}: the arm is mounted otherwise, and is taken for "
-    "turned by Rx({:.0f}°) Ry({:.0f}°) (base, in robot.yaml), its tilt from there identified, too"
+    "the torques show gravity of {} m/s², where the description has {}: the arm is mounted"
+    " otherwise, and is taken for turned by Rx({:.0f}°) Ry({:.0f}°) (base, in robot.yaml), its tilt"
+    " from there identified, too"
 )
 
 
@@ -68,7 +73,8 @@ class Mounting:
         return f"{note}; slow torques of the wrong sign look the same" if overhead else note
 
     def tilted(self, x: float, y: float) -> tuple[float, float]:
-        """Return both turns as one, rad: that of the arm as mounted by a further Rx(x) Ry(y), and this one."""
+        """Return both turns as one, rad: that of the arm as mounted by a further Rx(x) Ry(y), and
+        this one."""
         return tilt_of(turned(self.x, self.y).T @ turned(x, y).T @ self.described)
 
 
@@ -78,17 +84,20 @@ def turned(x: float, y: float) -> Array:
 
 
 def tilt_of(gravity: Array) -> tuple[float, float]:
-    """Return x, y, rad, with Rx(x) Ry(y) the turn under which gravity straight down is felt as `gravity` (3,)."""
+    """Return x, y, rad, with Rx(x) Ry(y) the turn under which gravity straight down is felt as
+    `gravity` (3,)."""
     down = gravity / np.linalg.norm(gravity)
     return float(-np.arcsin(np.clip(down[1], -1.0, 1.0))), float(np.arctan2(down[0], -down[2]))
 
 
 def other_mounting(robot: Robot, model: str, motions: Sequence[Motion]) -> Mounting | None:
-    """Return how the arm is mounted, where its torques exclude what is described; None where they do not.
+    """Return how the arm is mounted, where its torques exclude what is described; None where they
+    do not.
 
-    Torques are linear in gravity, whatever its direction: three columns, beside dry friction and a zero of each joint.
-    The joints that carry most decide. Only where another direction explains them far better, by more than chance, and
-    better than channels of the wrong sign or springs would, the arm is called mounted otherwise.
+    Torques are linear in gravity, whatever its direction: three columns, beside dry friction and a
+    zero of each joint. The joints that carry most decide. Only where another direction explains
+    them far better, by more than chance, and better than channels of the wrong sign or springs
+    would, the arm is called mounted otherwise.
     """
     described, turning = (
         np.asarray(robot.gravity, dtype=float),
@@ -127,7 +136,8 @@ def other_mounting(robot: Robot, model: str, motions: Sequence[Motion]) -> Mount
 
 
 def _torques(robot: Robot, model: str, motion: Motion) -> tuple[Array, ...] | None:
-    """Return torques (N, n), those of the motion, what gravity pulls, friction and zero, and springs (N, n, k).
+    """Return torques (N, n), those of the motion, what gravity pulls, friction and zero, and
+    springs (N, n, k).
 
     None where the motion holds no torques or angles of all joints.
     """
@@ -137,7 +147,8 @@ def _torques(robot: Robot, model: str, motion: Motion) -> tuple[Array, ...] | No
     if torque is None or not recorded or motion.lacking:
         return None
     every, n = slice(0, None, max(1, len(motion) // ENOUGH)), robot.n
-    # Links stand in for their motors, and the other way about: a deflection hardly turns what gravity pulls at.
+    # Links stand in for their motors, and the other way about: a deflection hardly turns what
+    # gravity pulls at.
     taken = (recorded[0], recorded[-1]) if robot.elastic else recorded[:1]
     x, dx, ddx = (np.hstack(rates)[every] for rates in zip(*taken, strict=True))
     moved, pull = ArmEquations(robot, model).moved_and_pulled(
@@ -151,7 +162,8 @@ def _torques(robot: Robot, model: str, motion: Motion) -> tuple[Array, ...] | No
 def _chance(before: float, left: float, motion: Motion, laws: tuple[int, ...]) -> float:
     """Return the probability that gravity of no other direction leaves so much less, by the F test.
 
-    Errors last as long as the motion does: a joint's samples are worth two independent ones a swing.
+    Errors last as long as the motion does: a joint's samples are worth two independent ones a
+    swing.
     """
     statistics = MotionStatistics()
     statistics.add(motion)
@@ -163,7 +175,8 @@ def _chance(before: float, left: float, motion: Motion, laws: tuple[int, ...]) -
 
 
 def _left_by_joint(columns: Array, target: Array) -> Array:
-    """Return the sum of squares (n,) that friction and zero (N, n, m) of each joint leave of its torque (N, n)."""
+    """Return the sum of squares (n,) that friction and zero (N, n, m) of each joint leave of its
+    torque (N, n)."""
     return np.array(
         [_least_squares(columns[:, [j]], target[:, [j]])[1] for j in range(target.shape[1])]
     )

@@ -1,8 +1,10 @@
-"""What a batch is asked, and what it lets the recordings decide: how dry friction turns over, which zeros count.
+"""What a batch is asked, and what it lets the recordings decide: how dry friction turns over, which
+zeros count.
 
-**Dry friction** turns over gradually about standstill: at each joint within the most probable of some speeds, by the
-difference of their errors block by block (Q. Vuong, Econometrica 57 (1989) 307) and what is usual. While a joint
-sticks, its dry friction takes any value: where the law fails there, the rows that hold it are left out.
+**Dry friction** turns over gradually about standstill: at each joint within the most probable of
+some speeds, by the difference of their errors block by block (Q. Vuong, Econometrica 57 (1989) 307)
+and what is usual. While a joint sticks, its dry friction takes any value: where the law fails
+there, the rows that hold it are left out.
 
 **Zeros** of torque channels and the tilt of the base: see :mod:`.imperfections`.
 """
@@ -47,7 +49,8 @@ from elastic_arm.robot import Robot
 
 ProgressCallback = Callable[[str, float], None]
 
-# Squared errors below this share of their terms' squares are nothing but rounding: exact sensors close an equation so.
+# Squared errors below this share of their terms' squares are nothing but rounding: exact sensors
+# close an equation so.
 ROUNDING = 1e-12
 # Hz up to which first resonances of arms lie: rows of a band that ends there are not averaged.
 RESONANCES = 20.0
@@ -67,10 +70,12 @@ class IdentificationSettings:
     model
         mod1, mod2 or mod3.
     effects
-        Laws identified in addition to the model's own parameters and to those that the description states, as text
-        ("coulomb_friction", on every joint) or as :func:`elastic_arm.effects.text.parse_laws` reads them.
+        Laws identified in addition to the model's own parameters and to those that the description
+        states, as text ("coulomb_friction", on every joint) or as
+        :func:`elastic_arm.effects.text.parse_laws` reads them.
     consistent
-        Also find all parameters, physically consistent and close to the nominal where the data determine nothing.
+        Also find all parameters, physically consistent and close to the nominal where the data
+        determine nothing.
     catalogue
         Where the ids of the description's effects are looked up; the default one when None.
     """
@@ -136,11 +141,13 @@ class BatchTrial:
 
 @dataclass
 class Trials:
-    """Estimators for one question with different choices; what depends on no choice is worked out once."""
+    """Estimators for one question with different choices; what depends on no choice is worked out
+    once."""
 
     recordings: Sequence[tuple[Recording, Samples]]  # With their samples
     robot: Robot  # The nominal arm
-    settings: IdentificationSettings  # How it is identified; laws that the description states are among the effects
+    # How it is identified; laws that the description states are among the effects
+    settings: IdentificationSettings
     report: ProgressCallback  # Called with what is being done, and the share that is done
     unasked: bool = False  # Whether imperfections are identified that nobody asked for
     _known: dict[tuple[object, ...], BatchTrial] = field(default_factory=dict)
@@ -161,7 +168,8 @@ class Trials:
         return found
 
     def __call__(self, choice: BatchChoice, *, ends: bool = False) -> BatchTrial:
-        """Return the estimator of one choice; with `ends`, those of the recordings' pieces are used too."""
+        """Return the estimator of one choice; with `ends`, those of the recordings' pieces are used
+        too."""
         if not ends and choice.key in self._known:
             return self._known[choice.key]
         identifier = self._estimator(choice, encoder_columns=True, averaged=choice.averaged)
@@ -177,7 +185,8 @@ class Trials:
             ]:
                 raise IdentificationError(
                     f"{', '.join(lost)}: no trace in the torques that were recorded",
-                    "Leave the law out, or let it act on the recorded side, as in coulomb_friction:side=link.",
+                    "Leave the law out, or let it act on the recorded side, as in"
+                    " coulomb_friction:side=link.",
                 )
             made = stage(equations, ends=ends, stuck=not choice.sticking)
             derived.append(made.aligned(equations, derived[0] if derived else None))
@@ -192,7 +201,8 @@ class Trials:
         return trial
 
     def _estimator(self, choice: BatchChoice, **options: Any) -> Identifier:
-        """Return an estimator with the columns of the laws asked for and of imperfections, these with their priors."""
+        """Return an estimator with the columns of the laws asked for and of imperfections, these
+        with their priors."""
         laws = [*self.effects, *choice.laws]
         columns = law_columns(laws, self.robot, self.settings.model, choice.sign_speed)
         ordinary = {
@@ -227,7 +237,8 @@ class Trials:
         return told_apart(possible, equations)
 
     def final(self, choice: BatchChoice) -> BatchTrial:
-        """Return the estimator of a choice, ends of short recordings included where the equations do not close."""
+        """Return the estimator of a choice, ends of short recordings included where the equations
+        do not close."""
         trial = self(choice)
         return trial if closes(trial.fit, trial.linear_blocks) else self(choice, ends=True)
 
@@ -236,7 +247,8 @@ class Trials:
         found = []
         if any(is_dry(instance) for instance in self.effects):
             found.append(
-                f"dry friction turns over within {standstill(choice.sign_speed, self.robot)} of standstill"
+                f"dry friction turns over within {standstill(choice.sign_speed, self.robot)} of"
+                " standstill"
             )
         if not choice.sticking:
             found.append(STICKS)
@@ -245,7 +257,8 @@ class Trials:
     def _averaged(self, choice: BatchChoice) -> BatchChoice:
         """Return the choice without averages where they take off nothing.
 
-        Where the band ends among the resonances of arms, or the equations close as they stand, the arm is rigid in it.
+        Where the band ends among the resonances of arms, or the equations close as they stand, the
+        arm is rigid in it.
         """
         whole = replace(choice, averaged=False)
         if all(stage.band <= RESONANCES or stage.read is not None for stage in self.stages):
@@ -255,9 +268,11 @@ class Trials:
         return choice if rigid and not closes(trial.fit, trial.linear_blocks) else whole
 
     def _sticking(self, choice: BatchChoice) -> BatchChoice:
-        """Return the choice without the rows of joints that stick, where the law of friction fails there.
+        """Return the choice without the rows of joints that stick, where the law of friction fails
+        there.
 
-        Averages keep them: what the model misses is no noise there, and rows that do not count are predicted worse.
+        Averages keep them: what the model misses is no noise there, and rows that do not count are
+        predicted worse.
         """
         if choice.averaged or not any(is_dry(instance) for instance in self.effects):
             return choice
@@ -312,13 +327,15 @@ def standstill(sign_speed: float | Sequence[float], robot: Robot) -> str:
 
 
 def turning_speed(errors: Array) -> float:
-    """Return the most probable speed, rad/s, of those at which a joint's dry friction may turn over.
+    """Return the most probable speed, rad/s, of those at which a joint's dry friction may turn
+    over.
 
-    Each speed makes another law with as many parameters. Where one misses by d more than the best law, with a standard
-    deviation s by the scatter from block to block, it is as good with a relative likelihood of exp(-(d/s)²/2). No law
-    is exact: a share of :data:`ALIKE` of the errors counts in s, as blocks of one motion resemble each other more than
-    another motion does. Before the recordings, speeds are spread by a factor of :data:`SPREAD` about the usual one.
-    `errors` (speeds, blocks) are squared, of one joint.
+    Each speed makes another law with as many parameters. Where one misses by d more than the best
+    law, with a standard deviation s by the scatter from block to block, it is as good with a
+    relative likelihood of exp(-(d/s)²/2). No law is exact: a share of :data:`ALIKE` of the errors
+    counts in s, as blocks of one motion resemble each other more than another motion does. Before
+    the recordings, speeds are spread by a factor of :data:`SPREAD` about the usual one. `errors`
+    (speeds, blocks) are squared, of one joint.
     """
     more = errors - errors[np.argmin(errors.sum(axis=1))]
     doubt = (
@@ -335,7 +352,8 @@ def turning_speed(errors: Array) -> float:
 def with_trace(
     laws: Sequence[EffectInstance], robot: Robot, model: str, samples: Samples
 ) -> tuple[tuple[EffectInstance, ...], list[str]]:
-    """Return laws without those that only the torques of joints without one would show, and these by their names."""
+    """Return laws without those that only the torques of joints without one would show, and these
+    by their names."""
     bare = samples.without_torque(robot.joint_names)
     if not any(law.joint in bare for law in laws):
         return tuple(laws), []
@@ -372,7 +390,8 @@ def _traced(equations: BaseRegression) -> list[Column]:
 
 
 def _errors_by_block(trial: BatchTrial, fit: Fit) -> Array:
-    """Return the squared errors (blocks, groups) of a fit on a trial's rows, none below the rounding of its terms."""
+    """Return the squared errors (blocks, groups) of a fit on a trial's rows, none below the
+    rounding of its terms."""
     blocks, solution = trial.linear_blocks, np.append(-fit.Psi, 1.0)
     grams = np.array([hi + lo for hi, lo in blocks.grams])
     rounding = ROUNDING * np.einsum("i,bgii->bg", solution**2, grams)
@@ -380,7 +399,8 @@ def _errors_by_block(trial: BatchTrial, fit: Fit) -> Array:
 
 
 def turning_speeds(recordings: Sequence[Recording], robot: Robot) -> Array | None:
-    """Return the speed (n,) within which each joint's dry friction turns over, rad/s; None where nothing shows it.
+    """Return the speed (n,) within which each joint's dry friction turns over, rad/s; None where
+    nothing shows it.
 
     Base parameters, friction and zeros of the torques are fitted beside it.
     """

@@ -1,1 +1,2 @@
-"""What an arm follows: streamed references and goals, checked, interpolated and brought onto the grid of its steps."""
+"""What an arm follows: streamed references and goals, checked, interpolated and brought onto the
+grid of its steps."""

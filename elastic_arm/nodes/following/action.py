@@ -1,4 +1,5 @@
-"""`~/follow_joint_trajectory`: the action by which MoveIt and other clients of joint_trajectory_controller move an arm.
+"""`~/follow_joint_trajectory`: the action by which MoveIt and other clients of
+joint_trajectory_controller move an arm.
 
 Tolerances, their defaults and outcomes are those of joint_trajectory_controller.
 """
@@ -34,7 +35,8 @@ STOPPED = 0.01
 
 @dataclass(frozen=True, eq=False)
 class Tolerances:
-    """Largest errors of position and velocity, (n,) each, rad and rad/s; infinite where any is allowed."""
+    """Largest errors of position and velocity, (n,) each, rad and rad/s; infinite where any is
+    allowed."""
 
     position: Array
     velocity: Array
@@ -70,7 +72,10 @@ class Tolerances:
         ):
             for joint, error, limit in zip(joints, np.abs(errors), limits, strict=True):
                 if error > limit:
-                    return f"the {name} of {joint} is off by {error:.3g} {unit}, more than {limit:.3g} {unit}"
+                    return (
+                        f"the {name} of {joint} is off by {error:.3g} {unit}, more than {limit:.3g}"
+                        f" {unit}"
+                    )
         return ""
 
 
@@ -107,7 +112,8 @@ class TrajectoryAction:
         self._server.destroy()
 
     def observe(self, now_ns: int, reference: Row, position: Array, velocity: Array) -> None:
-        """Compare the arm with its reference: give feedback, and end a goal that is reached, missed or cancelled.
+        """Compare the arm with its reference: give feedback, and end a goal that is reached, missed
+        or cancelled.
 
         reference: of this step, (n,) each; position, velocity: (n,) as measured.
         """

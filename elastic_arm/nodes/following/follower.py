@@ -16,23 +16,26 @@ from elastic_arm.robot import Robot
 
 # A stream that begins farther from where the arm stands, rad, would be a jump.
 LARGEST_JUMP = 0.1
-# Those of a stream are made when it arrives: it ends at most so far ahead, seconds, and no message takes longer. The
-# trajectory generator sends 100 s at a time at most, and 10 s ahead.
+# Those of a stream are made when it arrives: it ends at most so far ahead, seconds, and no message
+# takes longer. The trajectory generator sends 100 s at a time at most, and 10 s ahead.
 LONGEST_STREAM = 150
-# Rows of a goal are made so many steps ahead, in parts: no goal is so long that the arm has to wait for it.
+# Rows of a goal are made so many steps ahead, in parts: no goal is so long that the arm has to wait
+# for it.
 AHEAD, PART = 1000, 500
 
 
 class Follower:
     """Takes messages of points, and gives the reference of every step.
 
-    A message whose stamp is set and whose first point is at that stamp is part of a stream, as the trajectory
-    generator sends it: its points are followed as they are, and the limits that the arm states are checked (or those
-    of any arm). Any other message is a goal (:func:`elastic_arm.nodes.following.goals.plan_goal`); where the arm states
-    no limit, that of the excitation's search counts.
+    A message whose stamp is set and whose first point is at that stamp is part of a stream, as the
+    trajectory generator sends it: its points are followed as they are, and the limits that the arm
+    states are checked (or those of any arm). Any other message is a goal
+    (:func:`elastic_arm.nodes.following.goals.plan_goal`); where the arm states no limit, that of
+    the excitation's search counts.
 
-    start: (n,) rad where it stands; policy: what to do with a goal that breaks limits: refuse, slow_down or ignore
-    (streams too). `stream` is the queue of streamed points, `goal` the goal followed now or last; None after a stream.
+    start: (n,) rad where it stands; policy: what to do with a goal that breaks limits: refuse,
+    slow_down or ignore (streams too). `stream` is the queue of streamed points, `goal` the goal
+    followed now or last; None after a stream.
     """
 
     def __init__(
@@ -70,7 +73,8 @@ class Follower:
         return self.go_to(message)
 
     def go_to(self, message: JointTrajectory, policy: str | None = None) -> Goal:
-        """Take a message as a goal, whatever its stamp, by a policy of limits other than that of all goals.
+        """Take a message as a goal, whatever its stamp, by a policy of limits other than that of
+        all goals.
 
         Raises a GraphError if it cannot be followed; the arm goes on as before.
         """
@@ -82,7 +86,8 @@ class Follower:
         return goal
 
     def obey(self, command: JointTrajectory) -> None:
-        """Take a command of one cycle; where it is out of reach by then, the arm goes as fast as the limits allow."""
+        """Take a command of one cycle; where it is out of reach by then, the arm goes as fast as
+        the limits allow."""
         self.go_to(command, "ignore" if self._policy == "ignore" else "slow_down")
 
     def stop(self) -> Goal:
@@ -99,7 +104,8 @@ class Follower:
         ahead = (stamp + int(after_ns[-1]) - self.now_ns) / NANOSECONDS
         if max(ahead, after_ns[-1] / NANOSECONDS) > LONGEST_STREAM:
             raise GraphError(
-                f"streams {after_ns[-1] / NANOSECONDS:.3g} s of points, the last of them due {ahead:.3g} s from now",
+                f"streams {after_ns[-1] / NANOSECONDS:.3g} s of points, the last of them due"
+                f" {ahead:.3g} s from now",
                 f"Stream at most {LONGEST_STREAM} s at a time and ahead of the arm's clock.",
             )
         if self._policy != "ignore":

@@ -16,7 +16,8 @@ from elastic_arm.nodes.support.wire import NANOSECONDS
 POLICIES = ("refuse", "slow_down", "ignore")
 # A goal is looked at so often between two points: the peaks of a quintic are met within a percent.
 SAMPLES = 16
-# A goal that is due later, seconds, is a mistake in the units or of a clock; times a thousand it fits 64 bits of ns.
+# A goal that is due later, seconds, is a mistake in the units or of a clock; times a thousand it
+# fits 64 bits of ns.
 LATEST = 1e6
 # Slower by more is no plan but a mistake in the units; and how often a slower plan is tried.
 SLOWEST = 1000.0
@@ -61,17 +62,18 @@ def plan_goal(
     limits: JointLimits,
     policy: str,
 ) -> Goal:
-    """Return the motion to a goal as joint_trajectory_controller plans it: from the present state through the points.
+    """Return the motion to a goal as joint_trajectory_controller plans it: from the present state
+    through the points.
 
-    Points at or before the present are left out. Joints that are not named stay where they are. Along a straight line
-    the velocity is limited, but not its steps at the ends.
+    Points at or before the present are left out. Joints that are not named stay where they are.
+    Along a straight line the velocity is limited, but not its steps at the ends.
 
-    message: the goal; its stamp is the time from which its points count, zero for now; joints: of the arm, (n,);
-    now_ns, present: time and reference from which it begins, (n,) each; policy: one of POLICIES: what to do with a
-    motion that breaks a limit.
+    message: the goal; its stamp is the time from which its points count, zero for now; joints: of
+    the arm, (n,); now_ns, present: time and reference from which it begins, (n,) each; policy: one
+    of POLICIES: what to do with a motion that breaks a limit.
 
-    Raises a GraphError if the message is malformed, ends in motion, lies in the past or in weeks, or breaks a limit
-    (where the policy is to slow down: one that slowing down does not mend).
+    Raises a GraphError if the message is malformed, ends in motion, lies in the past or in weeks,
+    or breaks a limit (where the policy is to slow down: one that slowing down does not mend).
     """
     after_ns, points = reference_points(message, joints, present.position)
     begin = message.header.stamp.sec * NANOSECONDS + message.header.stamp.nanosec or now_ns
@@ -94,7 +96,8 @@ def plan_goal(
 
 
 def plan_stop(now_ns: int, present: Row, limits: JointLimits) -> Goal:
-    """Return the way to a standstill from the present motion at an even deceleration within the limits.
+    """Return the way to a standstill from the present motion at an even deceleration within the
+    limits.
 
     present: (n,) position, velocity and acceleration at that time.
     """

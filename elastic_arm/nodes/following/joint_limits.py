@@ -10,11 +10,13 @@ from elastic_arm.excitation.limits import DEFAULTS
 from elastic_arm.nodes.following.splines import Row
 from elastic_arm.robot import Robot
 
-# Peaks of a motion that was planned at a limit exceed it by rounding and between samples: this share is no violation.
+# Peaks of a motion that was planned at a limit exceed it by rounding and between samples: this
+# share is no violation.
 SLACK = 0.02
 # Angle past a limit that counts as rounding, rad.
 ANGLE_SLACK = 1e-3
-# What no arm does, rad/s and rad/s²: limits where the description states none and none is to be assumed.
+# What no arm does, rad/s and rad/s²: limits where the description states none and none is to be
+# assumed.
 FASTEST = {"velocity": 100.0, "acceleration": 1e4}
 _UNITS = {"position": "rad", "velocity": "rad/s", "acceleration": "rad/s²"}
 
@@ -24,7 +26,8 @@ class Violation:
     """The worst of what breaks limits."""
 
     problem: str  # in words, as what follows "a goal that"
-    slower: float  # how many times slower the motion would have to be; infinite where that does not help
+    # how many times slower the motion would have to be; infinite where that does not help
+    slower: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +40,8 @@ class JointLimits:
     high: Array
     velocity: Array
     acceleration: Array
-    # whether limits that the description does not state are those of the excitation's search, not of any arm
+    # whether limits that the description does not state are those of the excitation's search, not
+    # of any arm
     assumed: bool = False
 
     @classmethod

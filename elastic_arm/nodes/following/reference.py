@@ -10,10 +10,11 @@ from elastic_arm.arrays import Array
 from elastic_arm.nodes.following.splines import LINEAR, QUINTIC, Row, interpolate, resting
 
 NANOSECONDS = 1_000_000_000
-# A pause between streamed points longer than this is the start of another motion, not a hole to bridge.
+# A pause between streamed points longer than this is the start of another motion, not a hole to
+# bridge.
 LONGEST_HOLE_NS = NANOSECONDS // 2
-# With less than this of the stream left, seconds, the arm slows down, so that it stands where the stream breaks off;
-# it takes as long to pick up again.
+# With less than this of the stream left, seconds, the arm slows down, so that it stands where the
+# stream breaks off; it takes as long to pick up again.
 BRAKING = 0.2
 # At a smaller share of its speed the arm stops.
 SLOWEST = 0.01
@@ -26,16 +27,19 @@ STILL = 1e-6
 class ReferenceQueue:
     """Brings streamed points onto a grid of steps.
 
-    Between points the polynomial holds that they allow (:mod:`elastic_arm.nodes.following.splines`). A message replaces
-    whatever of the stream lies behind its first point. Where the stream ends, the last position is held.
+    Between points the polynomial holds that they allow
+    (:mod:`elastic_arm.nodes.following.splines`). A message replaces whatever of the stream lies
+    behind its first point. Where the stream ends, the last position is held.
 
-    Nothing of a motion is left out because it comes late. A motion that begins late is followed from its first point
-    on, late. Where the stream falls behind, the arm slows down along its path, stands, and picks up again, as a machine
-    tool does under feed hold. It is :attr:`delay` behind the stamps then, until another motion begins.
+    Nothing of a motion is left out because it comes late. A motion that begins late is followed
+    from its first point on, late. Where the stream falls behind, the arm slows down along its path,
+    stands, and picks up again, as a machine tool does under feed hold. It is :attr:`delay` behind
+    the stamps then, until another motion begins.
 
-    start: (n,) position held until the first point; origin_ns, step_ns: step k of the grid is at `origin_ns + k *
-    step_ns`. Of the attributes, `delay` is by how many steps the arm is behind the stamps, `starved` how often the
-    stream fell behind, `late` how many points were left out, older than any delay.
+    start: (n,) position held until the first point; origin_ns, step_ns: step k of the grid is at
+    `origin_ns + k * step_ns`. Of the attributes, `delay` is by how many steps the arm is behind the
+    stamps, `starved` how often the stream fell behind, `late` how many points were left out, older
+    than any delay.
     """
 
     def __init__(self, start: Array, origin_ns: int, step_ns: int) -> None:
@@ -59,10 +63,11 @@ class ReferenceQueue:
         points: Row,
         degree: NDArray[np.int64] | int = QUINTIC,
     ) -> None:
-        """Take streamed points, which go on from those before where these lie less than half a second back.
+        """Take streamed points, which go on from those before where these lie less than half a
+        second back.
 
-        stamps: (N,) ns, increasing; points: (N, n) each; degree: of the polynomials between them, (N,) or one
-        for all.
+        stamps: (N,) ns, increasing; points: (N, n) each; degree: of the polynomials between them,
+        (N,) or one for all.
         """
         stamps = np.asarray(stamps, dtype=np.int64)
         degree = np.broadcast_to(degree, len(stamps)).astype(np.int64)
@@ -93,7 +98,8 @@ class ReferenceQueue:
         self._tail = (int(stamps[-1]), Row(*(values[-1] for values in points)), int(degree[-1]))
 
     def bridge(self, stamp: int) -> tuple[int, Row, int] | None:
-        """Return stamp, point and degree from which a stream goes on to a point at `stamp`; None for another motion."""
+        """Return stamp, point and degree from which a stream goes on to a point at `stamp`; None
+        for another motion."""
         if self._tail and 0 < stamp - self._tail[0] <= LONGEST_HOLE_NS:
             return self._tail
         return None
@@ -109,7 +115,8 @@ class ReferenceQueue:
         self._tail, self._following, self.delay = None, False, 0.0
 
     def extend(self, first: int, rows: Row) -> None:
-        """Append rows that lie on the grid, (N, n) each, from the step `first` on, which follows the last one's."""
+        """Append rows that lie on the grid, (N, n) each, from the step `first` on, which follows
+        the last one's."""
         if not self._motions or self._motions[-1][-1][0] != first - 1:
             self._motions.append(deque())
         self._motions[-1].extend(
@@ -202,7 +209,8 @@ class ReferenceQueue:
         return left * (2.0 - left)  # meets full speed without a kink
 
     def _row(self, rise: float) -> Row:
-        """Return the motion at the head, gone through at the present speed, which rises by `rise` a second."""
+        """Return the motion at the head, gone through at the present speed, which rises by `rise` a
+        second."""
         motion = self._motions[0]
         rest = self._head - motion[0][0]
         row = motion[0][1]

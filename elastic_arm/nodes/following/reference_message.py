@@ -23,7 +23,8 @@ _FIELDS = ("positions", "velocities", "accelerations")
 
 
 class Points(NamedTuple):
-    """Points of a message, (N, n) each; `degree` (N,) is that of the polynomials they allow, see `splines`."""
+    """Points of a message, (N, n) each; `degree` (N,) is that of the polynomials they allow, see
+    `splines`."""
 
     position: NDArray[np.float64]
     velocity: NDArray[np.float64]
@@ -50,12 +51,14 @@ def reference_points(
 ) -> tuple[NDArray[np.int64], Points]:
     """Return the points of a message in the order of the arm's joints.
 
-    message: points with positions, and velocities and accelerations where they are given, zero elsewhere; joints:
-    names of the arm's joints, (n,); held: (n,) where joints that the message does not name stay; names of other
-    joints are a mistake then. None where it has to name all joints; further ones are left out.
+    message: points with positions, and velocities and accelerations where they are given, zero
+    elsewhere; joints: names of the arm's joints, (n,); held: (n,) where joints that the message
+    does not name stay; names of other joints are a mistake then. None where it has to name all
+    joints; further ones are left out.
 
-    Returns the time of each point after the message's stamp, increasing (N,), and the points, (N, n) each. Raises a
-    GraphError where names, times, or the number or size of values are not those of a motion of this arm.
+    Returns the time of each point after the message's stamp, increasing (N,), and the points, (N,
+    n) each. Raises a GraphError where names, times, or the number or size of values are not those
+    of a motion of this arm.
     """
     names = list(message.joint_names)
     _check_names(names, joints, partial=held is not None)
@@ -95,7 +98,8 @@ def reference_points(
 
 
 def commanded(command: JointState, period: float) -> JointTrajectory | None:
-    """Return the goal that a controller's command of one cycle is, reached after `period` s; None without numbers.
+    """Return the goal that a controller's command of one cycle is, reached after `period` s; None
+    without numbers.
 
     Where a velocity is commanded, too, the arm is then further on by it: it follows without a lag.
     """
@@ -121,7 +125,8 @@ def _check_names(names: list[str], joints: Sequence[str], partial: bool) -> None
 
 
 def _column(message: JointTrajectory, field: str, n: int) -> NDArray[np.float64]:
-    """One field of all points for the n joints that the message names, (N, n); zeros where a point does not give it."""
+    """One field of all points for the n joints that the message names, (N, n); zeros where a point
+    does not give it."""
     rows = []
     for k, point in enumerate(message.points):
         values = getattr(point, field)

@@ -1,7 +1,9 @@
-"""Motion between points in time: linear, cubic or quintic by what the points hold, as joint_trajectory_controller does.
+"""Motion between points in time: linear, cubic or quintic by what the points hold, as
+joint_trajectory_controller does.
 
-The rule of ros2_controls: between two points that both hold accelerations, the quintic through positions, velocities
-and accelerations; where both hold velocities, the cubic through positions and velocities; otherwise a straight line.
+The rule of ros2_controls: between two points that both hold accelerations, the quintic through
+positions, velocities and accelerations; where both hold velocities, the cubic through positions and
+velocities; otherwise a straight line.
 """
 
 from typing import NamedTuple
@@ -11,7 +13,8 @@ from numpy.typing import NDArray
 
 from elastic_arm.arrays import Array
 
-# Degree of the polynomial that a point allows: by its position alone, with its velocity, with its acceleration too.
+# Degree of the polynomial that a point allows: by its position alone, with its velocity, with its
+# acceleration too.
 LINEAR, CUBIC, QUINTIC = 1, 3, 5
 
 
@@ -36,11 +39,11 @@ def interpolate(
 ) -> Row:
     """Return position, velocity and acceleration at the times `wanted` (M,), (M, n) each.
 
-    Before the first point its polynomial is continued; the last point's own velocity holds at its time, and zero where
-    it states none.
+    Before the first point its polynomial is continued; the last point's own velocity holds at its
+    time, and zero where it states none.
 
-    stamps: (N,) ns, increasing; points: (N, n) each; rad, rad/s, rad/s²; degree: of each point, (N,), or of all:
-    LINEAR, CUBIC or QUINTIC; wanted: (M,) ns, not behind the last stamp.
+    stamps: (N,) ns, increasing; points: (N, n) each; rad, rad/s, rad/s²; degree: of each point,
+    (N,), or of all: LINEAR, CUBIC or QUINTIC; wanted: (M,) ns, not behind the last stamp.
     """
     if len(stamps) == 1:
         index = np.zeros(len(wanted), dtype=int)

@@ -1,1 +1,2 @@
-"""What the nodes have in common: messages to arrays, parameters, diagnostics. Most of it needs no ROS."""
+"""What the nodes have in common: messages to arrays, parameters, diagnostics. Most of it needs no
+ROS."""

@@ -21,8 +21,8 @@ from elastic_arm.recording.sides import SAMPLED
 FIELDS = ("position", "velocity", "effort")
 NAMED = {topics.JOINT_STATES: "link", topics.MOTOR_STATES: "motor"}
 SIDES = {"both": tuple(NAMED), "link": (topics.JOINT_STATES,), "motor": (topics.MOTOR_STATES,)}
-# A topic that says nothing for so long, seconds, has gone silent; but only when somebody has looked so often: after a
-# stall of this process its messages are still on their way in.
+# A topic that says nothing for so long, seconds, has gone silent; but only when somebody has looked
+# so often: after a stall of this process its messages are still on their way in.
 SILENCE = 1.0
 LOOKS = 5
 
@@ -56,7 +56,8 @@ class DriverSide:
         if channels.time != "header" or channels.coupling:
             raise RecordingError(
                 "the channel map has arrival times or coupled motors",
-                "Record a bag, and diagnose that with --channels; live nodes take stamps and joints as they come.",
+                "Record a bag, and diagnose that with --channels; live nodes take stamps and joints"
+                " as they come.",
             )
         joints = [getattr(channels.joints[name], side) for name in names]
         present = [dict(one.present()) for one in joints]
@@ -65,14 +66,16 @@ class DriverSide:
             return None
         if len(topics) > 1 or any(one.keys() != present[0].keys() for one in present):
             raise RecordingError(
-                f"the {side} side comes on {', '.join(sorted(topics))}, or not all joints have the same channels",
-                "Live nodes take a side from one topic of sensor_msgs/JointState, alike for all joints.",
+                f"the {side} side comes on {', '.join(sorted(topics))}, or not all joints have the"
+                " same channels",
+                "Live nodes take a side from one topic of sensor_msgs/JointState, alike for all"
+                " joints.",
             )
         return DriverSide(topics.pop(), joints)
 
     def read(self, names: tuple[str, ...], numbers: dict[str, Array]) -> dict[str, Array] | None:
-        """Return the fields (N, n) in SI units at the output, one that was not recorded (N, 0); None if it is no such
-        message."""
+        """Return the fields (N, n) in SI units at the output, one that was not recorded (N, 0);
+        None if it is no such message."""
         rows = len(next(iter(numbers.values())))
         found: dict[str, Array] = {}
         for field in CHANNEL_NAMES:
@@ -94,9 +97,9 @@ class DriverSide:
 class Collector:
     """Gathers messages of both sides and makes samples of them.
 
-    joints: the joints wanted, in the order of the samples' columns; messages may name them in any order; shown:
-    full names of the topics, as a node has them in its namespace; channels: A map of a driver's topics, names and
-    units; the suite's own when None.
+    joints: the joints wanted, in the order of the samples' columns; messages may name them in any
+    order; shown: full names of the topics, as a node has them in its namespace; channels: A map of
+    a driver's topics, names and units; the suite's own when None.
     """
 
     def __init__(
@@ -150,7 +153,8 @@ class Collector:
         )
 
     def take(self, everything: bool = False) -> Samples | None:
-        """Return the samples that are ready, in order of time and never older than those before; None without any."""
+        """Return the samples that are ready, in order of time and never older than those before;
+        None without any."""
         add = dict(zip(NAMED, (self.pairing.add_link, self.pairing.add_motor), strict=True))
         for topic, inbox in self.inboxes.items():
             self._empty[topic] += 1
@@ -209,7 +213,8 @@ class Collector:
         stamps: NDArray[np.int64],
         numbers: dict[str, NDArray],
     ) -> tuple[NDArray[np.int64], Array]:
-        """Return the usable messages' stamps and their fields side by side, (N, fields * n), in the arm's order."""
+        """Return the usable messages' stamps and their fields side by side, (N, fields * n), in the
+        arm's order."""
         if topic in self._driver:
             read = self._driver[topic].read(names, numbers)
             names, numbers = (self.joints, read) if read is not None else ((), numbers)

@@ -1,7 +1,8 @@
-"""The arm as ROS's tools want it: a URDF with limits, a tool frame, shapes for collisions and a ros2_control block.
+"""The arm as ROS's tools want it: a URDF with limits, a tool frame, shapes for collisions and a
+ros2_control block.
 
-What `elastic_arm.robot.to_urdf` writes is the arm alone, so that reading it gives the same arm again. What is added
-here is for MoveIt, RViz, Pinocchio and ros2_control.
+What `elastic_arm.robot.to_urdf` writes is the arm alone, so that reading it gives the same arm
+again. What is added here is for MoveIt, RViz, Pinocchio and ros2_control.
 """
 
 import xml.etree.ElementTree as ET
@@ -17,7 +18,8 @@ from elastic_arm.robot.urdf import DYNAMICS
 from elastic_arm.robot.urdf_elements import rotation, vector
 
 TOOL = "tool0"
-# Of the cylinders between joints: those are what the collision check of `elastic-arm excite` looks at, as capsules.
+# Of the cylinders between joints: those are what the collision check of `elastic-arm excite` looks
+# at, as capsules.
 _BARS = ("base_grey", "link_blue")
 # What a joint of the arm takes and gives.
 _COMMANDS, _STATES = ("position", "velocity"), ("position", "velocity", "effort")
@@ -29,7 +31,8 @@ COMMANDS, STATES = "simulator/joint_commands", "joint_states"
 def ros_description(robot: Robot, namespace: str = "") -> str:
     """Return the URDF that nodes of a namespace publish on `robot_description`.
 
-    All joints are revolute with limits; those that the description does not state are assumed, as for goals.
+    All joints are revolute with limits; those that the description does not state are assumed, as
+    for goals.
     """
     tree = ET.fromstring(to_urdf(robot))
     limits = JointLimits.of(robot, assumed=True)
@@ -70,7 +73,8 @@ def _set_limits(
 
 
 def _effort(robot: Robot, joint: Joint) -> float:
-    """Return a joint's torque limit, Nm; where there is none, twice the torque of its weight when stretched out."""
+    """Return a joint's torque limit, Nm; where there is none, twice the torque of its weight when
+    stretched out."""
     if joint.limits.torque is not None:
         return joint.limits.torque
     reach = np.linalg.norm(
@@ -91,7 +95,8 @@ def _friction(effects: Iterable[Mapping[str, Any]], joint: str) -> dict[str, str
 
 
 def _add_capsule(link: ET.Element, visual: ET.Element) -> None:
-    """Add a collision shape to a bar: URDF has no capsules, so it is a cylinder with a sphere at both ends."""
+    """Add a collision shape to a bar: URDF has no capsules, so it is a cylinder with a sphere at
+    both ends."""
     cylinder, material, origin = (
         visual.find("geometry/cylinder"),
         visual.find("material"),
@@ -138,7 +143,8 @@ def _add_control(tree: ET.Element, robot: Robot, limits: JointLimits, namespace:
     ET.SubElement(hardware, "plugin").text = _PLUGIN
     for name, topic in (("joint_commands_topic", COMMANDS), ("joint_states_topic", STATES)):
         ET.SubElement(hardware, "param", name=name).text = prefix + topic
-    # Every command is sent, small steps too: without one the arm would stand at the last one that was.
+    # Every command is sent, small steps too: without one the arm would stand at the last one that
+    # was.
     ET.SubElement(hardware, "param", name="trigger_joint_command_threshold").text = "-1"
     for i, name in enumerate(robot.joint_names):
         joint = ET.SubElement(control, "joint", name=name)

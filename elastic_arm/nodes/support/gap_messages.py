@@ -1,4 +1,5 @@
-"""A diagnosis as messages: the content of `diagnosis.json`, with NaN for its null and "" for no joint."""
+"""A diagnosis as messages: the content of `diagnosis.json`, with NaN for its null and "" for no
+joint."""
 
 import math
 from collections.abc import Mapping
@@ -47,7 +48,8 @@ def _named(cause: Mapping[str, Any]) -> str:
 
 
 def _filled(kind: Any, content: Mapping[str, Any], **given: Any) -> Any:
-    """Return a message of what is given, and of what the content has by the names of its other fields."""
+    """Return a message of what is given, and of what the content has by the names of its other
+    fields."""
     fields = kind.get_fields_and_field_types()
     return kind(
         **given,

@@ -16,21 +16,25 @@ STREAM = QoSProfile(depth=topics.STREAM_DEPTH)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 # Peers on the same machine find each other within this time, seconds.
 DISCOVERY = 1.0
-# An endpoint may be discovered before the name of the node behind it, which is waited for this long, seconds.
+# An endpoint may be discovered before the name of the node behind it, which is waited for this
+# long, seconds.
 NAMING = 10.0
 UNNAMED = "another node"
 
 
 def relative(topic: str) -> str:
-    """Return the name by which a node of any namespace publishes or subscribes one of the suite's topics.
+    """Return the name by which a node of any namespace publishes or subscribes one of the suite's
+    topics.
 
-    Clock and diagnostics are the graph's, not an arm's: nodes of all namespaces share them, as ROS expects.
+    Clock and diagnostics are the graph's, not an arm's: nodes of all namespaces share them, as ROS
+    expects.
     """
     return topic if topic in topics.GLOBAL else topic.lstrip("/")
 
 
 def resolved(node: Node, topic: str) -> str:
-    """Return the full name of one of the suite's topics for a node, with its namespace and remapping."""
+    """Return the full name of one of the suite's topics for a node, with its namespace and
+    remapping."""
     return str(node.resolve_topic_name(relative(topic)))
 
 
@@ -54,16 +58,19 @@ def message_class(type_name: str) -> Any:
 
 
 def other_publishers(node: Node, topic: str) -> list[str]:
-    """Return the full names of other nodes that publish one of the suite's topics in a node's namespace.
+    """Return the full names of other nodes that publish one of the suite's topics in a node's
+    namespace.
 
-    A node whose name discovery has not brought yet is `UNNAMED`, and comes last. A node of this one's name counts once
-    too often.
+    A node whose name discovery has not brought yet is `UNNAMED`, and comes last. A node of this
+    one's name counts once too often.
     """
     topic = resolved(node, topic)
     names = [
-        UNNAMED
-        if "UNKNOWN" in info.node_name
-        else f"{info.node_namespace.rstrip('/')}/{info.node_name}"
+        (
+            UNNAMED
+            if "UNKNOWN" in info.node_name
+            else f"{info.node_namespace.rstrip('/')}/{info.node_name}"
+        )
         for info in node.get_publishers_info_by_topic(topic)
     ]
     own = sum(1 for publisher in node.publishers if publisher.topic_name == topic)
@@ -74,15 +81,17 @@ def other_publishers(node: Node, topic: str) -> list[str]:
 
 
 def slowness() -> float:
-    """Return how many times longer discovery may take than on an idle machine: 1 to 4, by the load on each core."""
+    """Return how many times longer discovery may take than on an idle machine: 1 to 4, by the load
+    on each core."""
     return min(max(os.getloadavg()[0] / (os.cpu_count() or 1), 1.0), 4.0)
 
 
 def require_single_publisher(node: Node, wanted: Sequence[str], seconds: float = DISCOVERY) -> None:
-    """Wait for discovery, and give up if another node publishes a topic that can have only one source.
+    """Wait for discovery, and give up if another node publishes a topic that can have only one
+    source.
 
-    The error names the other node: its name may be discovered later than what it publishes, and is waited for. Of two
-    that start together one looks a little longer, and finds the other.
+    The error names the other node: its name may be discovered later than what it publishes, and is
+    waited for. Of two that start together one looks a little longer, and finds the other.
 
     Raises a GraphError if there is one.
     """
@@ -109,5 +118,6 @@ def company(others: list[str], topic: str) -> GraphError:
         )
     return GraphError(
         problem,
-        "Stop it, or start this one in a namespace (--ros-args -r __ns:=/left) or with another ROS_DOMAIN_ID.",
+        "Stop it, or start this one in a namespace (--ros-args -r __ns:=/left) or with another"
+        " ROS_DOMAIN_ID.",
     )

@@ -1,4 +1,5 @@
-"""What every node has: a rhythm of its own, health on `/diagnostics`, and subscriptions that fit all publishers."""
+"""What every node has: a rhythm of its own, health on `/diagnostics`, and subscriptions that fit
+all publishers."""
 
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -26,16 +27,18 @@ ADAPTING = 0.1  # s between looks at who publishes
 
 
 class ArmNode(Node):
-    """A node with a rhythm of its own: the process calls :meth:`tick`, spins until the next is due, and so on.
+    """A node with a rhythm of its own: the process calls :meth:`tick`, spins until the next is due,
+    and so on.
 
-    failure: set by a callback that met an error, which ends the node; an exception out of a callback would be
-    logged by the executor with its traceback first.
+    failure: set by a callback that met an error, which ends the node; an exception out of a
+    callback would be logged by the executor with its traceback first.
     """
 
     failure: ElasticArmError | None = None
 
     def every(self, seconds: float, callback: Callable[[], None]) -> Timer:
-        """Call something again and again, in real time: also where the node goes by a clock that nobody publishes."""
+        """Call something again and again, in real time: also where the node goes by a clock that
+        nobody publishes."""
         return self.create_timer(seconds, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def output(self, topic: str, kind: Any) -> Publisher:
@@ -55,7 +58,8 @@ class ArmNode(Node):
         return self.create_service(kind, f"~/{name}", reply)
 
     def serve_words(self, kind: Any, name: str, act: Callable[[Any], str]) -> Service:
-        """Offer a service whose response states whether it succeeded, and in words what was done, or is wrong."""
+        """Offer a service whose response states whether it succeeded, and in words what was done,
+        or is wrong."""
 
         def answer(request: Any) -> Mapping[str, Any]:
             try:
@@ -80,8 +84,8 @@ class ArmNode(Node):
 class Health:
     """Publishes the status of a node once a second, and logs it when it gets worse or better.
 
-    fine: what to say without problems; look: returns the problems, in words, and figures; now: time of the status,
-    that of the node's clock where there is no other.
+    fine: what to say without problems; look: returns the problems, in words, and figures; now: time
+    of the status, that of the node's clock where there is no other.
     """
 
     def __init__(
@@ -122,7 +126,8 @@ def _text(value: Any) -> str:
 
 
 class Listener:
-    """A subscription that is made anew where publishers offer less than it requests, or something latched."""
+    """A subscription that is made anew where publishers offer less than it requests, or something
+    latched."""
 
     def __init__(
         self,
@@ -158,7 +163,8 @@ class Listener:
 
     def _subscribe(self, qos: QoSProfile) -> None:
         self._qos = qos
-        # No warning of publishers that offer less: an event of a subscription that is gone would end the node.
+        # No warning of publishers that offer less: an event of a subscription that is gone would
+        # end the node.
         silent = SubscriptionEventCallbacks(use_default_callbacks=False)
         self._subscription = self._node.create_subscription(
             *self._what, qos, raw=self._raw, event_callbacks=silent
@@ -172,7 +178,8 @@ class Listener:
 
 
 def matching(infos: list[TopicEndpointInfo]) -> QoSProfile:
-    """Return a quality of service that receives from all these publishers, also what was latched."""
+    """Return a quality of service that receives from all these publishers, also what was
+    latched."""
     reliable = all(info.qos_profile.reliability == ReliabilityPolicy.RELIABLE for info in infos)
     latched = all(info.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for info in infos)
     return QoSProfile(

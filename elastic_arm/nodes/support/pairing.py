@@ -39,11 +39,11 @@ class Losses:
 class Pairing:
     """Pairs the samples of two topics by equal stamps, within a window of bounded length.
 
-    A sample waits `window` for its partner and for older ones that were overtaken; then it is handed out, or counted as
-    unmatched. Nothing handed out is ever followed by something older.
+    A sample waits `window` for its partner and for older ones that were overtaken; then it is
+    handed out, or counted as unmatched. Nothing handed out is ever followed by something older.
 
-    window_ns: how long a sample waits, in the time of the stamps; capacity: samples kept a side at most, whatever
-    their stamps are.
+    window_ns: how long a sample waits, in the time of the stamps; capacity: samples kept a side at
+    most, whatever their stamps are.
     """
 
     def __init__(self, window_ns: int = 200_000_000, capacity: int = 20_000) -> None:

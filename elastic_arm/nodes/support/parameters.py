@@ -21,7 +21,8 @@ _TYPES = {
 
 @dataclass(frozen=True)
 class Setting:
-    """A row of a node's table of parameters; the type is that of the default, [] stands for a list of texts."""
+    """A row of a node's table of parameters; the type is that of the default, [] stands for a list
+    of texts."""
 
     default: Any
     description: str
@@ -45,8 +46,9 @@ def declared(node: Node, table: Mapping[str, Setting]) -> SimpleNamespace:
 def _declare(node: Node, name: str, row: Setting) -> Any:
     descriptor = ParameterDescriptor(description=row.description, read_only=not row.live)
     if row.default == []:
-        # An empty list has no type in ROS: as a default a list of one empty text stands for it. Where the parameter may
-        # be set, it takes an empty list of whatever type `ros2 param set NODE NAME "[]"` makes of it.
+        # An empty list has no type in ROS: as a default a list of one empty text stands for it.
+        # Where the parameter may be set, it takes an empty list of whatever type `ros2 param set
+        # NODE NAME "[]"` makes of it.
         descriptor.dynamic_typing = row.live
         if not row.live:
             descriptor.type = Parameter.Type.STRING_ARRAY.value

@@ -22,7 +22,8 @@ from elastic_arm.errors import ElasticArmError
 from elastic_arm.nodes.support.node import LONGEST_REST, ArmNode
 from elastic_arm.nodes.transport import choose_transport
 
-# A node that is stopped takes what has arrived: until nothing comes for `QUIET`, or this long where the stream goes on.
+# A node that is stopped takes what has arrived: until nothing comes for `QUIET`, or this long where
+# the stream goes on.
 LONGEST_DRAIN = 1.0
 QUIET = 0.02
 
@@ -32,7 +33,8 @@ def run(make: Callable[[], ArmNode], args: Sequence[str] | None = None) -> int:
 
     make: makes the node; called after ROS is initialised.
 
-    Returns the exit code: 0, or 2 after a mistake of the user's, which stands in one line on stderr.
+    Returns the exit code: 0, or 2 after a mistake of the user's, which stands in one line on
+    stderr.
     """
     words = sys.argv if args is None else args
     if unreadable := [word for word in words if not _is_text(word)]:
@@ -58,7 +60,8 @@ def run(make: Callable[[], ArmNode], args: Sequence[str] | None = None) -> int:
         InvalidParameterValueException,
     ) as error:
         return _refuse(
-            f"{str(error).strip().removesuffix('.')}. `config/` shows the parameters and their types."
+            f"{str(error).strip().removesuffix('.')}. `config/` shows the parameters and their"
+            " types."
         )
     finally:
         rclpy.try_shutdown()
@@ -71,7 +74,8 @@ def run(make: Callable[[], ArmNode], args: Sequence[str] | None = None) -> int:
 
 
 class _Stop:
-    """Set by SIGINT and SIGTERM. A flag rather than an exception: nothing is cut off in the middle."""
+    """Set by SIGINT and SIGTERM. A flag rather than an exception: nothing is cut off in the
+    middle."""
 
     def __init__(self) -> None:
         self.asked = False

@@ -1,4 +1,5 @@
-"""Absurd numbers in a stream of samples, left out before they reach an estimator that cannot forget them."""
+"""Absurd numbers in a stream of samples, left out before they reach an estimator that cannot forget
+them."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,11 +15,12 @@ OF_A_BATCH = 20
 
 
 class StreamScreen:
-    """Leaves out samples that are of no arm, or lie a hundred times the range of those before from their middle.
+    """Leaves out samples that are of no arm, or lie a hundred times the range of those before from
+    their middle.
 
     A recording is screened as a whole, and more closely
-    (:func:`~elastic_arm.recording.inspection.outliers.without_outliers`): here what follows is not known yet, and an
-    arm that begins to move has to pass.
+    (:func:`~elastic_arm.recording.inspection.outliers.without_outliers`): here what follows is not
+    known yet, and an arm that begins to move has to pass.
     """
 
     def __init__(self) -> None:

@@ -1,7 +1,8 @@
 """Messages at a kilohertz: bytes in, bytes out, with numpy views in between.
 
-Building a Python message costs more than sending it. A topic's messages differ only in their numbers, so one of them is
-serialised once and serves as a form to fill in; those that arrive are kept as bytes and decoded many at a time.
+Building a Python message costs more than sending it. A topic's messages differ only in their
+numbers, so one of them is serialised once and serves as a form to fill in; those that arrive are
+kept as bytes and decoded many at a time.
 """
 
 import struct
@@ -24,8 +25,8 @@ Decoded = tuple[tuple[str, ...], NDArray[np.int64], dict[str, NDArray]]
 class Form:
     """A message to be filled in and published again and again.
 
-    type_name: of the message, such as `sensor_msgs/msg/JointState`; message: an example whose strings and array
-    lengths are those of every message to come.
+    type_name: of the message, such as `sensor_msgs/msg/JointState`; message: an example whose
+    strings and array lengths are those of every message to come.
     """
 
     def __init__(self, type_name: str, message: Any) -> None:
@@ -51,9 +52,11 @@ class Form:
 
 
 class Inbox:
-    """Messages of one topic as they arrived, to be decoded many at a time; the oldest give way when it is full.
+    """Messages of one topic as they arrived, to be decoded many at a time; the oldest give way when
+    it is full.
 
-    Counted are messages that came, gave way, or do not fit their type (or have one layout too many).
+    Counted are messages that came, gave way, or do not fit their type (or have one layout too
+    many).
     """
 
     def __init__(self, type_name: str, capacity: int = 20_000) -> None:
@@ -75,7 +78,8 @@ class Inbox:
         return len(self._messages)
 
     def take(self) -> Iterator[Decoded]:
-        """Empty the box: yield names, stamps (N,) in ns and numbers by field (N, count), one layout at a time.
+        """Empty the box: yield names, stamps (N,) in ns and numbers by field (N, count), one layout
+        at a time.
 
         Within a layout the order is that of arrival.
         """

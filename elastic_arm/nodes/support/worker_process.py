@@ -1,4 +1,5 @@
-"""Work that takes seconds, in a process of low priority: the node's own thread goes on taking samples meanwhile."""
+"""Work that takes seconds, in a process of low priority: the node's own thread goes on taking
+samples meanwhile."""
 
 import multiprocessing
 import os
@@ -29,9 +30,9 @@ class Answer:
 class WorkerProcess:
     """A process that answers one question after another.
 
-    make: called in the process with `args`; returns what answers questions. Both are importable by name; args: what
-    the process needs to know; questions and answers go through a pipe, so all are plain data. `restarts` is how often
-    the process died, and was started again.
+    make: called in the process with `args`; returns what answers questions. Both are importable by
+    name; args: what the process needs to know; questions and answers go through a pipe, so all are
+    plain data. `restarts` is how often the process died, and was started again.
     """
 
     def __init__(self, make: Callable[..., Callable[[Any], Any]], *args: Any) -> None:
@@ -66,7 +67,8 @@ class WorkerProcess:
     def answer(self) -> Answer | None:
         """Return the answer if it is there; None if it is not.
 
-        Where the process has died over the question, the answer is that problem, and a new process takes the next one.
+        Where the process has died over the question, the answer is that problem, and a new process
+        takes the next one.
         """
         if self._answer is None or not self._answer.done():
             return None
@@ -75,7 +77,10 @@ class WorkerProcess:
             return answered.result()
         except (EOFError, OSError):
             self._process.join(PATIENCE)
-            problem = f"the process that answers ended with code {self._process.exitcode} and was started again"
+            problem = (
+                f"the process that answers ended with code {self._process.exitcode} and was started"
+                " again"
+            )
             self._end()
             self._start()
             self.restarts += 1

@@ -21,7 +21,8 @@ Table = dict[str, np.ndarray]
 
 
 def export_paths(path: Path, joined: bool = False) -> list[Path]:
-    """Return the files or folder that an export to `path` may make; refuse a path of another kind."""
+    """Return the files or folder that an export to `path` may make; refuse a path of another
+    kind."""
     if path.suffix.lower() not in KINDS:
         raise RecordingError(
             f"{path} is none of {', '.join(KINDS)}", "Give the file one of these endings."
@@ -32,9 +33,9 @@ def export_paths(path: Path, joined: bool = False) -> list[Path]:
 def export_arrays(recording: Recording, path: Path, joined: bool = False) -> list[str]:
     """Write a recording, and return what was done, line by line.
 
-    Each side is a table with stamps of its own. An .npz or .h5 holds all of them; a .csv or .parquet of several sides
-    is a folder with a file for each. With `joined` all channels go on one time base, by interpolation where stamps are
-    apart.
+    Each side is a table with stamps of its own. An .npz or .h5 holds all of them; a .csv or
+    .parquet of several sides is a folder with a file for each. With `joined` all channels go on one
+    time base, by interpolation where stamps are apart.
     """
     export_paths(path, joined)
     if (kind := path.suffix.lower()) in LIBRARIES:

@@ -1,4 +1,5 @@
-"""Named arrays from files: .npz, .npy, .mat, tables as text, Parquet and HDF5, and folders of such files."""
+"""Named arrays from files: .npz, .npy, .mat, tables as text, Parquet and HDF5, and folders of such
+files."""
 
 import codecs
 import csv
@@ -29,17 +30,21 @@ LEARNERS = (".parquet", ".h5", ".hdf5")
 KINDS = (*ARRAY_FILES, *RECORD_FILES)
 _PICKLED = (
     "is a pickled object, and reading one may run any program",
-    "Save it where it was made, or where you trust it: pandas.read_pickle('{0}').to_parquet('table.parquet').",
+    (
+        "Save it where it was made, or where you trust it:"
+        " pandas.read_pickle('{0}').to_parquet('table.parquet')."
+    ),
 )
 _ELSEWHERE = dict.fromkeys((".pkl", ".pickle", ".p", ".joblib"), _PICKLED)
 _ELSEWHERE[".feather"] = (
     "is a Feather file",
     "Save it as Parquet: pandas.read_feather('{0}').to_parquet('t.parquet').",
 )
-FILE_INDEX = (
-    "file_index"  # array that numbers the files of a folder whose files hold the same arrays
+FILE_INDEX = (  # array that numbers the files of a folder whose files hold the same arrays
+    "file_index"
 )
-# What numpy, csv and the libraries of the formats raise for a file that is not what its name promises.
+# What numpy, csv and the libraries of the formats raise for a file that is not what its name
+# promises.
 _UNREADABLE: tuple[type[Exception], ...] = (
     OSError,
     ValueError,
@@ -80,9 +85,9 @@ class Arrays(dict[str, np.ndarray]):
 def load_arrays(path: Path, decimal: str | None = ".") -> Arrays:
     """Read the arrays of a file, or of all files of a folder, as docs/channel_maps.md names them.
 
-    `decimal` is the decimal mark of tables as text; None for the one that fits. Columns that are no numbers come as
-    texts. Files of a dataset, which are numbered and all hold the same arrays, are read one below the other, and
-    `file_index` numbers them.
+    `decimal` is the decimal mark of tables as text; None for the one that fits. Columns that are no
+    numbers come as texts. Files of a dataset, which are numbered and all hold the same arrays, are
+    read one below the other, and `file_index` numbers them.
     """
     # Path.is_dir raises for names that are too long.
     if not os.path.isdir(path):
@@ -131,7 +136,8 @@ def _number(file: Path) -> list[tuple[int, str]]:
 
 
 def _rows(part: Arrays) -> Arrays:
-    """Return the arrays of a file that have a row a sample, which most have, and texts, which say why they are none."""
+    """Return the arrays of a file that have a row a sample, which most have, and texts, which say
+    why they are none."""
     texts = {name: values for name, values in part.items() if values.dtype.kind == "U"}
     lengths = Counter(len(values) for name, values in part.items() if name not in texts)
     count = max(lengths, key=lambda length: lengths[length], default=0)
@@ -237,10 +243,12 @@ def _npz(path: Path) -> Arrays:
 
 
 def _table(path: Path, decimal: str | None) -> Arrays:
-    """Read a table as text: with or without a line of names, a row of units, columns of texts, and blank cells."""
+    """Read a table as text: with or without a line of names, a row of units, columns of texts, and
+    blank cells."""
     lines = _text(path).split("\n")
     numbered = [(n, line) for n, line in enumerate(lines, start=1) if line.strip()]
-    # Names stand in the first line that is no comment, or in the last of the comments before it, as numpy writes them.
+    # Names stand in the first line that is no comment, or in the last of the comments before it, as
+    # numpy writes them.
     remarks = sum(
         1 for _ in itertools.takewhile(lambda row: row[1].lstrip().startswith("#"), numbered)
     )
@@ -338,7 +346,10 @@ def _by_cells(
         if len(cells) == len(names) + 1 and not cells[-1].strip():
             cells.pop()  # a mark at the end of the line parts nothing
         if len(cells) != len(names):
-            problem = f"{path} cannot be read: line {n}: {len(cells)} columns, where the lines before have {len(names)}"
+            problem = (
+                f"{path} cannot be read: line {n}: {len(cells)} columns, where the lines before"
+                f" have {len(names)}"
+            )
             raise RecordingError(
                 problem, "Begin with the line of names, and give all lines as many columns."
             )
@@ -362,7 +373,8 @@ def _by_cells(
 
 
 def _laid_out(path: Path, table: Arrays) -> Arrays:
-    """Return a table whose texts are lists, names of a long table or dates as arrays; any other as it is."""
+    """Return a table whose texts are lists, names of a long table or dates as arrays; any other as
+    it is."""
     try:
         found, units = arrays_of({name: values.tolist() for name, values in table.items()})
     except RecordingError as error:

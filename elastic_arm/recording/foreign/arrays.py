@@ -61,7 +61,8 @@ class Times(Strict):
 
 
 class Rows(Strict):
-    """The runs of arrays that hold several: rows where array `key` is the same number, as an episode's."""
+    """The runs of arrays that hold several: rows where array `key` is the same number, as an
+    episode's."""
 
     key: Key
     value: WholeNumber | list[WholeNumber] | None = None  # of one run, or of several; all when None
@@ -76,10 +77,11 @@ class ArrayChannel(Strict):
     joints: Annotated[list[str], Field(min_length=1)] | None = None
     # columns of the array, one a joint; all by default
     columns: Annotated[list[Annotated[WholeNumber, Field(ge=0)]], Field(min_length=1)] | None = None
-    # the array holds the numbers of all joints one after the other, sample by sample: one a line of a text file
+    # the array holds the numbers of all joints one after the other, sample by sample: one a line of
+    # a text file
     flat: bool = False
-    # unit, offset, factor, sign, torque_constant, ratio: as in a channel map; one for all joints, or one a joint, as
-    # where some of them slide (null for those without)
+    # unit, offset, factor, sign, torque_constant, ratio: as in a channel map; one for all joints,
+    # or one a joint, as where some of them slide (null for those without)
     unit: Unit | list[Unit] | None = None
     offset: Number | list[Number] = 0.0
     factor: Number | list[Number] = 1.0
@@ -109,7 +111,8 @@ class ArrayChannel(Strict):
         return [list(joints).index(name) for name in own]
 
     def scales(self, channel: ChannelName, n: int) -> list[ChannelScale]:
-        """Return how each of n joints' numbers become ones in SI units at the harmonic-drive output."""
+        """Return how each of n joints' numbers become ones in SI units at the harmonic-drive
+        output."""
         names = ("unit", "offset", "factor", "sign", "torque_constant", "ratio")
         given = {name: getattr(self, name) for name in names}
         for name, value in given.items():
@@ -154,7 +157,8 @@ class ArrayMap(Strict):
     )
     every: Annotated[WholeNumber, Field(ge=1)] = 1  # of the rows each so many-th is taken
     decimal: Literal[".", ","] = "."  # mark of tables as text
-    # arrays that are left out on purpose, `*` and `?` as in file names; any other that is not mapped is an error
+    # arrays that are left out on purpose, `*` and `?` as in file names; any other that is not
+    # mapped is an error
     ignore: Annotated[list[str], Field(default_factory=list)]
     robot_description: str | None = (
         None  # URDF file to put into the bag; relative to the mapping file
@@ -186,7 +190,8 @@ class ArrayMap(Strict):
             )
 
     def currents(self) -> tuple[str, ...]:
-        """Return the torque channels, by the names of a recording, that are currents of any joint."""
+        """Return the torque channels, by the names of a recording, that are currents of any
+        joint."""
         units = (None if own is None else own.unit for own in (self.link.effort, self.motor.effort))
         found = from_currents(*(unit if isinstance(unit, list) else [unit] for unit in units))
         return tuple(dict.fromkeys((*self.from_currents, *found)))
@@ -212,7 +217,8 @@ def import_arrays(path: str | Path, mapping: str | Path) -> Recording:
 
 
 def import_runs(path: str | Path, mapping: str | Path) -> dict[str, Recording]:
-    """Make recordings of a file or folder of arrays, by the names of the runs; one alone has an empty name."""
+    """Make recordings of a file or folder of arrays, by the names of the runs; one alone has an
+    empty name."""
     rules = load_array_map(mapping)
     arrays = load_arrays(Path(path), rules.decimal)
     urdf = None
@@ -244,7 +250,8 @@ def import_runs(path: str | Path, mapping: str | Path) -> dict[str, Recording]:
 
 @dataclass(frozen=True)
 class _SideTable:
-    """All rows of a side: times as they are, or numbers of the rows where there is a rate, and channels in SI units."""
+    """All rows of a side: times as they are, or numbers of the rows where there is a rate, and
+    channels in SI units."""
 
     rules: Times
     times: np.ndarray
@@ -274,13 +281,15 @@ def _refuse_strays(arrays: Arrays, rules: ArrayMap) -> None:
 
 
 def _other_form(name: str, arrays: Mapping[str, np.ndarray], used: Collection[str]) -> bool:
-    """Return whether an array that is not used is another form of one that is, or of one that names it shorter.
+    """Return whether an array that is not used is another form of one that is, or of one that names
+    it shorter.
 
     A table without names in a folder is there as `file`, and by columns as `file.0`, `file.1` …
     """
     whole, _, column = name.rpartition(".")
     if column.isdecimal() and whole in arrays:
-        # Of a table that is used by some columns the others are strays; of one that is not used it is one by itself.
+        # Of a table that is used by some columns the others are strays; of one that is not used it
+        # is one by itself.
         return whole in used or not any(key.startswith(f"{whole}.") for key in used)
     return f"{name}.0" in arrays and any(key.rpartition(".")[0] == name for key in used)
 
@@ -288,7 +297,8 @@ def _other_form(name: str, arrays: Mapping[str, np.ndarray], used: Collection[st
 def _in_stated_unit(
     channel: ArrayChannel, name: ChannelName, arrays: Arrays, n: int
 ) -> tuple[ArrayChannel, list[str]]:
-    """Give a channel without a unit those that its columns' names or a row of units state; note those that differ."""
+    """Give a channel without a unit those that its columns' names or a row of units state; note
+    those that differ."""
     keys = channel.arrays()
     words = [stated_unit(key, arrays.units.get(key, "")) for key in keys]
     known = [known_unit(word) or ("", 1.0) for word in words]
@@ -349,7 +359,10 @@ def _read_side(arrays: Arrays, rules: ArrayMap, side: SideName, notes: list[str]
         late = np.abs(values.astype(np.float64)) >= 2**31 * 1e9 / _NS[times.unit]
         if late.any():
             row = int(np.argmax(late))
-            problem = f"{times.key} is {values[row]} {times.unit} in row {row}; stamps end at 2^31 s, in 2038"
+            problem = (
+                f"{times.key} is {values[row]} {times.unit} in row {row}; stamps end at 2^31 s, in"
+                " 2038"
+            )
             raise RecordingError(
                 problem, "Give the right unit under times, or subtract a constant."
             )
@@ -418,7 +431,8 @@ def _recording(
             )
         if not whole.all():
             notes.append(
-                f"{np.sum(~whole)} of {len(whole)} rows have holes on the {side} side and were left out of it"
+                f"{np.sum(~whole)} of {len(whole)} rows have holes on the {side} side and were left"
+                " out of it"
             )
         stamp_ns = _stamps(times[whole], table.rules, int(rows[0]) if len(rows) else 0)
         sides[side] = checked(
@@ -483,7 +497,10 @@ def _table(arrays: Arrays, source: ArrayChannel, count: int, n: int) -> Array:
             and len(keys) == 1
             and not source.flat
         ):
-            remedy += f" If it holds {n} numbers a sample one after the other, add flat: true to the channel."
+            remedy += (
+                f" If it holds {n} numbers a sample one after the other, add flat: true to the"
+                " channel."
+            )
         problem = (
             f"{', '.join(keys)} has shape {table.shape}; {count} samples of {n} joints are wanted"
         )

@@ -1,4 +1,5 @@
-"""Channel maps: what a foreign bag calls, and how it scales, what a recording holds (docs/channel_maps.md)."""
+"""Channel maps: what a foreign bag calls, and how it scales, what a recording holds
+(docs/channel_maps.md)."""
 
 import math
 import re
@@ -21,8 +22,8 @@ Unit = Literal[
     "rad", "deg", "turns", "rad/s", "deg/s", "turns/s", "rpm", "Nm", "Nm_motor", "A", "m", "mm", "m/s", "mm/s", "N",
     "rad/s^2", "deg/s^2", "m/s^2",
 ]  # fmt: skip
-# Of motors that move several joints at once, as in a wrist: joint -> motor -> how much the joint turns for one turn of
-# the motor, both at the joint's output.
+# Of motors that move several joints at once, as in a wrist: joint -> motor -> how much the joint
+# turns for one turn of the motor, both at the joint's output.
 Coupling = dict[str, dict[str, Number]]
 Sign = Annotated[Literal[1, -1], BeforeValidator(refuse_truth)]
 REMEDY = "See docs/channel_maps.md."
@@ -34,9 +35,9 @@ _SIZES = {"rad": 1.0, "deg": math.pi / 180, "turns": 2 * math.pi, "m": 1.0, "mm"
 # A position's unit on a velocity means that unit per second.
 TO_SI: dict[ChannelName, dict[str, float]] = {
     "position": _SIZES,
-    "velocity": _SIZES
-    | {f"{unit}/s": size for unit, size in _SIZES.items()}
-    | {"rpm": 2 * math.pi / 60},
+    "velocity": (
+        _SIZES | {f"{unit}/s": size for unit, size in _SIZES.items()} | {"rpm": 2 * math.pi / 60}
+    ),
     "effort": dict.fromkeys(("Nm", "N", "Nm_motor", "A"), 1.0),
     "acceleration": {f"{unit}/s^2": size for unit, size in _SIZES.items()},
 }
@@ -57,7 +58,8 @@ _WRITTEN: dict[str, tuple[Unit, float]] = {unit.lower(): (unit, 1.0) for unit in
 _WRITTEN |= {word: (unit, 1.0) for unit, words in _CALLED.items() for word in words.split()}
 _WRITTEN |= {"mrad": ("rad", 1e-3), "mrad/s": ("rad/s", 1e-3), "ma": ("A", 1e-3)}
 _WRITTEN |= {"mnm": ("Nm", 1e-3), "knm": ("Nm", 1e3), "kn": ("N", 1e3)}
-# The unit in a column's name: in brackets, unless it is a number; in parentheses, unless it is a remark; at the end.
+# The unit in a column's name: in brackets, unless it is a number; in parentheses, unless it is a
+# remark; at the end.
 _IN_NAME = re.compile(
     r"\[\s*([^\]\d][^\]]*?)\s*\]|_((?:deg|m?rad)(?:_s)?|[mk]?Nm|rpm|m[mA])$"
     r"|\(\s*([^()\d][^()]*?)\s*\)|\s(?:/|in)\s+(\S.*?)\s*$"
@@ -72,7 +74,8 @@ DEFAULT_UNIT: dict[ChannelName, Unit] = {
 
 
 def stated_unit(name: str, row: str = "") -> str:
-    """Return the unit that a column's name, or its cell in a row of units, states; empty where neither does."""
+    """Return the unit that a column's name, or its cell in a row of units, states; empty where
+    neither does."""
     if row:
         return row
     for match in _IN_NAME.finditer(name):
@@ -84,7 +87,8 @@ def stated_unit(name: str, row: str = "") -> str:
 
 
 def known_unit(written: str) -> tuple[Unit, float] | None:
-    """Return the unit that a file's word for one means, and how many of it that is; None for other words."""
+    """Return the unit that a file's word for one means, and how many of it that is; None for other
+    words."""
     return _WRITTEN.get("".join(written.split()).lower())
 
 
@@ -97,8 +101,8 @@ class Strict(BaseModel):
 class ChannelScale(Strict):
     """How a recorded number becomes one in SI units at the harmonic-drive output."""
 
-    # of the recorded number; `Nm_motor` is a torque at the motor shaft, `A` a motor current. Lengths and forces are
-    # those of a prismatic joint.
+    # of the recorded number; `Nm_motor` is a torque at the motor shaft, `A` a motor current.
+    # Lengths and forces are those of a prismatic joint.
     unit: Unit | None = None
     offset: Number = (
         0.0  # added to the recorded number, in its own unit: less what it reads at zero
@@ -108,8 +112,8 @@ class ChannelScale(Strict):
     torque_constant: Annotated[Number, Field(gt=0)] | None = (
         None  # nm/A at the motor shaft; for currents
     )
-    # motor turns per turn at the harmonic-drive output: what is measured at the motor shaft is reduced by it. Of a
-    # prismatic joint rad of the motor per m.
+    # motor turns per turn at the harmonic-drive output: what is measured at the motor shaft is
+    # reduced by it. Of a prismatic joint rad of the motor per m.
     ratio: Annotated[Number, Field(gt=0)] | None = None
 
     @model_validator(mode="after")
@@ -138,7 +142,8 @@ class ChannelScale(Strict):
             )
 
     def scale(self, channel: ChannelName) -> float:
-        """Return the factor that turns the recorded number into rad, rad/s or Nm (m, m/s or N) at the output."""
+        """Return the factor that turns the recorded number into rad, rad/s or Nm (m, m/s or N) at
+        the output."""
         si = TO_SI[channel][self.unit or DEFAULT_UNIT[channel]] * self.factor * self.sign
         ratio = self.ratio or 1.0
         return si * (self.torque_constant or 1.0) * ratio if channel == "effort" else si / ratio
@@ -152,7 +157,8 @@ class Channel(ChannelScale):
     """Where one channel of one joint comes from."""
 
     topic: str  # topic in the bag
-    # path of the field in the message: `position`, `wrench.torque.z`, `data`; the channel's own name by default
+    # path of the field in the message: `position`, `wrench.torque.z`, `data`; the channel's own
+    # name by default
     field: str = ""
     # place in the field; by default the place of `name` in the message's list of names
     index: Annotated[WholeNumber, Field(ge=0)] | None = None
@@ -186,14 +192,16 @@ class SideChannels(Present):
 
 
 def from_currents(link: Sequence[str | None], motor: Sequence[str | None]) -> tuple[str, ...]:
-    """Return the torque channels, by the names of a recording, of which any joint has the unit of a current."""
+    """Return the torque channels, by the names of a recording, of which any joint has the unit of a
+    current."""
     return tuple(
         name for name, units in zip(TORQUE_CHANNELS, (link, motor), strict=True) if "A" in units
     )
 
 
 class JointChannels(Strict):
-    """The sides of a joint and its command; `name` is what the bag calls it, for channels without one of their own."""
+    """The sides of a joint and its command; `name` is what the bag calls it, for channels without
+    one of their own."""
 
     name: str = ""
     link: SideChannels = SideChannels()
@@ -254,7 +262,8 @@ class ChannelMap(Strict):
         return set(self.fields())
 
     def currents(self) -> tuple[str, ...]:
-        """Return the torque channels, by the names of a recording, that are currents of any joint."""
+        """Return the torque channels, by the names of a recording, that are currents of any
+        joint."""
         sides = zip(
             *((joint.link.effort, joint.motor.effort) for joint in self.joints.values()),
             strict=True,
@@ -267,8 +276,8 @@ class ChannelMap(Strict):
 def load_channels(path: str | Path) -> ChannelMap:
     """Read a channel map (YAML).
 
-    Raises a RecordingError if it cannot be read, or a field is missing, unknown, of the wrong type or at odds with
-    another.
+    Raises a RecordingError if it cannot be read, or a field is missing, unknown, of the wrong type
+    or at odds with another.
     """
     return load_model(ChannelMap, path, "channel map")
 
@@ -307,7 +316,8 @@ def _merged(defaults: Any, own: Any) -> Any:
 
 
 def _filled(joint_name: str, joint: Any) -> Any:
-    """Fill in what a channel leaves out: the joint's name in the bag, and the field called like the channel.
+    """Fill in what a channel leaves out: the joint's name in the bag, and the field called like the
+    channel.
 
     What is no mapping is left as it is: the validation has the better words for it.
     """
@@ -319,9 +329,9 @@ def _filled(joint_name: str, joint: Any) -> Any:
         if not isinstance(channels, dict):
             return channels
         return {
-            channel: {"name": name, "field": channel, **source}
-            if isinstance(source, dict)
-            else source
+            channel: (
+                {"name": name, "field": channel, **source} if isinstance(source, dict) else source
+            )
             for channel, source in channels.items()
         }
 
@@ -329,7 +339,8 @@ def _filled(joint_name: str, joint: Any) -> Any:
 
 
 def coupling_matrix(coupling: Mapping[str, Mapping[str, float]], joints: Sequence[str]) -> Array:
-    """Return the matrix C (n, n) of theta = C theta_motors; joints without an entry turn with their own motor alone."""
+    """Return the matrix C (n, n) of theta = C theta_motors; joints without an entry turn with their
+    own motor alone."""
     matrix = np.eye(len(joints))
     for joint, motors in coupling.items():
         for name in (joint, *motors):
@@ -345,13 +356,15 @@ def coupling_matrix(coupling: Mapping[str, Mapping[str, float]], joints: Sequenc
         sizes[-1] < 1e-9 * sizes[0]
     ):  # relative singular value below which motors cannot move the joints apart
         raise ValueError(
-            "coupling: the motors cannot move these joints apart; each row names the joint's own motor too"
+            "coupling: the motors cannot move these joints apart; each row names the joint's own"
+            " motor too"
         )
     return matrix
 
 
 def coupled(side: Side | None, matrix: Array) -> Side | None:
-    """Return the motor side of joints: theta = C theta_motors, C' tau = tau_motors, so that power is kept."""
+    """Return the motor side of joints: theta = C theta_motors, C' tau = tau_motors, so that power
+    is kept."""
     if side is None or np.array_equal(matrix, np.eye(len(matrix))):
         return side
     inverse = np.linalg.inv(matrix)

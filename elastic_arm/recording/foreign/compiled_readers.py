@@ -1,9 +1,11 @@
-"""MATLAB, Parquet and HDF5 files, read by ``python -m …compiled_readers BYTES SECONDS FILE…``, a process with bounds.
+"""MATLAB, Parquet and HDF5 files, read by ``python -m …compiled_readers BYTES SECONDS FILE…``, a
+process with bounds.
 
-The libraries that read these formats are compiled code, which may end its process on a damaged file, and believe the
-sizes that a file claims. Here that costs no more than this process, whose memory (bytes beside what Python itself
-takes) and processor time are limited. The arrays go to standard output as an .npz file; why a file is refused goes to
-standard error, as problem and remedy.
+The libraries that read these formats are compiled code, which may end its process on a damaged
+file, and believe the sizes that a file claims. Here that costs no more than this process, whose
+memory (bytes beside what Python itself takes) and processor time are limited. The arrays go to
+standard output as an .npz file; why a file is refused goes to standard error, as problem and
+remedy.
 """
 
 import importlib
@@ -24,7 +26,8 @@ from elastic_arm.errors import ElasticArmError, RecordingError, require_librarie
 # Processor time: to start, and for each byte of the file (packed files of 10 MB take a second).
 START_SECONDS = 20
 BYTES_A_SECOND = 1_000_000
-PATIENCE = 10  # time on the clock for a second of the processor: a busy machine gives a process a tenth of a core
+# time on the clock for a second of the processor: a busy machine gives a process a tenth of a core
+PATIENCE = 10
 REFUSED = 3  # exit code where the reason stands on standard error
 MODULE = "elastic_arm.recording.foreign.compiled_readers"
 LIBRARIES = {".mat": "scipy", ".parquet": "pyarrow", ".h5": "h5py", ".hdf5": "h5py"}
@@ -34,8 +37,9 @@ _FILE = "file "  # begin of a line on standard error
 def load_compiled(paths: Sequence[Path], most: int) -> list[dict[str, np.ndarray]]:
     """Read the arrays of files that unpack to so many bytes together at most.
 
-    Fields of a MATLAB struct are called `struct.field`, HDF5's datasets by their paths with dots. A Parquet column of
-    lists of equally many numbers, such as LeRobot's `observation.state`, is one array. Pictures and texts are left out.
+    Fields of a MATLAB struct are called `struct.field`, HDF5's datasets by their paths with dots. A
+    Parquet column of lists of equally many numbers, such as LeRobot's `observation.state`, is one
+    array. Pictures and texts are left out.
     """
     kinds = sorted({path.suffix.lower() for path in paths})
     needed = [LIBRARIES[kind] for kind in kinds]
@@ -76,7 +80,10 @@ def load_compiled(paths: Sequence[Path], most: int) -> list[dict[str, np.ndarray
             raise RecordingError(f"{path}{said[-2]}", said[-1])
         reason = " ".join(said[-1:])[:200] or "it is damaged"
         if run.returncode < 0:
-            reason = f"its reader ends with {signal.Signals(-run.returncode).name}: it is damaged, or takes too long"
+            reason = (
+                f"its reader ends with {signal.Signals(-run.returncode).name}: it is damaged, or"
+                " takes too long"
+            )
         raise RecordingError(f"{path} cannot be read: {reason}", "Check the path and the format.")
     found: list[dict[str, np.ndarray]] = [{} for _ in paths]
     with np.load(io.BytesIO(run.stdout), allow_pickle=False) as content:
@@ -119,7 +126,8 @@ def _parquet(path: str, most: int) -> Iterator[tuple[str, np.ndarray]]:
     import pyarrow.parquet as pq
 
     with pq.ParquetFile(path) as file:
-        # A few bytes may stand for any number of equal values, so that the file's own sizes do not count.
+        # A few bytes may stand for any number of equal values, so that the file's own sizes do not
+        # count.
         groups = (file.metadata.row_group(k) for k in range(file.metadata.num_row_groups))
         columns = (group.column(k) for group in groups for k in range(group.num_columns))
         _refuse_large(
@@ -147,7 +155,8 @@ def _has_numbers(kind: Any) -> bool:
 
 
 def _column(column: Any) -> np.ndarray | None:
-    """Return a column as (N,), or as (N, k) where it has lists of k; None where these differ in length."""
+    """Return a column as (N,), or as (N, k) where it has lists of k; None where these differ in
+    length."""
     import pyarrow as pa
     import pyarrow.compute as pc
 

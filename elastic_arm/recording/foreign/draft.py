@@ -54,7 +54,8 @@ class Draft:
     def to_yaml(self) -> str:
         """Return the text of the mapping file, with the reasons as comments."""
         lines = [
-            "# Draft of an array mapping, guessed from the numbers and names of the arrays: read every line and"
+            "# Draft of an array mapping, guessed from the numbers and names of the arrays: read"
+            " every line and"
         ]
         lines += [
             "# correct it (docs/channel_maps.md). Signs and zeros of the joints cannot be guessed."
@@ -67,7 +68,8 @@ class Draft:
         if self.runs is not None:
             key, count = self.runs
             lines += [
-                f"rows: {_inline({'key': key})}          # {count} runs, a bag each; value: N takes one"
+                f"rows: {_inline({'key': key})}          # {count} runs, a bag each; value: N"
+                " takes one"
             ]
         if self.decimal != ".":
             lines += [f"decimal: {_inline(self.decimal)}"]
@@ -85,7 +87,8 @@ class Draft:
         return "\n".join(lines) + "\n"
 
     def _ignored_patterns(self) -> list[tuple[str, str]]:
-        """Return what is left out, counted names and structs of which nothing is used as one pattern."""
+        """Return what is left out, counted names and structs of which nothing is used as one
+        pattern."""
         left_out = {key for key, _ in self.ignored}
         used = [key for guess in self.channels for key in guess.table.keys if key not in left_out]
         used += [] if self.times is None else [self.times.key]

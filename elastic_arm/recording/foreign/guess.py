@@ -1,4 +1,5 @@
-"""A draft of an array mapping: what each array of a file may be, with the reason, for a person to read and correct."""
+"""A draft of an array mapping: what each array of a file may be, with the reason, for a person to
+read and correct."""
 
 import re
 from collections.abc import Collection, Mapping, Sequence
@@ -53,12 +54,16 @@ _ANGLES = {"rad": 1.0, "deg": np.pi / 180, "turns": 2 * np.pi}
 _ANGLE_WORDS = r"deg|rad|turn|rev"
 _SPEEDS = {"rad/s": 1.0, "deg/s": np.pi / 180, "turns/s": 2 * np.pi, "rpm": 2 * np.pi / 60}
 _WORDS = {
-    "other": r"temp|volt|cmpt|error|status|mode(?!l?led)|noise|friction|grav|model|predict|simul|init"
-    r"|(?<!e)ff(?=_|\d|$)",
+    "other": (
+        r"temp|volt|cmpt|error|status|mode(?!l?led)|noise|friction|grav|model|predict|simul|init"
+        r"|(?<!e)ff(?=_|\d|$)"
+    ),
     "acceleration": r"acc|ddq|qdd|d2",
     "velocity": r"vel|drehzahl|dq|qd|omega|speed|rpm|dtheta",
-    "effort": r"torq|strom|tau|force|eff(?!ect)|cur(?!v|rent_?(?:pos|ang|vel|q|state|joint))|load|moment|pwm|duty"
-    r"|(?<![a-z])i(?=_|\d|$)",
+    "effort": (
+        r"torq|strom|tau|force|eff(?!ect)|cur(?!v|rent_?(?:pos|ang|vel|q|state|joint))|load|moment|pwm|duty"
+        r"|(?<![a-z])i(?=_|\d|$)"
+    ),
     "position": r"pos|winkel|ang|theta|(?<![a-z])q(?=_|\d|$)|joint_state|(?<![a-z])state$",
 }
 # What the arm was told; without a further word its positions, as a dataset's `action`.
@@ -66,9 +71,13 @@ _COMMAND = r"target|goal|demand|soll|desired|des(?=_|\d|$)|ref(?!l)|cmd|command(
 # Read in this order: a sensor of a motor's torque is rarer than a torque sensor.
 _SIDE_WORDS: dict[SideName, str] = {
     "command": _COMMAND,
-    "link": r"link|(?<![a-z])se(?=_|\d|$)|second|output|load|sensor|torq\w*s(m|ens)|tau_?j|arm_side",
-    "motor": r"mot|strom|rotor|theta|drive|actuat|cur(?!v|rent_?(?:pos|ang|vel|q|state|joint))"
-    r"|tau_?m|(?<![a-z])i(?=_|\d|$)",
+    "link": (
+        r"link|(?<![a-z])se(?=_|\d|$)|second|output|load|sensor|torq\w*s(m|ens)|tau_?j|arm_side"
+    ),
+    "motor": (
+        r"mot|strom|rotor|theta|drive|actuat|cur(?!v|rent_?(?:pos|ang|vel|q|state|joint))"
+        r"|tau_?m|(?<![a-z])i(?=_|\d|$)"
+    ),
 }
 # Of several arrays for one channel the one with more of these in its name is taken.
 _MEASURED = r"act(?=_|ual)|meas|rec|sens|raw|abs"
@@ -80,7 +89,8 @@ def guess_mapping(
 ) -> Draft:
     """Return a draft of the mapping from arrays to a recording.
 
-    Units follow from names, ranges, and slopes of derivatives; sides and kinds of torque from names.
+    Units follow from names, ranges, and slopes of derivatives; sides and kinds of torque from
+    names.
     """
     contents = find_tables(arrays, joints, getattr(arrays, "units", {}))
     slides = np.array([joint in prismatic for joint in joints])
@@ -120,8 +130,10 @@ def guess_mapping(
         ignored += [(key, reason) for key in table.keys]
     if not chosen:
         raise RecordingError(
-            f"no array holds positions or torques of {len(joints)} joints; there are {', '.join(arrays)[:300]}",
-            "Check --robot: it needs as many joints as the arrays have columns; or write the mapping by hand.",
+            f"no array holds positions or torques of {len(joints)} joints; there are"
+            f" {', '.join(arrays)[:300]}",
+            "Check --robot: it needs as many joints as the arrays have columns; or write the"
+            " mapping by hand.",
         )
     chosen = {
         place: replace(guess, table=whole[guess.table.keys]) for place, guess in chosen.items()
@@ -150,7 +162,8 @@ def guess_mapping(
 
 
 def _without_dead(guess: Guess, chosen: Mapping[tuple[SideName, ChannelName], Guess]) -> Guess:
-    """Return a guess without columns that stay as they are although another position shows that their joints move."""
+    """Return a guess without columns that stay as they are although another position shows that
+    their joints move."""
     positions = [
         other
         for (_, channel), other in chosen.items()
@@ -195,8 +208,8 @@ class _Reader:
         self.positions = [table for table, quantity in measured if quantity == "position"]
         self.speeds = [table for table, quantity in measured if quantity == "velocity"]
         nameless = [table for table, quantity in measured if quantity is None]
-        # Wherever they stand in the file: angles without a name are those of which a rate is the derivative, and which
-        # are the derivative of none of themselves.
+        # Wherever they stand in the file: angles without a name are those of which a rate is the
+        # derivative, and which are the derivative of none of themselves.
         rates = [*self.speeds, *nameless]
         sources = [
             t for t in nameless if any(self.sources(rate, [t]) for rate in rates if rate is not t)
@@ -205,7 +218,8 @@ class _Reader:
         self.positions += self.angles
 
     def guesses(self) -> list[Guess | tuple[JointTable, str]]:
-        """Return each table as a guess, or with the reason why it is left out; those recognised by name come first."""
+        """Return each table as a guess, or with the reason why it is left out; those recognised by
+        name come first."""
         read = [
             (_quantity(table)[0] is not None or _is_command(table), self._read(table))
             for table in self.tables
@@ -216,7 +230,8 @@ class _Reader:
     def sources(
         self, rate: JointTable, among: Sequence[JointTable]
     ) -> list[tuple[float, float, JointTable]]:
-        """Return those tables whose derivative a rate follows: correlation, slope and table, the most alike first."""
+        """Return those tables whose derivative a rate follows: correlation, slope and table, the
+        most alike first."""
         if self.times is None:
             return []
         slopes = [
@@ -273,7 +288,8 @@ class _Reader:
         )
 
     def _commanded(self, table: JointTable) -> JointTable | None:
-        """Return the position that a table without a name of its own goes with, as commands do: number for number."""
+        """Return the position that a table without a name of its own goes with, as commands do:
+        number for number."""
         for position in self.positions:
             apart = np.abs(table.values - position.values).mean(axis=0)
             spread = position.values.std(axis=0)
@@ -316,7 +332,9 @@ class _Reader:
                     "per cent of each joint's range, by the encoders' steps, which differ",
                 )
                 missing = {
-                    "factor": f"range / 200 of the calibration file; by steps of 12 bits [{factors}]"
+                    "factor": (
+                        f"range / 200 of the calibration file; by steps of 12 bits [{factors}]"
+                    )
                 }
             if _counts(table) and channel in COUNTED:
                 unit, what = COUNTED[channel]
@@ -326,7 +344,10 @@ class _Reader:
         if channel == "effort":
             side = side or "motor"
             if not word:
-                why += "; a motor's torque unless the arm has joint torque sensors: then it goes under link"
+                why += (
+                    "; a motor's torque unless the arm has joint torque sensors: then it goes under"
+                    " link"
+                )
             if unit == "A":
                 missing |= {
                     "torque_constant": "Nm/A at the motor shaft",
@@ -343,17 +364,24 @@ class _Reader:
         if still := [str(k) for k in np.flatnonzero(np.ptp(table.values, axis=0) == 0)]:
             reasons = [
                 *reasons,
-                f"{CONSTANT} {', '.join(still)} is constant: no sensor there, or a joint that stood",
+                (
+                    f"{CONSTANT} {', '.join(still)} is constant: no sensor there, or a joint that"
+                    " stood"
+                ),
             ]
         if table.available > n:
             reasons = [
                 *reasons,
-                f"the first {n} of {table.available} columns: check that these are the arm's joints",
+                (
+                    f"the first {n} of {table.available} columns: check that these are the arm's"
+                    " joints"
+                ),
             ]
         return Guess(side or "link", channel, table, unit, (*reasons, why), scales, missing)
 
     def _speed_unit(self, table: JointTable) -> tuple[str, str]:
-        """Return the unit of velocities by the slope of the positions' derivatives over them, else by the name."""
+        """Return the unit of velocities by the slope of the positions' derivatives over them, else
+        by the name."""
         if (found := self._speed_by_slope(table)) is not None:
             return found
         if (word := re.search(r"deg|rpm|rad", table.name, re.I)) is not None:
@@ -365,7 +393,8 @@ class _Reader:
         return "rad/s", "unit is a guess: it is the derivative of no position in the file"
 
     def _speed_by_slope(self, table: JointTable) -> tuple[str, str] | None:
-        """Return the unit in which a table is the derivative of a position, and of which; None where it is of none.
+        """Return the unit in which a table is the derivative of a position, and of which; None
+        where it is of none.
 
         To follow a velocity is not enough: so does a torque that is mostly friction.
         """
@@ -381,7 +410,8 @@ class _Reader:
 
 
 def _slope(source: JointTable, rate: JointTable, times: TimeArray) -> tuple[float, float]:
-    """Return correlation and slope of a table's derivative over another table: medians over the moving joints."""
+    """Return correlation and slope of a table's derivative over another table: medians over the
+    moving joints."""
     width = max(round(AVERAGED * times.rate), 3)
     dt = np.maximum(np.gradient(times.seconds), 1e-9)[:, None]
     derivative = np.gradient(source.values, axis=0) / dt
@@ -406,9 +436,11 @@ def _is_command(table: JointTable) -> bool:
 
 
 def _rank(guess: Guess) -> tuple[int, bool]:
-    """Return the order of guesses for one channel: names of measurements first, then torques that say whose they are.
+    """Return the order of guesses for one channel: names of measurements first, then torques that
+    say whose they are.
 
-    Beside a torque by the motor's current, one that is called a torque and nothing else may be the controller's model.
+    Beside a torque by the motor's current, one that is called a torque and nothing else may be the
+    controller's model.
     """
     sided = (
         guess.channel == "effort"
@@ -419,7 +451,8 @@ def _rank(guess: Guess) -> tuple[int, bool]:
 
 
 def _quantity(table: JointTable) -> tuple[Any, str]:
-    """Return what the name of a table means, or else the unit that it states; and the name where it shows that."""
+    """Return what the name of a table means, or else the unit that it states; and the name where it
+    shows that."""
     stem = re.sub(_COMMAND, "", table.stem, flags=re.I)
     if TIME_NAME.search(table.name):
         return "other", table.name
@@ -453,14 +486,15 @@ def _angle_unit(table: JointTable) -> tuple[str, str]:
     # Where columns end at 100 it is the end of a calibrated range.
     full = 99.5 < largest <= 100.0
     instead += (
-        ", or per cent of each joint's range, as LeRobot's default is: then factor, its degrees / 100"
-        * full
+        ", or per cent of each joint's range, as LeRobot's default is: then factor, its degrees"
+        " / 100" * full
     )
     return unit, f"largest angle {largest:.3g}: {unit}{instead}"
 
 
 def _counts(table: JointTable) -> bool:
-    """Return whether numbers are those of a register: whole ones beyond what an arm has in units of its quantity."""
+    """Return whether numbers are those of a register: whole ones beyond what an arm has in units of
+    its quantity."""
     whole = bool((table.values == np.round(table.values)).all())
     return whole and float(np.abs(table.values).max()) > 20.0 and len(np.unique(table.values)) > 20
 
@@ -472,7 +506,10 @@ def _torque_unit(table: JointTable) -> tuple[str, str]:
     largest = float(np.abs(table.values).max())
     return (
         "Nm",
-        f"largest {largest:.3g}: taken as Nm at the joint (at the motor shaft: unit Nm_motor, with ratio)",
+        (
+            f"largest {largest:.3g}: taken as Nm at the joint (at the motor shaft: unit Nm_motor,"
+            " with ratio)"
+        ),
     )
 
 
@@ -483,7 +520,8 @@ def _with_ratio(
     motor, link = chosen.get(("motor", "position")), chosen.get(("link", "position"))
     if motor is None or link is None or not {motor.unit, link.unit} <= set(_ANGLES):
         return chosen
-    # Without a unit in its name, a rotor's angle is far beyond a joint's range in any unit: it has that of the link.
+    # Without a unit in its name, a rotor's angle is far beyond a joint's range in any unit: it has
+    # that of the link.
     unit = motor.unit if re.search(_ANGLE_WORDS, motor.table.name, re.I) else link.unit
     of_rotor, of_link = motor.table.values * _ANGLES[unit], link.table.values * _ANGLES[link.unit]
     of_rotor, of_link = of_rotor - of_rotor.mean(axis=0), of_link - of_link.mean(axis=0)

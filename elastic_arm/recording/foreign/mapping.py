@@ -23,9 +23,11 @@ from elastic_arm.recording.timebase.joining import pair
 def mapped_side(
     channels: ChannelMap, side_name: SideName, series: Mapping[str, Series], found: list[Finding]
 ) -> Side | None:
-    """Build one side of all joints; None where the map has no channel of it. `found` gets what was done.
+    """Build one side of all joints; None where the map has no channel of it. `found` gets what was
+    done.
 
-    Channels of one topic share its stamps; those of further topics are brought to the stamps of the first.
+    Channels of one topic share its stamps; those of further topics are brought to the stamps of the
+    first.
     """
     built: Side | None = None
     for channel_name in CHANNEL_NAMES:
@@ -54,7 +56,8 @@ def _channel(
     channels: ChannelMap,
     found: list[Finding],
 ) -> Side:
-    """Build one channel, brought to the stamps of the first joint's topic; NaN for joints without a source."""
+    """Build one channel, brought to the stamps of the first joint's topic; NaN for joints without a
+    source."""
     by_topic: dict[str, list[str]] = {}
     for joint, source in sources.items():
         by_topic.setdefault(source.topic, []).append(joint)
@@ -65,8 +68,9 @@ def _channel(
         if messages is None or not messages.count:
             raise RecordingError(
                 f"no messages on {topic}, which the channel map names for {', '.join(joints)}",
-                f"Topics of the map with messages: {', '.join(t for t, s in series.items() if s.count) or 'none'}; "
-                "elastic-arm bag info lists those of the bag.",
+                "Topics of the map with messages:"
+                f" {', '.join(t for t, s in series.items() if s.count) or 'none'}; elastic-arm bag"
+                " info lists those of the bag.",
             )
         for part, some in _parts(messages, {joint: sources[joint] for joint in joints}):
             part = part.fullest({sources[joint].field for joint in some}, found)
@@ -92,7 +96,8 @@ def _channel(
 
 
 def _parts(messages: Series, sources: Mapping[str, Channel]) -> list[tuple[Series, list[str]]]:
-    """Return the messages that name joints together, with the joints to take from them; all where none is named."""
+    """Return the messages that name joints together, with the joints to take from them; all where
+    none is named."""
     if not messages.names() or any(source.index is not None for source in sources.values()):
         return [(messages, list(sources))]
     called = {source.name: joint for joint, source in sources.items()}
@@ -106,7 +111,10 @@ def _one(messages: Series, source: Channel, name: ChannelName) -> Array:
         return source.applied(messages.column(source.field, source.index), name)
     if not messages.names():
         if messages.width(source.field) > 1:
-            problem = f"{messages.topic} has several numbers in field {source.field!r} and names none of them"
+            problem = (
+                f"{messages.topic} has several numbers in field {source.field!r} and names none of"
+                " them"
+            )
             raise RecordingError(problem, f"Give {source.name} its index in the channel map.")
         return source.applied(messages.column(source.field, 0), name)
     values = messages.columns(source.field, (source.name,))

@@ -1,4 +1,5 @@
-"""Tables of all joints among the arrays of a file: one array, or a group of columns whose names count the joints."""
+"""Tables of all joints among the arrays of a file: one array, or a group of columns whose names
+count the joints."""
 
 import re
 from collections import Counter
@@ -32,14 +33,16 @@ class JointTable:
         tuple[int, ...] | None
     )  # columns of a single array that has more than the joints; None for all
     values: Array  # (N, n) numbers as recorded
-    pattern: str = ""  # what its arrays are called, with * for the joint, where their names hold the joints' own
+    # what its arrays are called, with * for the joint, where their names hold the joints' own
+    pattern: str = ""
     available: int = 0  # columns that there are; 0 where these are all
     flat: bool = False  # the numbers of all joints stand one after the other
     stated: str = ""  # unit by the name of the first array, or by a row of units
 
     @property
     def name(self) -> str:
-        """What the table is called in messages: its array, or the common part of its columns' names."""
+        """What the table is called in messages: its array, or the common part of its columns'
+        names."""
         if len(self.keys) == 1:
             return self.keys[0]
         return self.pattern or f"{self.keys[0]} to {self.keys[-1]}"
@@ -82,11 +85,12 @@ class Contents:
 def find_tables(
     arrays: Mapping[str, np.ndarray], joints: Sequence[str], units: Mapping[str, str] = _NONE
 ) -> Contents:
-    """Sort arrays into times, tables of n joints, and others, by the first run where there are several.
+    """Sort arrays into times, tables of n joints, and others, by the first run where there are
+    several.
 
-    An array of more than n columns is a table of its first n; columns whose names hold the joints' names are one of
-    these, as are those whose names count the joints; columns without names are taken n at a time. For one joint every
-    column is a table.
+    An array of more than n columns is a table of its first n; columns whose names hold the joints'
+    names are one of these, as are those whose names count the joints; columns without names are
+    taken n at a time. For one joint every column is a table.
     """
     numeric = {
         key: np.squeeze(values) for key, values in arrays.items() if values.dtype.kind in "iuf"
@@ -149,7 +153,8 @@ def _sorted(
 
 
 def _find_runs(arrays: Mapping[str, np.ndarray]) -> tuple[str, int] | None:
-    """Return the array that numbers runs, which stand one below the other, and how many there are."""
+    """Return the array that numbers runs, which stand one below the other, and how many there
+    are."""
     for key, values in arrays.items():
         if (
             _RUN_NAME.search(key)
@@ -187,7 +192,8 @@ def _sample_count(arrays: Mapping[str, np.ndarray]) -> int:
 def _find_times(
     arrays: Mapping[str, np.ndarray], count: int, units: Mapping[str, str]
 ) -> TimeArray | None:
-    """Return the array that grows from sample to sample with a rate that arms have; one called time before others."""
+    """Return the array that grows from sample to sample with a rate that arms have; one called time
+    before others."""
     found = []
     called = [
         key for key, values in arrays.items() if values.shape == (count,) and TIME_NAME.search(key)
@@ -226,7 +232,8 @@ def _whole(key: str, values: np.ndarray, count: int, n: int) -> JointTable | Non
 
 
 def _named(columns: Mapping[str, np.ndarray], joints: Sequence[str]) -> list[JointTable]:
-    """Return the groups of columns whose names differ by the name of a joint alone, in the order of the joints."""
+    """Return the groups of columns whose names differ by the name of a joint alone, in the order of
+    the joints."""
     called = {
         **dict(zip(short_names(joints), joints, strict=True)),
         **{joint: joint for joint in joints},
@@ -262,7 +269,8 @@ def _counted(columns: Mapping[str, np.ndarray], n: int) -> list[JointTable]:
     tables = []
     for stem, members in groups.items():
         keys = [members[number] for number in sorted(members)]
-        # Columns without names hold several quantities one after the other; a counted name is one quantity.
+        # Columns without names hold several quantities one after the other; a counted name is one
+        # quantity.
         parts = (
             [keys[k : k + n] for k in range(0, len(keys), n)] if stem == ("", "") else [keys[:n]]
         )

@@ -1,4 +1,5 @@
-"""What tables of texts hold besides one number a cell: lists, long tables, dates, and stamps in two columns.
+"""What tables of texts hold besides one number a cell: lists, long tables, dates, and stamps in two
+columns.
 
 A column is a list of cells: numbers, lists of numbers or of names, texts, or None for an empty one.
 """
@@ -34,8 +35,9 @@ _FEWEST = 3  # rows a name, of a table that has a row for each
 def arrays_of(columns: Columns) -> tuple[dict[str, np.ndarray], dict[str, str]]:
     """Return the arrays of columns, and the units of those that were dates.
 
-    Cells that hold lists of one length become an array of two axes, or with a column of names one array a name; a table
-    with a row for each name and time becomes one column a name; dates become ns since 1970, times of day s.
+    Cells that hold lists of one length become an array of two axes, or with a column of names one
+    array a name; a table with a row for each name and time becomes one column a name; dates become
+    ns since 1970, times of day s.
     """
     read = {name: [_cell(cell) for cell in cells] for name, cells in columns.items()}
     units: dict[str, str] = {}
@@ -125,7 +127,8 @@ def _column(cells: Sequence[Any], unit: str | None) -> np.ndarray:
 
 
 def _dates(cells: Sequence[Any]) -> tuple[np.ndarray, str] | None:
-    """Return dates as ns since 1970, times of day as s, each with its unit; None where any cell is neither."""
+    """Return dates as ns since 1970, times of day as s, each with its unit; None where any cell is
+    neither."""
     if not cells or not all(
         isinstance(cell, str) and re.match(r"\s*\d{1,4}[-:./]\d", cell) for cell in cells
     ):
@@ -182,7 +185,8 @@ def _join_stamps(columns: Columns, units: dict[str, str]) -> None:
 
 
 def _wide(columns: Columns) -> Columns:
-    """Return a table that has a row for each name and time with a column for each name; any other as it is."""
+    """Return a table that has a row for each name and time with a column for each name; any other
+    as it is."""
     times = next((name for name in columns if _TIME.search(name)), None)
     words = [
         name
@@ -225,7 +229,8 @@ def _is_numbers(cells: Sequence[Any]) -> bool:
 
 
 def records(content: Any, path: str) -> Columns:
-    """Return the columns of JSON: a list of records, or an object of lists; objects within are named with dots."""
+    """Return the columns of JSON: a list of records, or an object of lists; objects within are
+    named with dots."""
     while (
         isinstance(content, Mapping)
         and len(content) == 1

@@ -1,4 +1,5 @@
-"""What is wrong with a bag: with its files, with what its readers make of them, and with the numbers."""
+"""What is wrong with a bag: with its files, with what its readers make of them, and with the
+numbers."""
 
 import re
 from collections.abc import Callable, Iterator, Sequence
@@ -64,10 +65,11 @@ def check_bag(
     namespace: str | None = None,
     report_share: Callable[[str, float], None] = lambda what, share: None,
 ) -> Report:
-    """Look for everything that may be wrong with a bag: what readers refuse or mend, and what no arm measures.
+    """Look for everything that may be wrong with a bag: what readers refuse or mend, and what no
+    arm measures.
 
-    A long bag is looked at in parts: what begins in a later one is said with its time. The description is compared with
-    the motions of all of them.
+    A long bag is looked at in parts: what begins in a later one is said with its time. The
+    description is compared with the motions of all of them.
     """
     report, parts, motions = Report(str(path)), list[Report](), Motions()
     # What is no bag at all is no finding.
@@ -113,7 +115,8 @@ def _checked(
 
 
 def _together(parts: Sequence[Report]) -> Iterator[Finding]:
-    """Yield what was found in parts of a bag, each in the first that has it; of the whole what all of them have."""
+    """Yield what was found in parts of a bag, each in the first that has it; of the whole what all
+    of them have."""
     seen = set[str]()
     every = (
         set[str].intersection(*({one.code for one in part.findings} for part in parts))
@@ -140,7 +143,8 @@ def _together(parts: Sequence[Report]) -> Iterator[Finding]:
 def looked_through(
     recording: Recording, robot: Robot | None = None, motions: Motions | None = None
 ) -> list[Finding]:
-    """Return what had to be done to use a recording, and what no sensors of a moving arm, or of this one, measure.
+    """Return what had to be done to use a recording, and what no sensors of a moving arm, or of
+    this one, measure.
 
     What the description is to be compared with is added to `motions`.
     """
@@ -152,7 +156,8 @@ def looked_through(
 
 
 def doubts(recording: Recording, robot: Robot) -> list[str]:
-    """Return in words what cannot be right of a recording to be fitted; fits look for the mounting themselves."""
+    """Return in words what cannot be right of a recording to be fitted; fits look for the mounting
+    themselves."""
     whole = cleared(recording)[0]
     found = _seen(whole, recording, robot) + contradicted([*side_motions(whole, robot)], robot)
     return [
@@ -165,9 +170,11 @@ def doubts(recording: Recording, robot: Robot) -> list[str]:
 def misread(
     recordings: Sequence[Recording], robot: Robot, *, explained: bool = False
 ) -> str | None:
-    """Return which channels are not what they are taken for, in words; no arm is to be written by them.
+    """Return which channels are not what they are taken for, in words; no arm is to be written by
+    them.
 
-    explained: whether effects stand for missing gravity and for encoders that disagree, as those of a diagnosis do.
+    explained: whether effects stand for missing gravity and for encoders that disagree, as those of
+    a diagnosis do.
     """
     for recording in recordings:
         whole = cleared(recording)[0]
@@ -194,7 +201,8 @@ def _seen(whole: Recording, recording: Recording, robot: Robot | None) -> list[F
 def _read(
     content: Content, channels: ChannelMap | None, robot: Robot | None, report: Report
 ) -> Recording | None:
-    """Return the recording as readers do, None where they refuse it; what they say goes into the report."""
+    """Return the recording as readers do, None where they refuse it; what they say goes into the
+    report."""
     joints = None if robot is None else robot.joint_names
     if channels is None:
         _check_names(content, report, joints)
@@ -233,7 +241,10 @@ def _check_names(content: Content, report: Report, joints: Sequence[str] | None)
         series = content.series[topic]
         others = [name for name in series.names() if name not in set(known)]
         if known and others and matched_names(known, series.names()) != series.names():
-            message = f"{topic} names joints that the robot description does not have: {', '.join(others)}"
+            message = (
+                f"{topic} names joints that the robot description does not have:"
+                f" {', '.join(others)}"
+            )
             report.add(
                 "note" if joints is not None else "warning", "unknown_joint", message, topic=topic
             )
@@ -291,7 +302,8 @@ def _check_stamps(topic: str, stamp_ns: Stamps, report: Report) -> None:
 
 
 def _check_drift(content: Content, report: Report) -> None:
-    """Compare the clocks of the two sides: against the recorder's clock, and against each other's sample count."""
+    """Compare the clocks of the two sides: against the recorder's clock, and against each other's
+    sample count."""
     both = [content.series[topic] for topic in _STATES if topic in content.series]
     if len(both) < 2 or any(len(series.stamp_ns) < 100 for series in both):
         return
@@ -307,14 +319,15 @@ def _check_drift(content: Content, report: Report) -> None:
     duration = (both[0].stamp_ns[-1] - both[0].stamp_ns[0]) * 1e-9
     if abs(drift) > _DRIFT and abs(drift) * duration * 1e9 > 0.5 * steps[0]:
         message = (
-            f"the clocks of {both[0].topic} and {both[1].topic} drift apart by {drift * 1e6:.4g} us a second, "
-            f"{abs(drift) * duration * 1e3:.4g} ms over the recording"
+            f"the clocks of {both[0].topic} and {both[1].topic} drift apart by {drift * 1e6:.4g} us"
+            f" a second, {abs(drift) * duration * 1e3:.4g} ms over the recording"
         )
         report.add("warning", "drift", message, topic=both[1].topic)
 
 
 def _clock_rate(series: Series) -> float:
-    """Slope of the stamps against the recorder's clock, less 1; from medians, as arrivals are late now and then."""
+    """Slope of the stamps against the recorder's clock, less 1; from medians, as arrivals are late
+    now and then."""
     log, ahead = (series.log_ns - series.log_ns[0]) * 1e-9, (series.stamp_ns - series.log_ns) * 1e-9
     third = len(log) // 3
     span = float(np.median(log[-third:]) - np.median(log[:third]))

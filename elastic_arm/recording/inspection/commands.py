@@ -1,4 +1,5 @@
-"""Whether an arm followed the commands that were recorded with it, how late, and at which rate they came."""
+"""Whether an arm followed the commands that were recorded with it, how late, and at which rate they
+came."""
 
 from collections.abc import Iterator
 
@@ -15,16 +16,18 @@ LAGS = np.linspace(-0.5, 1.0, 301)  # s that are tried
 DIGITS = 1e-6  # of the positions' spread, beside torques
 SHIFTED = 3  # samples
 MOST = 2000  # samples that are looked at
-# Of the positions' spread, left beside the commands: more is of something else, less is the same numbers. Conventions.
+# Of the positions' spread, left beside the commands: more is of something else, less is the same
+# numbers. Conventions.
 APART, COPIED = 0.5, 1e-4
-# Times its command that an angle is where one of the two has another unit: degrees, turns, thousandths, per cent. A
-# weak drive under load falls short by any other factor.
+# Times its command that an angle is where one of the two has another unit: degrees, turns,
+# thousandths, per cent. A weak drive under load falls short by any other factor.
 MISTAKEN = (180.0 / np.pi, np.pi / 180.0, 2 * np.pi, 0.5 / np.pi, 1e3, 1e-3, 1e2, 1e-2)
 NEAR = 1.15  # times such a factor; a loop's own gain is off by less, and servos of 0.2 are seen
 
 
 def followed(recording: Recording) -> Iterator[Finding]:
-    """Yield what is seen of commands: a note on lag and rate, and warnings where they cannot be what was followed."""
+    """Yield what is seen of commands: a note on lag and rate, and warnings where they cannot be
+    what was followed."""
     reference = recording.reference
     side = (
         recording.motor
@@ -47,7 +50,8 @@ def followed(recording: Recording) -> Iterator[Finding]:
     for j in np.flatnonzero(moves):
         found[:, j] = _lag(given, reference.position[:, j], t, side.position[:, j])
     lag, gain, left = found
-    # Computed torque follows as closely as its model is right; only what was copied has the same digits.
+    # Computed torque follows as closely as its model is right; only what was copied has the same
+    # digits.
     torques = any(
         one.effort is not None for one in (recording.link, recording.motor) if one is not None
     )
@@ -68,7 +72,10 @@ def followed(recording: Recording) -> Iterator[Finding]:
         count = f"{abs(shift):.0f} sample{'s' if abs(shift) > 1.0 else ''}"
         which = "themselves" if not shift else f"of {count} {'later' if shift > 0.0 else 'before'}"
         of_shift = copied & (samples == shift)
-        off = f"but for {span_of(1e2 * left[of_shift])} % of their spread, closer than any drive follows"
+        off = (
+            f"but for {span_of(1e2 * left[of_shift])} % of their spread, closer than any drive"
+            " follows"
+        )
         yield from about(
             joints,
             of_shift,
@@ -83,7 +90,10 @@ def followed(recording: Recording) -> Iterator[Finding]:
             "not_followed", words, "look for another joint's command, or one of another controller"
         )
     late = f"are {span_of(1e3 * lag[good])} ms behind the commands (delay and drive together)"
-    size = f"{span_of(gain[good])} times as large and {span_of(1e2 * left[good])} % of their spread off"
+    size = (
+        f"{span_of(gain[good])} times as large and {span_of(1e2 * left[good])} % of their"
+        " spread off"
+    )
     rate = f"commands come at {rates[0]:.4g} Hz, positions at {rates[1]:.4g} Hz"
     yield from about(
         joints, good, "commands", "positions", f"{late}, {size}; {rate}", severity="note"
@@ -100,7 +110,8 @@ def followed(recording: Recording) -> Iterator[Finding]:
 
 
 def _lag(given: Array, command: Array, t: Array, angle: Array) -> tuple[float, float, float]:
-    """Return by how much an angle is behind its command, s, by what it is multiplied, and which share is left."""
+    """Return by how much an angle is behind its command, s, by what it is multiplied, and which
+    share is left."""
     spline, every = CubicSpline(given, command), max(1, len(t) // MOST)
     # Whole samples, too, by which a log may be shifted to make commands of it.
     lags = np.union1d(LAGS, float(np.median(np.diff(t))) * np.arange(-SHIFTED, SHIFTED + 1))

@@ -1,17 +1,20 @@
-"""Torques against what the arm's description predicts: signs, places and mountings that are not as taken.
+"""Torques against what the arm's description predicts: signs, places and mountings that are not as
+taken.
 
-Of each joint's torque a zero, friction, the inertia as described and that of its motor are regressed out, and the same
-of the gravity torque as described. What is left of the two should rise together. Where it runs against each other, all
-torques have the wrong sign, or the arm is mounted otherwise. Where it rises far more or less, a unit is not what it is
-taken for; where it hardly rises at all, gravity has been taken out of the torque before it was recorded.
+Of each joint's torque a zero, friction, the inertia as described and that of its motor are
+regressed out, and the same of the gravity torque as described. What is left of the two should rise
+together. Where it runs against each other, all torques have the wrong sign, or the arm is mounted
+otherwise. Where it rises far more or less, a unit is not what it is taken for; where it hardly
+rises at all, gravity has been taken out of the torque before it was recorded.
 
-Joints that turn the other way or have their zero elsewhere, torques of the wrong sign, and channels of two joints that
-were exchanged are tried: each is as likely as the torques are, tau = Y(q, dq, ddq) pi, with the masses and inertias pi
-integrated out of a wide prior about the description (D. J. C. MacKay, Neural Computation 4 (1992) 415), so that the
-geometry decides, however wrong the described masses are.
+Joints that turn the other way or have their zero elsewhere, torques of the wrong sign, and channels
+of two joints that were exchanged are tried: each is as likely as the torques are, tau = Y(q, dq,
+ddq) pi, with the masses and inertias pi integrated out of a wide prior about the description (D. J.
+C. MacKay, Neural Computation 4 (1992) 415), so that the geometry decides, however wrong the
+described masses are.
 
-Slow samples resemble each other: N of them are worth as few independent ones as the two series' autocorrelations say
-(M. S. Bartlett, Journal of the Royal Statistical Society 98 (1935) 536).
+Slow samples resemble each other: N of them are worth as few independent ones as the two series'
+autocorrelations say (M. S. Bartlett, Journal of the Royal Statistical Society 98 (1935) 536).
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -34,7 +37,8 @@ from elastic_arm.robot import Robot
 
 ENOUGH = 5000  # samples that are looked at; bounds the time
 CHANCE = 0.01  # probability that unrelated torques correlate so; convention
-# Times the described gravity: of a sign alone -1, and masses are off. Beyond, something else than gravity is at work.
+# Times the described gravity: of a sign alone -1, and masses are off. Beyond, something else than
+# gravity is at work.
 FACTOR = (1.0 / 3.0, 3.0)
 # Beyond, a unit is mistaken. Masses of a description are not off by so much; convention.
 FAR = (0.2, 5.0)
@@ -43,7 +47,8 @@ LIKE_DEGREES = (
     57.3 * 2.5,
 )  # masses are off, and a small angle is not a small part of a sine
 LIKE_KILO = (0.5e-3, 2e-3)
-# Another direction of gravity, here and where `identification.batch.mounting` looks for it; conventions.
+# Another direction of gravity, here and where `identification.batch.mounting` looks for it;
+# conventions.
 TURNED = 0.35  # rad from the described direction: beyond the tilts that linear columns describe
 SIZE = (0.6, 1.5)  # of the described gravity: masses are off as well
 LEFT = 0.3  # of the squares that the described direction leaves
@@ -51,20 +56,25 @@ OVERHEAD = (
     0.75 * np.pi
 )  # rad: nearer to upside down, which all signs together are, too, than to any side
 RANK = 1e-9  # of the largest singular value; numerical
-CREEP = 0.05  # rad/s, root mean square over joints and samples, below which single joints are not judged
+# rad/s, root mean square over joints and samples, below which single joints are not judged
+CREEP = 0.05
 SIDES = {"tau_J": "link", "tau_m": "motor"}
-# Another arrangement is named where it is e^10 times as likely, shared among those that are tried; others beside it
-# that are at most a hundred times less likely, as in the contract.
+# Another arrangement is named where it is e^10 times as likely, shared among those that are tried;
+# others beside it that are at most a hundred times less likely, as in the contract.
 CERTAIN, BESIDE = 10.0, float(np.log(100.0))
-MASSES = 0.3  # relative: a payload, a tool, another motor; of links as described and of the arm's mean link; convention
+# relative: a payload, a tool, another motor; of links as described and of the arm's mean link;
+# convention
+MASSES = 0.3
 COUPLED = "coupled"
 MISSING = "gravity_missing"
 TAKEN = (
-    "it was subtracted before the torque was recorded, or something else carries the arm: record all of it, or \
-describe what does (gravity_compensation)"
+    "it was subtracted before the torque was recorded, or something else carries the arm: record"
+    " all of it, or describe what does (gravity_compensation)"
 )
-SHARE = 0.4  # of gravity that is compensated, and of gains, by logarithm: as `effects.library` draws them
-ZERO = 0.1  # rad, of the zeros of exchanged motors and encoders, as `effects.library.joint_zero` draws them
+# of gravity that is compensated, and of gains, by logarithm: as `effects.library` draws them
+SHARE = 0.4
+# rad, of the zeros of exchanged motors and encoders, as `effects.library.joint_zero` draws them
+ZERO = 0.1
 
 
 class _Change(NamedTuple):
@@ -87,7 +97,8 @@ class _Mix(NamedTuple):
 
 
 class SideMotion(NamedTuple):
-    """Angles, rates, accelerations and torques (N, n) of a side, and the joints whose torque was measured."""
+    """Angles, rates, accelerations and torques (N, n) of a side, and the joints whose torque was
+    measured."""
 
     q: Array
     dq: Array
@@ -102,9 +113,10 @@ Motions = list[tuple[str, SideMotion]]  # with the sides whose torques they hold
 class GravityFit(NamedTuple):
     """Torques of one side beside the described gravity, less what is not gravity.
 
-    What is left of the torques, of gravity as described, Nm, (N, m) of the joints with a torque, and of its derivative
-    by the gravity vector, (N, m, 3); correlation of the two, factor of the first over the second, the probability that
-    unrelated series correlate so, and whether no joint that gravity loads shows half of it, but for chance.
+    What is left of the torques, of gravity as described, Nm, (N, m) of the joints with a torque,
+    and of its derivative by the gravity vector, (N, m, 3); correlation of the two, factor of the
+    first over the second, the probability that unrelated series correlate so, and whether no joint
+    that gravity loads shows half of it, but for chance.
     """
 
     torque: Array
@@ -123,11 +135,12 @@ class GravityFit(NamedTuple):
 
 
 def contradicted(motions: Motions, robot: Robot) -> list[Finding]:
-    """Return which torques are at odds with the description, of the motions of a recording, or of all its parts.
+    """Return which torques are at odds with the description, of the motions of a recording, or of
+    all its parts.
 
-    They belong to another joint, way to turn or zero, "exchanged", "mirrored", "other_zero"; run against gravity,
-    "gravity_sign"; show another direction, "mounting"; are far larger or smaller, "gravity_size"; or hold no gravity,
-    "gravity_missing".
+    They belong to another joint, way to turn or zero, "exchanged", "mirrored", "other_zero"; run
+    against gravity, "gravity_sign"; show another direction, "mounting"; are far larger or smaller,
+    "gravity_size"; or hold no gravity, "gravity_missing".
     """
     found = []
     for side, motion, fit in _fits(motions, robot):
@@ -136,7 +149,8 @@ def contradicted(motions: Motions, robot: Robot) -> list[Finding]:
 
 
 def misread_channels(recording: Recording, robot: Robot, *, weight: bool) -> str | None:
-    """Return which channels are not what they are taken for, by unit, sign or joint; None where all are.
+    """Return which channels are not what they are taken for, by unit, sign or joint; None where all
+    are.
 
     weight: whether torques without gravity are among them.
     """
@@ -245,7 +259,8 @@ def _fit_gravity(motion: SideMotion, robot: Robot, *, motors: bool) -> GravityFi
 
 
 def _own(motion: SideMotion, j: int, *more: Array) -> Array:
-    """Return an orthonormal basis (N, r) of a joint's zero, friction, motor inertia, and of further columns."""
+    """Return an orthonormal basis (N, r) of a joint's zero, friction, motor inertia, and of further
+    columns."""
     friction = np.tanh(
         motion.dq[:, j] / 0.01
     )  # 0.01 rad/s within which friction turns over; convention
@@ -267,7 +282,8 @@ def _independent(one: Array, other: Array) -> float:
 
 
 class _Arm(NamedTuple):
-    """Y(q, dq, ddq) (N, n, P) of a side's torques, and mean and standard deviation of its pi (P,)."""
+    """Y(q, dq, ddq) (N, n, P) of a side's torques, and mean and standard deviation of its pi
+    (P,)."""
 
     regressor: Callable[[Array, Array, Array], Array]
     mean: Array
@@ -288,7 +304,8 @@ def _told(motion: SideMotion, side: str, fit: GravityFit, robot: Robot) -> Itera
         return np.asarray(Y[:, :n] + (Y[:, n:] if robot.elastic and side == "motor" else 0.0))
 
     arm = _Arm(regressor, model.Psi, _spread(model))
-    # Of joints that creep friction is of either sign, by the encoders' steps, and its error outweighs what is compared.
+    # Of joints that creep friction is of either sign, by the encoders' steps, and its error
+    # outweighs what is compared.
     several = len(motion.measured) > 1 and float(np.sqrt(np.mean(motion.dq**2))) > CREEP
     confused = _size(fit, side) or (_arranged(few, side, robot, arm) if several else [])
     yield confused
@@ -300,7 +317,8 @@ def _told(motion: SideMotion, side: str, fit: GravityFit, robot: Robot) -> Itera
 
 
 def _spread(model: Model) -> Array:
-    """Return by how much masses, first moments and inertias may be off, (P,); stiffness and damping do not act here."""
+    """Return by how much masses, first moments and inertias may be off, (P,); stiffness and damping
+    do not act here."""
     names = [parameter.name.rpartition(".") for parameter in model.parameters]
     mass, inertia = ({owner: 0.0 for owner, *_ in names} for _ in range(2))
     for (owner, _, what), value in zip(names, model.Psi.tolist(), strict=True):
@@ -319,9 +337,11 @@ def _spread(model: Model) -> Array:
 
 
 def _sized(motion: SideMotion, side: str, robot: Robot, arm: _Arm) -> list[Finding]:
-    """Return the joint whose zero is not as described, or whose torque lacks a share of its weight, with the size.
+    """Return the joint whose zero is not as described, or whose torque lacks a share of its weight,
+    with the size.
 
-    A turned last link is another mass. What a gain of the torque explains better is said nothing of.
+    A turned last link is another mass. What a gain of the torque explains better is said nothing
+    of.
     """
     given, free = _likelihood(motion, motion.torque, arm)
     Y, unit, still = arm.regressor(*motion[:3]), np.eye(robot.n), np.zeros_like(motion.q)
@@ -427,7 +447,8 @@ def _arranged(motion: SideMotion, side: str, robot: Robot, arm: _Arm) -> list[Fi
 
 
 def _named(tried: list[tuple[float, str, str]], code: str, side: str, remedy: str) -> list[Finding]:
-    """Return the likeliest of (logarithm of the odds, words, short words) with what is about as likely, if it is."""
+    """Return the likeliest of (logarithm of the odds, words, short words) with what is about as
+    likely, if it is."""
     (odds, words, _), *others = sorted(tried, reverse=True)
     if odds < CERTAIN + np.log(len(tried)):
         return []
@@ -443,9 +464,11 @@ _Way = tuple[str, str, _Turn]
 
 
 def _coupled(joints: Sequence[str]) -> Iterator[tuple[_Turn, list[_Way]]]:
-    """Yield angles that are given against the joint before: as their sum or difference, as of a parallelogram.
+    """Yield angles that are given against the joint before: as their sum or difference, as of a
+    parallelogram.
 
-    Then the torque of the joint before lacks what the other motor bears, or torques are those of the joints.
+    Then the torque of the joint before lacks what the other motor bears, or torques are those of
+    the joints.
     """
     for j in range(1, len(joints)):
         for sign, way in ((-1.0, "plus"), (1.0, "less")):
@@ -454,8 +477,14 @@ def _coupled(joints: Sequence[str]) -> Iterator[tuple[_Turn, list[_Way]]]:
             torques: Array = np.asarray(np.linalg.inv(angles).T, dtype=np.float64)
             first, name = joints[j - 1], joints[j]
             line = f"coupling: {{{name}: {{{name}: 1.0, {first}: {sign:g}}}}}"
-            words = f"the angle of {name} is given {way} that of {first}, as a coupled drive's is ({line}, "
-            alone = f"{words}with the angle under motor and the torque under link, which is the joint's own)"
+            words = (
+                f"the angle of {name} is given {way} that of {first}, as a coupled drive's is"
+                f" ({line}, "
+            )
+            alone = (
+                f"{words}with the angle under motor and the torque under link, which is the joint's"
+                " own)"
+            )
             both = f"{words}with angle and torque under motor)"
             same = _Change(np.arange(len(joints)), np.ones(len(joints)))
             yield _Mix(angles), [(COUPLED, alone, same), (COUPLED, both, _Mix(torques))]
@@ -464,7 +493,8 @@ def _coupled(joints: Sequence[str]) -> Iterator[tuple[_Turn, list[_Way]]]:
 def _arrangements(
     joints: Sequence[str], measured: Sequence[int]
 ) -> Iterator[tuple[_Turn, list[_Way]]]:
-    """Yield what may have been confused: how angles (…, n) come right, and how torques do beside it."""
+    """Yield what may have been confused: how angles (…, n) come right, and how torques do beside
+    it."""
 
     yield from _coupled(joints)
     every, plain = np.arange(len(joints)), np.ones(len(joints))
@@ -472,7 +502,10 @@ def _arrangements(
     alone: list[_Way] = []
     for j, name in enumerate(joints):
         mirrored = _Change(every, np.where(every == j, -1.0, 1.0))
-        both = f"{name} turns the other way than described, its angle and its torque have the other sign"
+        both = (
+            f"{name} turns the other way than described, its angle and its torque have the other"
+            " sign"
+        )
         angle = f"the angle of {name} has the other sign than described"
         yield mirrored, [("mirrored", both, mirrored), ("mirrored", angle, same)]
         if j in measured:
@@ -504,10 +537,11 @@ def _arrangements(
 def _likelihood(
     motion: SideMotion, torque: Array, arm: _Arm, free: Array | None = None, Y: Array | None = None
 ) -> tuple[float, Array]:
-    """Return the logarithm of the torques' likelihood, and how many independent samples the rest of each is worth (n,).
+    """Return the logarithm of the torques' likelihood, and how many independent samples the rest of
+    each is worth (n,).
 
-    Masses are integrated out, each joint's noise is the likeliest; friction, zero, motor inertia are its own. `free`:
-    independent samples (n,), where arrangements are compared.
+    Masses are integrated out, each joint's noise is the likeliest; friction, zero, motor inertia
+    are its own. `free`: independent samples (n,), where arrangements are compared.
     """
     Y = arm.regressor(*motion[:3]) if Y is None else Y
     bases = [(j, _own(motion, j)) for j in motion.measured]
@@ -542,15 +576,19 @@ def _likelihood(
 
 
 def _size(fit: GravityFit, side: str) -> list[Finding]:
-    """Return whether torques that certainly follow gravity are far larger or smaller than described."""
+    """Return whether torques that certainly follow gravity are far larger or smaller than
+    described."""
     factor = fit.factor
     if not fit.certain or factor < 0.0 or FAR[0] <= factor <= FAR[1]:
         return []
     message = (
-        f"{side} effort follows the gravity that the description predicts (correlation {fit.correlation:.3g}), but is "
-        f"{factor:.3g} times the described one"
+        f"{side} effort follows the gravity that the description predicts (correlation"
+        f" {fit.correlation:.3g}), but is {factor:.3g} times the described one"
     )
-    remedy = "check its unit (Nm, Nm_motor with its ratio, A), that of the angles, and the masses of the description"
+    remedy = (
+        "check its unit (Nm, Nm_motor with its ratio, A), that of the angles, and the masses of the"
+        " description"
+    )
     if LIKE_DEGREES[0] < factor < LIKE_DEGREES[1]:
         remedy += (
             "; angles in radians taken for degrees are 57 times too small, and so is gravity then"
@@ -561,7 +599,8 @@ def _size(fit: GravityFit, side: str) -> list[Finding]:
 
 
 def _judged(fit: GravityFit, side: str, robot: Robot) -> list[Finding]:
-    """Return what the torques of a side show: another direction or sign of gravity, none of it, or nothing."""
+    """Return what the torques of a side show: another direction or sign of gravity, none of it, or
+    nothing."""
     columns, target = fit.pull.reshape(-1, 3), fit.torque.ravel()
     shown: Any = np.linalg.lstsq(columns, target, rcond=None)[0]
     left, straight = (
@@ -576,12 +615,18 @@ def _judged(fit: GravityFit, side: str, robot: Robot) -> list[Finding]:
         message = "{} effort shows gravity of {} m/s², where the description has {}".format(
             side, *numbers
         )
-        remedy = "the arm is mounted otherwise (base in its arm file; identify and diagnose look for it themselves)"
+        remedy = (
+            "the arm is mounted otherwise (base in its arm file; identify and diagnose look for it"
+            " themselves)"
+        )
         return [warning("mounting", message, remedy)]
     times = f"{fit.factor:.3g} times the described one, correlation {fit.correlation:.3g}"
     if fit.certain and FACTOR[0] < -fit.factor < FACTOR[1]:
         message = f"{side} effort runs against the gravity that the description predicts ({times})"
-        remedy = "either all torques have the wrong sign (sign: -1 in the map), or the arm hangs upside down (base in "
+        remedy = (
+            "either all torques have the wrong sign (sign: -1 in the map), or the arm hangs upside"
+            " down (base in "
+        )
         return [
             warning(
                 "gravity_sign",

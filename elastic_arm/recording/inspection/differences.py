@@ -1,4 +1,5 @@
-"""Two recordings of the same commands, channel by channel: how far they are apart, without any model."""
+"""Two recordings of the same commands, channel by channel: how far they are apart, without any
+model."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -24,7 +25,8 @@ class ChannelDifference:
     largest: Array
     mean: Array
     share: Array  # Root mean square over the standard deviation of the real channel
-    # s by which the real channel is later than the simulated one, beyond what is common to all; NaN where it stands
+    # s by which the real channel is later than the simulated one, beyond what is common to all; NaN
+    # where it stands
     lag: Array
     apart: Array  # (N, n) real minus simulated, for figures
 
@@ -122,7 +124,8 @@ def _commands(
 
 
 def _offset(t: Array, values: Array, t_other: Array, other: Array, name: str) -> float:
-    """Return the s to add to times of one recording for those of the other: shifted in steps, then mended."""
+    """Return the s to add to times of one recording for those of the other: shifted in steps, then
+    mended."""
     step = 0.01  # s, at which the two are shifted over each other; steps then mend the time
     rates = [_on_grid(*pair, step) for pair in ((t, values), (t_other, other))]
     count = sum(len(rate) for rate in rates)
@@ -132,7 +135,8 @@ def _offset(t: Array, values: Array, t_other: Array, other: Array, name: str) ->
     best = int(np.argmax(score))
     if score[best] < ALIKE:
         raise RecordingError(
-            f"the two recordings do not move alike: their {name} velocities correlate by {score[best]:.2f}",
+            f"the two recordings do not move alike: their {name} velocities correlate by"
+            f" {score[best]:.2f}",
             "Give two recordings of the same commands",
         )
     offset = (best if best < len(rates[1]) else best - count) * step + t_other[0] - t[0]

@@ -12,7 +12,8 @@ from elastic_arm.recording.storage.bag import open_bag
 
 @dataclass
 class TopicInfo:
-    """A topic of a bag: type, messages, first and last log time, and the rate between them (None below two)."""
+    """A topic of a bag: type, messages, first and last log time, and the rate between them (None
+    below two)."""
 
     name: str
     type_name: str
@@ -75,7 +76,8 @@ class BagInfo:
 def bag_info(
     path: str | Path, channels: ChannelMap | None = None, namespace: str | None = None
 ) -> BagInfo:
-    """Sum up a bag, of the arm in a namespace where it holds several; a RecordingError if nothing can be read."""
+    """Sum up a bag, of the arm in a namespace where it holds several; a RecordingError if nothing
+    can be read."""
     info = _counted(path)
     try:
         recording = read_recording(path, channels, namespace=namespace)
@@ -93,7 +95,8 @@ def bag_info(
 
 
 def _counted(path: str | Path) -> BagInfo:
-    """Count the messages of a bag. Its files are closed behind it: one may take half of the memory, unpacked."""
+    """Count the messages of a bag. Its files are closed behind it: one may take half of the memory,
+    unpacked."""
     bag = open_bag(path)
     topics: dict[str, TopicInfo] = {}
     kinds: set[str] = set()

@@ -12,12 +12,14 @@ from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Array, joints_with, listed, span_of
 from elastic_arm.robot import Joint, Robot
 
-# rad/s and Nm, root mean square over a recording: of the fastest servos, of the largest arms, of a finger's servo.
+# rad/s and Nm, root mean square over a recording: of the fastest servos, of the largest arms, of a
+# finger's servo.
 FASTEST_JOINT, STRONGEST, WEAKEST = 30.0, 5e4, 1e-4
 
 
 def hardly_usable(recording: Recording) -> list[str]:
-    """Return in words why a recording that is whole cannot be used: few samples, or joints without a position."""
+    """Return in words why a recording that is whole cannot be used: few samples, or joints without
+    a position."""
     sides, words = recording.measured(), []
     count = min((len(side) for side in sides.values()), default=0)
     if count < FEWEST:
@@ -30,13 +32,15 @@ def hardly_usable(recording: Recording) -> list[str]:
     if not have.all():
         which = "any joint" if not have.any() else listed(recording.joints, ~have)
         words.append(
-            f"no position of {which}, of link or motor: without it no recording is identified or diagnosed"
+            f"no position of {which}, of link or motor: without it no recording is identified or"
+            " diagnosed"
         )
     return words
 
 
 def of_no_arm(recording: Recording) -> list[Finding]:
-    """Return which speeds and torques no arm has, whichever it is: their unit is not what it was taken for."""
+    """Return which speeds and torques no arm has, whichever it is: their unit is not what it was
+    taken for."""
     findings, joints = list[Finding](), recording.joints
     for name, side in recording.measured().items():
         if len(side) < FEWEST:
@@ -58,7 +62,10 @@ def of_no_arm(recording: Recording) -> list[Finding]:
         if speeds is not None:
             speed = np.nan_to_num(np.sqrt(np.mean(speeds**2, axis=0)))
             fast = speed > FASTEST_JOINT
-            words = f"goes at {span_of(speed[fast])} rad/s (root mean square), no arm at more than {FASTEST_JOINT:g}"
+            words = (
+                f"goes at {span_of(speed[fast])} rad/s (root mean square), no arm at more than"
+                f" {FASTEST_JOINT:g}"
+            )
             remedy = (
                 "degrees taken as radians, a rotor without its ratio, or times in another unit?"
             )
@@ -72,7 +79,10 @@ def of_no_arm(recording: Recording) -> list[Finding]:
                     "kNm taken as Nm, or a share of the full torque?",
                 ),
             ):
-                words = f"is {span_of(size[odd])} Nm (root mean square), any arm's {WEAKEST:g} to {STRONGEST:g}"
+                words = (
+                    f"is {span_of(size[odd])} Nm (root mean square), any arm's {WEAKEST:g} to"
+                    f" {STRONGEST:g}"
+                )
                 findings += about(joints, odd, "no_arm", f"{name} effort", words, hint)
     return findings
 
@@ -98,9 +108,9 @@ def _positions(name: str, position: Array, robot: Robot) -> list[Finding]:
     j = int(np.argmax(np.where(found, np.ptp(ends, axis=1), -np.inf)))
     limits, (low, high) = robot.joints[j].limits, ends[j]
     words = (
-        f"is beyond the limits of the description: {robot.joint_names[j]} goes from {low:.3g} to {high:.3g} "
-        f"{robot.joints[j].unit('rad')}, its limits are {limits.position_min or 0.0:.3g} to "
-        f"{limits.position_max or 0.0:.3g}"
+        f"is beyond the limits of the description: {robot.joint_names[j]} goes from {low:.3g} to"
+        f" {high:.3g} {robot.joints[j].unit('rad')}, its limits are"
+        f" {limits.position_min or 0.0:.3g} to {limits.position_max or 0.0:.3g}"
     )
     units, what = _other_units(robot, found)
     fit = [
@@ -123,7 +133,8 @@ def _range(joint: Joint) -> tuple[float, float]:
 
 
 def _within(joint: Joint, low: float, high: float) -> bool:
-    """Return whether a joint stays within its limits, or would if its angle were given by other whole turns."""
+    """Return whether a joint stays within its limits, or would if its angle were given by other
+    whole turns."""
     least, most = _range(joint)
     if np.isinf(least):
         return True
@@ -139,7 +150,8 @@ def _within(joint: Joint, low: float, high: float) -> bool:
 
 
 def _speeds(name: str, velocity: Array, robot: Robot) -> list[Finding]:
-    """Look at the root mean square of the velocities: of a joint at its limit all the time it is the limit."""
+    """Look at the root mean square of the velocities: of a joint at its limit all the time it is
+    the limit."""
     limit = np.array([joint.limits.velocity or np.inf for joint in robot.joints])
     share = np.sqrt(np.mean(velocity**2, axis=0)) / limit
     found = share > 3.0  # 3.0 times the limit of the velocity; controllers may pass that a little
@@ -156,7 +168,8 @@ def _speeds(name: str, velocity: Array, robot: Robot) -> list[Finding]:
 
 
 def _other_units(robot: Robot, found: NDArray[np.bool_]) -> tuple[Array, str]:
-    """Return by what positions (n,) are too large in the unit that is mistaken most, and which that is."""
+    """Return by what positions (n,) are too large in the unit that is mistaken most, and which that
+    is."""
     slides = np.array([joint.prismatic for joint in robot.joints])
     words = {False: "degrees taken as radians", True: "millimetres taken as metres"}
     return np.where(slides, 1000.0, 180.0 / np.pi), " and ".join(

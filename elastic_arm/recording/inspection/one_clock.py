@@ -1,7 +1,8 @@
 """Sides that were stamped by clocks far apart: TAI and UTC, two time zones, or two computers.
 
-What an arm was told, its motors and its links go through one motion. Where their times have little in common, the two
-motions are laid over each other: the shift at which they correlate most is how far apart the clocks are.
+What an arm was told, its motors and its links go through one motion. Where their times have little
+in common, the two motions are laid over each other: the shift at which they correlate most is how
+far apart the clocks are.
 """
 
 from dataclasses import replace
@@ -15,7 +16,8 @@ from elastic_arm.recording.inspection.report import FEWEST, Finding, warning
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Array, Side, joints_with
 
-_COMMON = 0.5  # of the shorter side, that the other one covers: below, the two are hardly of one recording
+# of the shorter side, that the other one covers: below, the two are hardly of one recording
+_COMMON = 0.5
 _ALIKE = (
     0.8  # correlation of two motions that are one; a drive's lag and sag leave more. Convention
 )
@@ -25,7 +27,8 @@ _WORDS = {"reference": "the commands", "link": "the link side", "motor": "the mo
 
 
 def by_one_clock(recording: Recording, found: list[Finding]) -> Recording:
-    """Shift sides whose stamps have little in common with the others' to where their motion is the same."""
+    """Shift sides whose stamps have little in common with the others' to where their motion is the
+    same."""
     sides = {name: side for name, side in recording.sides().items() if side.position is not None}
     long = {name: side for name, side in sides.items() if len(side) >= FEWEST // 4}
     base = next((name for name in ("link", "motor") if name in long), None)
@@ -37,7 +40,10 @@ def by_one_clock(recording: Recording, found: list[Finding]) -> Recording:
             continue
         shift = _shift_ns(long[base], side)
         if shift is None:
-            words = f"{_WORDS[name]} and {_WORDS[base]} have hardly any time in common, and not one motion either"
+            words = (
+                f"{_WORDS[name]} and {_WORDS[base]} have hardly any time in common, and not one"
+                " motion either"
+            )
             found.append(warning("clocks_apart", words, "are they of one recording?"))
             continue
         moved[name] = replace(side, stamp_ns=side.stamp_ns + shift)
@@ -45,7 +51,10 @@ def by_one_clock(recording: Recording, found: list[Finding]) -> Recording:
         words = (
             f"the clock of {_WORDS[name]} is {abs(shift) * 1e-9:.6g} s {way} that of {_WORDS[base]}"
         )
-        remedy = "by their motion they are joined; a delay between the two below that is not seen (37 s: TAI and UTC)"
+        remedy = (
+            "by their motion they are joined; a delay between the two below that is not seen (37 s:"
+            " TAI and UTC)"
+        )
         found.append(warning("clocks_apart", words, remedy))
     return replace(recording, **moved) if moved else recording
 
@@ -58,7 +67,8 @@ def _common(one: Side, other: Side) -> float:
 
 
 def _shift_ns(base: Side, side: Side) -> int | None:
-    """Return what brings the stamps of a side to the clock of another, ns; None where the two are no one motion."""
+    """Return what brings the stamps of a side to the clock of another, ns; None where the two are
+    no one motion."""
     assert base.position is not None and side.position is not None
     joints = joints_with(base.position) & joints_with(side.position)
     lasting = max(int(one.stamp_ns[-1] - one.stamp_ns[0]) for one in (base, side)) * 1e-9

@@ -1,10 +1,12 @@
-"""What a recording needs before anything is computed from it, done once: for the check and for all that fits.
+"""What a recording needs before anything is computed from it, done once: for the check and for all
+that fits.
 
-Samples of zeros alone that another publisher sends between those of the arm are left out. Numbers that are finite and
-yet far beyond all others of their channel, damaged words, are left out, too: those further from the median of their
-neighbours than several times the range in which nearly all samples of the channel lie, and single ones that lie off the
-cubic through four neighbours by many times what the others do, and by more than an arm can move in a sample. Angles
-that are given within a turn are unwound. Where a joint jumps as none can, the recording is parted.
+Samples of zeros alone that another publisher sends between those of the arm are left out. Numbers
+that are finite and yet far beyond all others of their channel, damaged words, are left out, too:
+those further from the median of their neighbours than several times the range in which nearly all
+samples of the channel lie, and single ones that lie off the cubic through four neighbours by many
+times what the others do, and by more than an arm can move in a sample. Angles that are given within
+a turn are unwound. Where a joint jumps as none can, the recording is parted.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -23,8 +25,9 @@ from elastic_arm.recording.inspection.two_encoders import with_one_zero
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Array, Side, joints_with, listed
 
-# rad (or m), rad/s, Nm, rad/s². Angles larger than that have lost the digits that a motion is computed from; numbers of
-# this size are counts of an encoder, or a channel that holds something else.
+# rad (or m), rad/s, Nm, rad/s². Angles larger than that have lost the digits that a motion is
+# computed from; numbers of this size are counts of an encoder, or a channel that holds something
+# else.
 LARGEST = {"position": 1e6, "velocity": 1e6, "effort": 1e9, "acceleration": 1e9}
 _UNITS = {"position": "rad", "velocity": "rad/s", "effort": "Nm", "acceleration": "rad/s²"}
 # Nm; the squares of smaller torques are zero, whatever they measure.
@@ -59,7 +62,8 @@ _APART, _APART_SECONDS = (
 
 @dataclass(frozen=True)
 class Outliers:
-    """The outliers of one channel of one joint: where, which samples, the one furthest from zero, and in words."""
+    """The outliers of one channel of one joint: where, which samples, the one furthest from zero,
+    and in words."""
 
     side: str
     channel: str
@@ -71,7 +75,10 @@ class Outliers:
     def words(self) -> str:
         """Return what was found, as a clause."""
         count = f"{len(self.rows)} sample{'s' if len(self.rows) > 1 else ''}"
-        return f"{count} of the {self.side} {self.channel} of {self.joint} up to {self.largest:.3g}, {self.why}"
+        return (
+            f"{count} of the {self.side} {self.channel} of {self.joint} up to {self.largest:.3g},"
+            f" {self.why}"
+        )
 
 
 def without_outliers(recording: Recording) -> Recording:
@@ -86,7 +93,8 @@ def without_outliers(recording: Recording) -> Recording:
 
 
 def cleared(recording: Recording) -> tuple[Recording, list[Finding]]:
-    """Return the recording as it can be used, and what was done to it; one of which nothing was is the same object."""
+    """Return the recording as it can be used, and what was done to it; one of which nothing was is
+    the same object."""
     found: list[Finding] = []
     for step in (by_one_clock, without_zeros, _without_far_samples, _in_one_piece, at_updates):
         recording = step(recording, found)
@@ -95,9 +103,11 @@ def cleared(recording: Recording) -> tuple[Recording, list[Finding]]:
 
 
 def without_zeros(recording: Recording, found: list[Finding]) -> Recording:
-    """Leave out samples of zeros alone, or of another pose that is sent again and again, where most are no motion.
+    """Leave out samples of zeros alone, or of another pose that is sent again and again, where most
+    are no motion.
 
-    Neighbours are nearer to each other than to them, by more than the joints go in the samples around.
+    Neighbours are nearer to each other than to them, by more than the joints go in the samples
+    around.
     """
     kept: dict[str, Any] = {}
     for name, side in recording.measured().items():
@@ -136,7 +146,8 @@ def without_zeros(recording: Recording, found: list[Finding]) -> Recording:
 
 
 def _sent_again(side: Side, q: Array) -> tuple[NDArray[np.intp], str]:
-    """Return where samples of zeros stand, or else of the one sample that comes anew more often than any other."""
+    """Return where samples of zeros stand, or else of the one sample that comes anew more often
+    than any other."""
     zero, same = np.flatnonzero(~np.nan_to_num(q).any(axis=1)), _most_often(q.sum(axis=1))
     for values in side.channels().values():
         zero = zero[~np.nan_to_num(values[zero]).any(axis=1)]
@@ -147,7 +158,8 @@ def _sent_again(side: Side, q: Array) -> tuple[NDArray[np.intp], str]:
 
 
 def _most_often(numbers: Array) -> NDArray[np.intp]:
-    """Return where the number (N,) stands that comes anew, after others, more often than any other one."""
+    """Return where the number (N,) stands that comes anew, after others, more often than any other
+    one."""
     ordered = np.sort(numbers)
     if not (ordered[1:] == ordered[:-1]).any():
         return np.empty(0, np.intp)
@@ -172,7 +184,8 @@ def _without_far_samples(recording: Recording, found: list[Finding]) -> Recordin
 
 
 def _in_one_piece(recording: Recording, found: list[Finding]) -> Recording:
-    """Unwind angles that are given within a turn, and part sides where a joint jumps as none can."""
+    """Unwind angles that are given within a turn, and part sides where a joint jumps as none
+    can."""
     kept: dict[str, Any] = {}
     for name, side in recording.measured().items():
         if side.position is None or len(side) < _FEWEST or not np.all(np.diff(side.stamp_ns) > 0):
@@ -189,17 +202,29 @@ def _in_one_piece(recording: Recording, found: list[Finding]) -> Recording:
             what, rows = f"{name} position of {joint}", each.rows
             if len(each.turned):
                 position[:, j] = each.q
-                first = f"{len(each.turned)} times, first after {moment(side.stamp_ns, int(each.turned[0]))}"
-                words = f"{what} is given within a turn of {each.turn:.4g} rad, and jumps by it {first}: it was unwound"
+                first = (
+                    f"{len(each.turned)} times, first after"
+                    f" {moment(side.stamp_ns, int(each.turned[0]))}"
+                )
+                words = (
+                    f"{what} is given within a turn of {each.turn:.4g} rad, and jumps by it"
+                    f" {first}: it was unwound"
+                )
                 found.append(note(words, "wrapped"))
                 turned[joint] = each.turn
             if not len(rows):
                 continue
             k = int(np.argmax(np.abs(each.size)))
             many = ("", "") if len(rows) == 1 else (f"{len(rows)} times ", "the furthest ")
-            place = f"by {each.size[k]:.4g} rad after sample {rows[k]}, {moment(side.stamp_ns, int(rows[k]))}"
+            place = (
+                f"by {each.size[k]:.4g} rad after sample {rows[k]},"
+                f" {moment(side.stamp_ns, int(rows[k]))}"
+            )
             words = f"{what} jumps {many[0]}as no joint moves, {many[1]}{place}"
-            remedy = "two publishers, or a channel that is no angle? Nothing that follows from it can be trusted"
+            remedy = (
+                "two publishers, or a channel that is no angle? Nothing that follows from it can be"
+                " trusted"
+            )
             if len(rows) <= _SPIKE_SHARE * len(side):
                 for row in rows.tolist():
                     parted[
@@ -217,7 +242,10 @@ def _in_one_piece(recording: Recording, found: list[Finding]) -> Recording:
                 position[:, j] = _less(position[:, j], jumps)
                 remedy = "joined recordings? It is parted there"
                 if alone.all():
-                    remedy = "speed and all else run on, so its zero was set: it is taken for running on from before"
+                    remedy = (
+                        "speed and all else run on, so its zero was set: it is taken for running on"
+                        " from before"
+                    )
             found.append(
                 Finding(
                     "warning", "jumps", f"{words}: {remedy}", joint=joint, time=float(t[rows[k]])
@@ -234,9 +262,11 @@ def _in_one_piece(recording: Recording, found: list[Finding]) -> Recording:
 def _commands_unwound(
     recording: Recording, side: Side, turned: Mapping[str, float], found: list[Finding]
 ) -> dict[str, Side]:
-    """Return the reference with commands by the turn that is nearest to where the joints are, if any is by another.
+    """Return the reference with commands by the turn that is nearest to where the joints are, if
+    any is by another.
 
-    Of joints whose angle was unwound by a turn, rad, and of those whose command alone is given within a turn.
+    Of joints whose angle was unwound by a turn, rad, and of those whose command alone is given
+    within a turn.
     """
     given, position = recording.reference, side.position
     if given is None or given.position is None or position is None or len(given) < 2:
@@ -254,11 +284,15 @@ def _commands_unwound(
             continue
         angle = np.interp(t, side.stamp_ns - side.stamp_ns[0], position[:, j])
         by_turns = command + turn * np.rint((angle - command) / turn)
-        # A step that a joint was told to make is none of the angle's turns: then nothing comes nearer.
+        # A step that a joint was told to make is none of the angle's turns: then nothing comes
+        # nearer.
         if np.sum((by_turns - angle) ** 2) < 0.25 * np.sum((command - angle) ** 2):
             nearest[:, j] = by_turns
             other[j] = True
-    words = "are given within a turn, as their angle is or by another turn: they were unwound to follow it"
+    words = (
+        "are given within a turn, as their angle is or by another turn: they were unwound to"
+        " follow it"
+    )
     found += about(recording.joints, other, "wrapped", "commands", words, severity="note")
     return {"reference": replace(given, position=nearest)} if other.any() else {}
 
@@ -273,7 +307,8 @@ def _runs_on(effort: Array | None, row: int) -> bool:
 
 
 class _Continuous(NamedTuple):
-    """An angle (N,) unwound behind samples `turned`; its jumps by `size` behind `rows`, and where its speed runs on."""
+    """An angle (N,) unwound behind samples `turned`; its jumps by `size` behind `rows`, and where
+    its speed runs on."""
 
     q: Array
     turned: NDArray[np.intp]
@@ -286,7 +321,8 @@ class _Continuous(NamedTuple):
 def _continuous(t: Array, q: Array) -> _Continuous:
     """Take out the turns of an angle, and find where it jumps otherwise.
 
-    Three jumps and more of one size are turns, too: a motor's angle within its turn jumps by that over the gear ratio.
+    Three jumps and more of one size are turns, too: a motor's angle within its turn jumps by that
+    over the gear ratio.
     """
     if np.isnan(q[0]):
         return _Continuous(
@@ -297,7 +333,8 @@ def _continuous(t: Array, q: Array) -> _Continuous:
     # An angle that is given within a turn stays in that range.
     if np.ptp(q) < _RANGE * 2 * np.pi and np.abs(step := np.diff(q)).max() > np.pi:
         turns = np.rint(step / (2 * np.pi))
-        # What still jumps then was no turn, and nothing is where any two samples are half a turn apart.
+        # What still jumps then was no turn, and nothing is where any two samples are half a turn
+        # apart.
         unwound = _less(q, 2 * np.pi * turns)
         turns[_jumps(t, unwound)[0]] = 0.0
         # 0.1 of a turn, which nearly all steps are below, where turns can be told from motion
@@ -322,10 +359,11 @@ def _less(q: Array, jumps: Array) -> Array:
 
 
 def _jumps(t: Array, q: Array) -> tuple[NDArray[np.intp], Array, Array, NDArray[np.bool_]]:
-    """Return behind which samples an angle (N,) moves much faster than before and after, as no force makes a joint.
+    """Return behind which samples an angle (N,) moves much faster than before and after, as no
+    force makes a joint.
 
-    With by how much it jumps there, within which limits that is known, and whether the speed is the same behind it. Of
-    a channel that holds its values the intervals between updates are looked at.
+    With by how much it jumps there, within which limits that is known, and whether the speed is the
+    same behind it. Of a channel that holds its values the intervals between updates are looked at.
     """
     step = np.diff(q)
     bent = np.abs(np.diff(step))
@@ -379,7 +417,8 @@ def find_outliers(recording: Recording) -> list[Outliers]:
 def _of_channel(
     joints: Sequence[str], name: str, side: Side, channel: str, position: Array | None
 ) -> Iterator[Outliers]:
-    """Yield what is far off the range of nearly all samples, and of the other joints what is off its neighbours."""
+    """Yield what is far off the range of nearly all samples, and of the other joints what is off
+    its neighbours."""
     values = side.channels()[channel]
     # What is far from zeros that were filled in is what was measured.
     moving = np.ones(len(values), np.bool_)
@@ -408,9 +447,11 @@ def _of_channel(
 
 
 def _far(column: Array, low: float, high: float, channel: str) -> NDArray[np.intp]:
-    """Return which samples are several ranges from the median of their neighbours, or absurdly far from all."""
+    """Return which samples are several ranges from the median of their neighbours, or absurdly far
+    from all."""
     width = high - low
-    # Nearly all channels end with one look at their extremes. Halves, as the largest numbers that there are overflow.
+    # Nearly all channels end with one look at their extremes. Halves, as the largest numbers that
+    # there are overflow.
     if column.max() <= high + 0.5 * _BEYOND * width and column.min() >= low - 0.5 * _BEYOND * width:
         return np.empty(0, np.intp)
     suspects = np.flatnonzero((column > high + 0.5 * width) | (column < low - 0.5 * width))
@@ -425,10 +466,12 @@ def _far(column: Array, low: float, high: float, channel: str) -> NDArray[np.int
 def _off_neighbours(
     column: Array, step: float, regular: NDArray[np.bool_], channel: str, turning: NDArray[np.intp]
 ) -> tuple[NDArray[np.intp], str]:
-    """Return which single samples are far off the cubic through their neighbours, and in words how far.
+    """Return which single samples are far off the cubic through their neighbours, and in words how
+    far.
 
-    Both neighbours of such a sample are off by two thirds of it the other way; one of those of a step by a third. At
-    samples `turning` it is off by more than the range of the channel, which a torque may cross there and back.
+    Both neighbours of such a sample are off by two thirds of it the other way; one of those of a
+    step by a third. At samples `turning` it is off by more than the range of the channel, which a
+    torque may cross there and back.
     """
     low, high = np.percentile(column[:: max(len(column) // _LOOKED_AT, 1)], _INNER)
     # Numbers near the largest that there are have been found by the range.
@@ -439,7 +482,8 @@ def _off_neighbours(
     )
     apart = np.abs(off)
     inside = turning[(turning > 1) & (turning < len(column) - 2)] - 2
-    # What is usual where joints turn round, if that is not most of the time, is compared with what is there.
+    # What is usual where joints turn round, if that is not most of the time, is compared with what
+    # is there.
     calm = np.delete(apart, inside) if 2 * len(inside) < len(apart) else apart
     typical = calm[:: max(len(calm) // _LOOKED_AT, 1)]
     tail = float(np.percentile(typical, _NEARLY_ALL))
@@ -469,10 +513,11 @@ def _off_neighbours(
 
 
 def _returns(column: Array, rows: NDArray[np.intp], apart: Array) -> NDArray[np.bool_]:
-    """Return which samples lie to one side of the lines before them and after them, by 0.7 of `apart` and more.
+    """Return which samples lie to one side of the lines before them and after them, by 0.7 of
+    `apart` and more.
 
-    What steps, as friction does where a joint turns round, or bends, lies on one of the two or between them; what lasts
-    for some samples has its neighbours on its way.
+    What steps, as friction does where a joint turns round, or bends, lies on one of the two or
+    between them; what lasts for some samples has its neighbours on its way.
     """
     if not len(rows):
         return np.zeros(0, np.bool_)
@@ -484,7 +529,8 @@ def _returns(column: Array, rows: NDArray[np.intp], apart: Array) -> NDArray[np.
 
 
 def _late(column: Array, rows: NDArray[np.intp], apart: Array) -> NDArray[np.bool_]:
-    """Return which samples were taken a cycle late or early: they hold what the one before or behind them does."""
+    """Return which samples were taken a cycle late or early: they hold what the one before or
+    behind them does."""
     slope = 0.5 * np.abs(column[rows + 1] - column[rows - 1])
     beside = np.minimum(
         np.abs(column[rows] - column[rows - 1]), np.abs(column[rows] - column[rows + 1])
@@ -493,7 +539,8 @@ def _late(column: Array, rows: NDArray[np.intp], apart: Array) -> NDArray[np.boo
 
 
 def _turning(position: Array | None) -> NDArray[np.intp]:
-    """Return at which samples any joint turns round, or hardly moves: there its friction is of either sign.
+    """Return at which samples any joint turns round, or hardly moves: there its friction is of
+    either sign.
 
     It acts on others, too, through the gears of wrists and through the links.
     """
@@ -514,7 +561,8 @@ def _resolution(column: Array) -> float:
 
 
 def sane_limits(values: Array, channel: str) -> tuple[Array, Array]:
-    """Return the numbers (n,) beyond which a sample of a channel is absurd, from most of its values (N, n)."""
+    """Return the numbers (n,) beyond which a sample of a channel is absurd, from most of its values
+    (N, n)."""
     lower, upper = np.percentile(values, _INNER, axis=0)
     middle, spread = (
         0.5 * (lower + upper),
@@ -524,7 +572,8 @@ def sane_limits(values: Array, channel: str) -> tuple[Array, Array]:
 
 
 def _central(values: Array, channel: str) -> tuple[Array, Array]:
-    """(n,) lower and upper end of the range of nearly all samples, never narrower than what a channel resolves."""
+    """(n,) lower and upper end of the range of nearly all samples, never narrower than what a
+    channel resolves."""
     centres = 2 + np.arange(0, len(values) - 4, max((len(values) - 4) // _LOOKED_AT, 1))
     looked_at = values[centres[:, None] + np.arange(-2, 3)]
     lowest, highest = sane_limits(looked_at[:, 2], channel)
@@ -534,7 +583,8 @@ def _central(values: Array, channel: str) -> tuple[Array, Array]:
         0.5 * (lowest + highest),
     )
     low, high = np.percentile(sane, _CENTRAL, axis=0)
-    # Impulses that one sample in a hundred or more holds, and neighbours do not, must not widen it either.
+    # Impulses that one sample in a hundred or more holds, and neighbours do not, must not widen it
+    # either.
     calm_low, calm_high = np.percentile(np.median(looked_at, axis=1), _CENTRAL, axis=0)
     # 5.0 times the range of medians of five samples; of noise alone it is less than twice that
     impulsive = (high - low) / 5.0 > np.maximum(calm_high - calm_low, _LEAST[channel])
@@ -547,7 +597,8 @@ def _central(values: Array, channel: str) -> tuple[Array, Array]:
 
 
 def _require_possible(recording: Recording) -> None:
-    """Refuse a recording with numbers that no arm has, naming side, channel, joints and the largest number."""
+    """Refuse a recording with numbers that no arm has, naming side, channel, joints and the largest
+    number."""
     for name, side in recording.measured().items():
         for channel, values in side.channels().items():
             if not len(values):

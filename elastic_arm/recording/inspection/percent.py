@@ -1,7 +1,9 @@
-"""Positions in per cent of each joint's calibrated range, as LeRobot writes them by default, taken for degrees.
+"""Positions in per cent of each joint's calibrated range, as LeRobot writes them by default, taken
+for degrees.
 
-Encoders of one kind have one step. In per cent of ranges that differ, steps do, too: from -100 to 100 the step of an
-encoder of 12 bits, 360/4096 degrees, is 200 / range times as large, and shows the range.
+Encoders of one kind have one step. In per cent of ranges that differ, steps do, too: from -100 to
+100 the step of an encoder of 12 bits, 360/4096 degrees, is 200 / range times as large, and shows
+the range.
 """
 
 from collections.abc import Iterator
@@ -18,7 +20,8 @@ _SAME = 2e-3  # relative; steps of one encoder
 
 
 def ranges_by_steps(values: Array) -> Array | None:
-    """Return the calibrated ranges, degrees (n,), that steps of values (N, n) in per cent show; None where in degrees.
+    """Return the calibrated ranges, degrees (n,), that steps of values (N, n) in per cent show;
+    None where in degrees.
 
     Encoders of different kinds have steps that differ by powers of two.
     """
@@ -36,7 +39,8 @@ def ranges_by_steps(values: Array) -> Array | None:
 
 
 def _step(column: Array) -> float:
-    """Return the step of which all changes of a channel (N,) are multiples; 0 where there is none."""
+    """Return the step of which all changes of a channel (N,) are multiples; 0 where there is
+    none."""
     apart = np.abs(np.diff(column))
     apart = apart[apart > 1e-9]
     if len(apart) < 20:
@@ -51,7 +55,8 @@ def _step(column: Array) -> float:
 
 
 def in_percent(recording: Recording) -> Iterator[Finding]:
-    """Yield whether angles that were taken as degrees are per cent, with the range of each joint."""
+    """Yield whether angles that were taken as degrees are per cent, with the range of each
+    joint."""
     for name, side in recording.measured().items():
         if side.position is None or len(side) < FEWEST:
             continue
@@ -61,7 +66,12 @@ def in_percent(recording: Recording) -> Iterator[Finding]:
             shown = ", ".join(
                 f"{recording.joints[j]} {size:.0f}" for j, size in zip(there, ranges, strict=True)
             )
-            words = f"{name} position is in per cent of each joint's range, not in degrees: the encoders' steps differ"
-            remedy = f"take the ranges from the calibration file; by steps of 12 bits they are, degrees: {shown} \
-(unit: deg, factor: range / 200, in the map)"
+            words = (
+                f"{name} position is in per cent of each joint's range, not in degrees: the"
+                " encoders' steps differ"
+            )
+            remedy = (
+                "take the ranges from the calibration file; by steps of 12 bits they are, degrees:"
+                f" {shown} (unit: deg, factor: range / 200, in the map)"
+            )
             yield warning("percent", words, remedy)

@@ -4,9 +4,9 @@ A position and its velocity measure one motion, so that over an interval from t 
 
     q(t + w) - q(t) = g integral(v) + tau (v(t + w) - v(t)),
 
-with gain g = 1 and lag tau = 0 of the velocity behind the position. Where g or tau differ a unit, a sign, a filter or
-a clock is not what it is taken for. A sample taken beside its stamp moves all joints along their motion by one and
-the same time, which noise of their sensors does not.
+with gain g = 1 and lag tau = 0 of the velocity behind the position. Where g or tau differ a unit, a
+sign, a filter or a clock is not what it is taken for. A sample taken beside its stamp moves all
+joints along their motion by one and the same time, which noise of their sensors does not.
 """
 
 from collections.abc import Sequence
@@ -32,10 +32,12 @@ _PARTS = 20  # of a recording, whose scatter shows how certain its work is
 
 
 class _Compared(NamedTuple):
-    """Positions q and velocities v (N, n) of one side at times t (N,), and how the two agree, (n,) each.
+    """Positions q and velocities v (N, n) of one side at times t (N,), and how the two agree, (n,)
+    each.
 
-    gain and lag (s) of the module's equation, the share of the advance that it explains and the deviation of the lag;
-    NaN for joints at rest. slow: whether noise of the velocity may hide what they share.
+    gain and lag (s) of the module's equation, the share of the advance that it explains and the
+    deviation of the lag; NaN for joints at rest. slow: whether noise of the velocity may hide what
+    they share.
     """
 
     t: Array
@@ -52,7 +54,8 @@ class _Compared(NamedTuple):
 def implausible(recording: Recording) -> list[Finding]:
     """Return what no sensors of a moving arm measure; nothing of numbers that are no motion at all.
 
-    Of a long recording the middle decides on velocities and stamps: what is wrong shows in every stretch.
+    Of a long recording the middle decides on velocities and stamps: what is wrong shows in every
+    stretch.
     """
     sides = {name: _whole(side, recording.joints) for name, side in recording.measured().items()}
     if not all(_is_motion(side) for side, _ in sides.values()):
@@ -79,7 +82,8 @@ def _whole(side: Side, joints: Sequence[str]) -> tuple[Side, Sequence[str]]:
 
 
 def smoothed_torques(recording: Recording) -> list[str]:
-    """Return in words which torques were low-passed before they were recorded: they hold not even noise above."""
+    """Return in words which torques were low-passed before they were recorded: they hold not even
+    noise above."""
     return [finding.message for finding in _noiseless(recording) if finding.code == _SMOOTH]
 
 
@@ -88,13 +92,15 @@ def _compared(side: Side) -> _Compared:
     assert side.position is not None and side.velocity is not None
     t = (side.stamp_ns - side.stamp_ns[0]) * 1e-9
     q, v = np.unwrap(side.position, axis=0), side.velocity
-    # 0.02 s over which a velocity is compared with the position's advance: above the encoders' steps
+    # 0.02 s over which a velocity is compared with the position's advance: above the encoders'
+    # steps
     width = min(max(round(0.02 / float(np.median(np.diff(t)))), 1), len(t) // 20)
     advance, mean, change = _advances(t, q, v, width)
     fits = np.full((4, q.shape[1]), np.nan)
     slow = np.sqrt(np.mean(advance**2, axis=0)) < _STILL
     # Stamps of a wrong unit make any motion slow; the velocity beside it knows nothing of them.
-    # 0.05 rad that a joint has moved all the same, if at a speed below: slowly, or by stamps of a wrong unit
+    # 0.05 rad that a joint has moved all the same, if at a speed below: slowly, or by stamps of a
+    # wrong unit
     still = slow & ((np.ptp(q, axis=0) < 0.05) | (np.sqrt(np.mean(v**2, axis=0)) < _STILL))
     for j in np.flatnonzero(~still).tolist():
         columns = np.column_stack([mean[:, j], change[:, j]])
@@ -121,7 +127,8 @@ def _is_motion(side: Side) -> bool:
 
 
 def is_motion(t: Array, position: Array) -> bool:
-    """Return whether positions (N, n), rad, at times (N,), s, are the motion of an arm, not numbers of any kind."""
+    """Return whether positions (N, n), rad, at times (N,), s, are the motion of an arm, not numbers
+    of any kind."""
     if len(t) < 2:
         return False
     speed = np.diff(np.unwrap(position, axis=0), axis=0) / np.diff(t)[:, None]
@@ -130,7 +137,8 @@ def is_motion(t: Array, position: Array) -> bool:
 
 
 def _advances(t: Array, q: Array, v: Array, width: int) -> tuple[Array, Array, Array]:
-    """Return (N - width, n) mean rates of q, means of v and mean rates of v, over intervals of `width` samples."""
+    """Return (N - width, n) mean rates of q, means of v and mean rates of v, over intervals of
+    `width` samples."""
     span = (t[width:] - t[:-width])[:, None]
     integral = scipy.integrate.cumulative_trapezoid(v, t, axis=0, initial=0.0)
     return tuple((x[width:] - x[:-width]) / span for x in (q, integral, v))  # type: ignore[return-value]
@@ -147,7 +155,8 @@ def _velocities(name: str, motion: _Compared, joints: Sequence[str]) -> list[Fin
         and scaled[moving].all()
         and bool((np.abs(gains - np.median(gains)) < _GAIN * np.abs(np.median(gains))).all())
     )
-    # A servo's own filter falls short by so much; a unit is off by more, and times make all joints alike.
+    # A servo's own filter falls short by so much; a unit is off by more, and times make all joints
+    # alike.
     far = scaled & (
         (motion.gain > 1.0 + _FILTERED)
         | (motion.gain < 1.0 - _FILTERED)
@@ -198,7 +207,10 @@ def _stamps(name: str, motion: _Compared) -> list[Finding]:
         found = evidence(samples, number, rate) if usual > _JITTER else None
         if found is None or found.stamps:
             return []
-        spread = f"the stamps spread by {1e6 * usual / rate:.3g} us (std) and the motion does not follow them"
+        spread = (
+            f"the stamps spread by {1e6 * usual / rate:.3g} us (std) and the motion does not follow"
+            " them"
+        )
         return [
             warning(
                 "arrival_stamps",
@@ -227,7 +239,8 @@ def _stamps(name: str, motion: _Compared) -> list[Finding]:
         return []
     size = f"{1e6 * np.sqrt(both) * motion.step:.3g} us (std)"
     words = f"all joints together are {size} ahead of what their velocities give, or behind"
-    # 0.1 of the interval: less, a good log's rounding or a late cycle now and then, costs nothing that follows
+    # 0.1 of the interval: less, a good log's rounding or a late cycle now and then, costs nothing
+    # that follows
     severity: Severity = "warning" if np.sqrt(both) > 0.1 else "note"
     made_up = f"{name} side: the stamps are perfectly regular and made up"
     return [Finding(severity, "made_up_stamps", f"{made_up}: {words}")]
@@ -258,11 +271,13 @@ def _noiseless(recording: Recording) -> list[Finding]:
 
 
 def _backwards(recording: Recording) -> list[Finding]:
-    """Find motor torques that take energy out of a joint while friction takes it, too: their sign is wrong.
+    """Find motor torques that take energy out of a joint while friction takes it, too: their sign
+    is wrong.
 
-    Torque sensors behind a drive see little friction, and a lag of theirs does work of either sign. What gravity and
-    inertia take they give back as the joint moves to and fro, but for one way over its range. At joints without a
-    motor's angle the link's will do: a spring gives back what it takes.
+    Torque sensors behind a drive see little friction, and a lag of theirs does work of either sign.
+    What gravity and inertia take they give back as the joint moves to and fro, but for one way over
+    its range. At joints without a motor's angle the link's will do: a spring gives back what it
+    takes.
     """
     motor, link = recording.motor, recording.link
     if motor is None or motor.effort is None:
@@ -281,7 +296,8 @@ def _backwards(recording: Recording) -> list[Finding]:
     ):
         return []
     path, effort = np.diff(side.position, axis=0), 0.5 * (side.effort[1:] + side.effort[:-1])
-    # What follows other joints' speeds is friction and inertia that their motion brings: a coupled axis may brake them.
+    # What follows other joints' speeds is friction and inertia that their motion brings: a coupled
+    # axis may brake them.
     for j in range(effort.shape[1]):
         others = np.delete(path, j, axis=1)
         columns = np.hstack([others, np.sign(others), np.gradient(others, axis=0)])
@@ -313,7 +329,8 @@ def _same_arrays(recording: Recording) -> list[Finding]:
     for channel, words in (("position", "there is one encoder"), ("effort", "there is one torque")):
         one, other = link.channels().get(channel), motor.channels().get(channel)
         if one is not None and other is not None:
-            # 1e-12 is the span of a difference of two channels that are the same numbers, but for an offset
+            # 1e-12 is the span of a difference of two channels that are the same numbers, but for
+            # an offset
             same = (np.ptp(one - other, axis=0) <= 1e-12) & (np.ptp(one, axis=0) > 0.0)
             what = f"link and motor {channel}"
             findings += about(

@@ -21,7 +21,8 @@ _MENDED = (JOINT_STATES, MOTOR_STATES, JOINT_TORQUES)
 
 @dataclass
 class Repair:
-    """What a repair did: the new bag, how many messages are in it, what was left out or could not be mended."""
+    """What a repair did: the new bag, how many messages are in it, what was left out or could not
+    be mended."""
 
     path: Path
     kept: int = 0
@@ -33,8 +34,9 @@ def repair_bag(
 ) -> Repair:
     """Copy what is usable of a bag into a new one, by default `<name>_repaired` beside it.
 
-    Damaged chunks and torn ends are left out, and of the joint topics, and of fields of a channel map, messages with
-    numbers that are none. Stamps stay as they are: readers put messages in order.
+    Damaged chunks and torn ends are left out, and of the joint topics, and of fields of a channel
+    map, messages with numbers that are none. Stamps stay as they are: readers put messages in
+    order.
     """
     path = Path(path)
     repair = Repair(Path(out) if out is not None else path.with_name(f"{bag_stem(path)}_repaired"))
@@ -77,7 +79,8 @@ def repair_bag(
 
 
 def _finite(series: Series, fields: set[str] | None, dropped: list[str]) -> NDArray[np.bool_]:
-    """Return which messages (N,) of a topic, in log order, hold numbers; `dropped` gets what is left out."""
+    """Return which messages (N,) of a topic, in log order, hold numbers; `dropped` gets what is
+    left out."""
     good = np.ones(series.count, np.bool_)
     log_ns = np.empty(series.count, np.int64)
     for piece in series.pieces:
@@ -96,6 +99,7 @@ def _finite(series: Series, fields: set[str] | None, dropped: list[str]) -> NDAr
             ]
     if not good.all():
         dropped.append(
-            f"{(~good).sum()} of {series.count} messages on {series.topic} with numbers that are not finite"
+            f"{(~good).sum()} of {series.count} messages on {series.topic} with numbers that are"
+            " not finite"
         )
     return good[np.argsort(log_ns, kind="stable")]

@@ -1,4 +1,5 @@
-"""Findings about a recording, and what no later step could use: times that do not advance, numbers that are none."""
+"""Findings about a recording, and what no later step could use: times that do not advance, numbers
+that are none."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
@@ -12,12 +13,22 @@ from elastic_arm.recording.sides import Side, Stamps, joints_with, listed
 
 FEWEST = 200  # samples; of fewer nothing is concluded
 REPAIR = "Make a usable copy with: elastic-arm bag check --repair BAG"
-# Samples a second. A fifth of them is the band in which an arm is looked at, and the motion of none ends below 1 Hz;
-# no drive is read out faster than the other. Beyond either the times have another unit than they are taken for.
+# Samples a second. A fifth of them is the band in which an arm is looked at, and the motion of none
+# ends below 1 Hz; no drive is read out faster than the other. Beyond either the times have another
+# unit than they are taken for.
 SLOWEST, FASTEST = 5.0, 50_000.0
-UNIT = "Are the times in another unit? Give theirs (s, ms, us, ns) in the map, and import the recording again."
-ARRIVAL = "Use the times of arrival: `identify` and `diagnose` take --clock arrival, a channel map 'time: arrival'."
-DOUBLE = "Write them as numbers of 64 bits (float64), or seconds since the first sample; or map {rate: Hz} for times."
+UNIT = (
+    "Are the times in another unit? Give theirs (s, ms, us, ns) in the map, and import the"
+    " recording again."
+)
+ARRIVAL = (
+    "Use the times of arrival: `identify` and `diagnose` take --clock arrival, a channel map 'time:"
+    " arrival'."
+)
+DOUBLE = (
+    "Write them as numbers of 64 bits (float64), or seconds since the first sample; or map {rate:"
+    " Hz} for times."
+)
 Severity = Literal["error", "warning", "note"]
 
 
@@ -25,7 +36,8 @@ Severity = Literal["error", "warning", "note"]
 class Finding:
     """Something found in a bag or a recording."""
 
-    # "error": it cannot be used as it is; "warning": it can, with less accuracy; "note": good to know
+    # "error": it cannot be used as it is; "warning": it can, with less accuracy; "note": good to
+    # know
     severity: Severity
     code: str  # A word for scripts
     message: str  # For people
@@ -57,7 +69,8 @@ def about(
     remedy: str = "",
     severity: Severity = "warning",
 ) -> list[Finding]:
-    """Return what the words state of a channel of the chosen joints (n,); nothing where none is chosen."""
+    """Return what the words state of a channel of the chosen joints (n,); nothing where none is
+    chosen."""
     message = f"{what} of {listed(joints, chosen)} {words}"
     return (
         [Finding(severity, code, f"{message}: {remedy}" if remedy else message)]
@@ -98,7 +111,8 @@ class Report:
 
 
 def checked(side: Side, topic: str, joints: Sequence[str]) -> Side:
-    """Return `side` if its times advance and its numbers are finite, or NaN throughout for joints without a channel."""
+    """Return `side` if its times advance and its numbers are finite, or NaN throughout for joints
+    without a channel."""
     check_times(side.stamp_ns, topic)
     faults = []
     for name, values in side.channels().items():
@@ -140,7 +154,10 @@ def check_times(stamp_ns: Stamps, topic: str) -> None:
 def check_stamped(stamp_ns: Stamps, topic: str) -> None:
     """Raise if all stamps are the same: nobody stamped the messages."""
     if (step := single_precision(stamp_ns)) is not None:
-        problem = f"{topic}: times are seconds since 1970 in single precision (float32), which steps by {step:g} s there"
+        problem = (
+            f"{topic}: times are seconds since 1970 in single precision (float32), which steps by"
+            f" {step:g} s there"
+        )
         raise RecordingError(problem, DOUBLE)
     if len(stamp_ns) > 1 and (stamp_ns == stamp_ns[0]).all():
         raise RecordingError(
@@ -155,7 +172,8 @@ def single_precision(stamp_ns: Stamps) -> float | None:
     """
     different = np.unique(stamp_ns)
     seconds = different * 1e-9
-    # Times of day and of a run are small; a log whose every sample has a time of its own lost nothing.
+    # Times of day and of a run are small; a log whose every sample has a time of its own lost
+    # nothing.
     if len(stamp_ns) < 3 or seconds[-1] < 1e8 or 2 * len(different) > len(stamp_ns):
         return None
     rounded = different == np.round(seconds.astype(np.float32).astype(np.float64) * 1e9).astype(
@@ -165,7 +183,8 @@ def single_precision(stamp_ns: Stamps) -> float | None:
 
 
 def wrong_rate(rate: float) -> str | None:
-    """Return in words what is wrong with a sample rate, Hz, that no recording of an arm has; None for others."""
+    """Return in words what is wrong with a sample rate, Hz, that no recording of an arm has; None
+    for others."""
     if SLOWEST <= rate <= FASTEST:
         return None
     much = "few: they do not show" if rate < SLOWEST else "many for"

@@ -1,4 +1,5 @@
-"""Channels that do not follow the arm: stuck, held, filled with zeros, at an end of their range, or frozen."""
+"""Channels that do not follow the arm: stuck, held, filled with zeros, at an end of their range, or
+frozen."""
 
 from collections import defaultdict
 from dataclasses import replace
@@ -24,7 +25,8 @@ _MISSED = (
     0.05  # share of repeated samples, beyond which it is no slip now and then of a good recorder
 )
 _LEVELS = 3  # next to the extreme, that it is compared with
-# Times the samples at any of these: a sine without noise is at its peak 2.4 times as often as a step below.
+# Times the samples at any of these: a sine without noise is at its peak 2.4 times as often as a
+# step below.
 _PILED = 5.0
 _INNER = (5.0, 95.0)  # per cent of the samples between which a torque is mostly
 _AROUND = 5  # samples to either side, within which a joint that turns changes its position
@@ -46,13 +48,17 @@ _SAID = {
     "clipped": (
         "clipped",
         "sits at an end of its range while the joint moves",
-        "the drive or its channel saturates, and the true torque is beyond: record with less torque",
+        (
+            "the drive or its channel saturates, and the true torque is beyond: record with less"
+            " torque"
+        ),
     ),
 }
 
 
 def moves(recording: Recording) -> bool:
-    """Return whether any joint travels, or holds numbers that are none; any may where there are no positions."""
+    """Return whether any joint travels, or holds numbers that are none; any may where there are no
+    positions."""
     positions = [
         side.position for side in recording.measured().values() if side.position is not None
     ]
@@ -66,7 +72,8 @@ def moves(recording: Recording) -> bool:
 
 
 def channel_findings(recording: Recording) -> list[Finding]:
-    """Return which channels do not follow the arm: each channel of each joint is looked at once, by all rules."""
+    """Return which channels do not follow the arm: each channel of each joint is looked at once, by
+    all rules."""
     if not moves(recording):
         words = "the recording holds no motion: identify and diagnose have nothing to fit"
         return [warning("no_motion", f"{words}. {NO_MOTION}")]
@@ -77,7 +84,8 @@ def channel_findings(recording: Recording) -> list[Finding]:
         position = position_at(recording, side)
         for channel, values in side.channels().items():
             if channel != "acceleration":
-                # 0.05 rad that a joint has moved for certain: beyond play, wind-up and the steps of encoders
+                # 0.05 rad that a joint has moved for certain: beyond play, wind-up and the steps of
+                # encoders
                 others = [far > 0.05 for what, far in travel.items() if what != (name, channel)]
                 moving = np.any(others, axis=0) if others else np.zeros(recording.n, np.bool_)
                 findings += _of_channel(
@@ -94,7 +102,8 @@ def _of_channel(
     position: Array | None,
     moving: NDArray[np.bool_],
 ) -> list[Finding]:
-    """Return what one channel of all joints shows; `moving` are the joints that others show to move."""
+    """Return what one channel of all joints shows; `moving` are the joints that others show to
+    move."""
     channel = what.split()[1]
     middle = slice(max(0, (len(side) - _ENOUGH) // 2), (len(side) + _ENOUGH) // 2)
     said: dict[str, list[str]] = defaultdict(list)
@@ -137,7 +146,8 @@ def _of_channel(
 
 
 def at_updates(recording: Recording, found: list[Finding]) -> Recording:
-    """Take channels that are held at their updates: a cubic spline through these is between them."""
+    """Take channels that are held at their updates: a cubic spline through these is between
+    them."""
     kept: dict[str, Any] = {}
     slowest, read_ns = 1.0, recording.read_ns
     for name, side in recording.measured().items():
@@ -181,7 +191,8 @@ def at_updates(recording: Recording, found: list[Finding]) -> Recording:
 
 
 def _updates(column: Array, period: float) -> NDArray[np.intp]:
-    """Return the samples at which a channel (N,) has a new value; one that stays the same is new every period."""
+    """Return the samples at which a channel (N,) has a new value; one that stays the same is new
+    every period."""
     at = np.flatnonzero(np.diff(column)) + 1
     same = [
         np.arange(a, b - period / 2, period)[1:]
@@ -192,9 +203,11 @@ def _updates(column: Array, period: float) -> NDArray[np.intp]:
 
 
 def _held(column: Array, moving: NDArray[np.bool_]) -> tuple[float, float]:
-    """Return the share of samples that repeat although the channel changes before and after, and samples an update.
+    """Return the share of samples that repeat although the channel changes before and after, and
+    samples an update.
 
-    A rounded channel repeats by chance as often as it changes by one step; a joint at rest repeats, too.
+    A rounded channel repeats by chance as often as it changes by one step; a joint at rest repeats,
+    too.
     """
     step = np.diff(column)
     # Differences of rounded numbers, as velocities are, have last digits that are no change.
@@ -220,7 +233,8 @@ def _held(column: Array, moving: NDArray[np.bool_]) -> tuple[float, float]:
 
 
 def filled_in(column: Array, moving: NDArray[np.bool_]) -> float:
-    """Return the share of zeros between values of one sign that are further from zero than from each other.
+    """Return the share of zeros between values of one sign that are further from zero than from
+    each other.
 
     Those are counted during which the joint is `moving` (N,) all the while.
     """
@@ -240,7 +254,8 @@ def filled_in(column: Array, moving: NDArray[np.bool_]) -> float:
 
 
 def _travels(recording: Recording) -> dict[tuple[str, str], Array]:
-    """Return how far joints (n,) go by each channel that shows it: by positions, and by velocities in their time."""
+    """Return how far joints (n,) go by each channel that shows it: by positions, and by velocities
+    in their time."""
     found = {}
     for name, side in recording.measured().items():
         if side.position is not None and len(side):
@@ -265,7 +280,8 @@ def position_at(recording: Recording, side: Side) -> Array | None:
 
 
 def _changing(position: Array) -> NDArray[np.bool_]:
-    """Return where a joint (N,) is not where it was some samples before, nor where it is some samples later."""
+    """Return where a joint (N,) is not where it was some samples before, nor where it is some
+    samples later."""
     padded = np.pad(position, _AROUND, mode="edge")
     before, after = padded[: -2 * _AROUND], padded[2 * _AROUND :]
     # A joint that has no positions counts as one that moves.
@@ -273,7 +289,8 @@ def _changing(position: Array) -> NDArray[np.bool_]:
 
 
 def _going(position: Array) -> NDArray[np.bool_]:
-    """Return where a joint (N,) advances by more than its encoder's steps and noise do to one at rest."""
+    """Return where a joint (N,) advances by more than its encoder's steps and noise do to one at
+    rest."""
     padded = np.pad(position, _AROUND, mode="edge")
     advance = np.abs(padded[2 * _AROUND :] - padded[: -2 * _AROUND])
     step = np.abs(np.diff(position))
@@ -288,7 +305,8 @@ def _going(position: Array) -> NDArray[np.bool_]:
 
 
 def _piled(torque: Array, moving: NDArray[np.bool_]) -> dict[float, float]:
-    """Return the ends of the range of a torque (N,) at which its samples pile up, with their shares."""
+    """Return the ends of the range of a torque (N,) at which its samples pile up, with their
+    shares."""
     values, counts = np.unique(torque[moving], return_counts=True)
     if len(values) < 20:  # 20 values; a channel of fewer has no range to speak of
         return {}
@@ -310,7 +328,8 @@ def _piled(torque: Array, moving: NDArray[np.bool_]) -> dict[float, float]:
 
 
 def _impulses(torque: Array, end: float) -> bool:
-    """Return whether a torque (N,) jumps to an end of its range and back: one that saturates leads there."""
+    """Return whether a torque (N,) jumps to an end of its range and back: one that saturates leads
+    there."""
     rows = np.flatnonzero(torque[1:-1] == end) + 1
     low, high = np.percentile(torque, _INNER)
     apart = np.minimum(np.abs(torque[rows - 1] - end), np.abs(torque[rows + 1] - end))
@@ -318,7 +337,8 @@ def _impulses(torque: Array, end: float) -> bool:
 
 
 def frozen(recording: Recording) -> list[Finding]:
-    """Return when all channels stay the same for a while although the arm moves: what was recorded is an old sample."""
+    """Return when all channels stay the same for a while although the arm moves: what was recorded
+    is an old sample."""
     link, motor = recording.link, recording.motor
     if link is not None and motor is not None and np.array_equal(link.stamp_ns, motor.stamp_ns):
         groups = {"all channels": [link, motor]}
@@ -335,10 +355,12 @@ def frozen(recording: Recording) -> list[Finding]:
 
 
 def _hidden_speeds(t: Array, q: Array, begin: NDArray[np.intp], end: NDArray[np.intp]) -> Array:
-    """Return the speeds (k, n) of joints while samples repeated from `begin` to `end` (k,); 0 where they stood.
+    """Return the speeds (k, n) of joints while samples repeated from `begin` to `end` (k,); 0 where
+    they stood.
 
-    What stood goes on from where it was, slowly at first. What moved on unseen comes again where its speed before and
-    behind would have led it; at the end of a recording it stopped as no joint brakes.
+    What stood goes on from where it was, slowly at first. What moved on unseen comes again where
+    its speed before and behind would have led it; at the end of a recording it stopped as no joint
+    brakes.
     """
     last = len(t) - 1
     first, behind = np.maximum(begin - 2, 0), np.minimum(end + 1, last)
@@ -354,7 +376,8 @@ def _hidden_speeds(t: Array, q: Array, begin: NDArray[np.intp], end: NDArray[np.
     alike = np.maximum(np.abs(before), np.abs(after)) < 3.0 * np.minimum(
         np.abs(before), np.abs(after)
     )
-    # A joint that stood goes a sample's way in the one behind: across the stretch that is far slower.
+    # A joint that stood goes a sample's way in the one behind: across the stretch that is far
+    # slower.
     went = one_way & alike & (size > 0.5 * usual) & (size < 2.0 * usual)
     sample = float(np.median(np.diff(t)))
     # 60.0 rad/s² within a sample, from a speed that was not falling
@@ -366,7 +389,8 @@ def _hidden_speeds(t: Array, q: Array, begin: NDArray[np.intp], end: NDArray[np.
 
 
 def _frozen(what: str, sides: list[Side], start_ns: int) -> list[Finding]:
-    """Return the stretches in which the channels of sides with equal stamps stay as they are, at speed before them."""
+    """Return the stretches in which the channels of sides with equal stamps stay as they are, at
+    speed before them."""
     columns = [
         c
         for side in sides

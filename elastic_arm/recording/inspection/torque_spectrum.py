@@ -1,4 +1,5 @@
-"""Torques that hold less noise than any converter gives: low-passed before they were recorded, or computed."""
+"""Torques that hold less noise than any converter gives: low-passed before they were recorded, or
+computed."""
 
 from dataclasses import dataclass
 
@@ -10,10 +11,12 @@ from elastic_arm.recording.inspection.report import FEWEST
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Array, joints_with
 
-# A torque of 16 bits, six standard deviations wide, rounds at -91 dB of its variance: no converter gives less noise.
+# A torque of 16 bits, six standard deviations wide, rounds at -91 dB of its variance: no converter
+# gives less noise.
 NOISELESS = -95.0
 WINDOW = ("kaiser", 24.0)  # side lobes below -180 dB
-# dB a decade, from where on a low pass is what makes the spectrum fall: noise is flat, friction that jumps gives 20.
+# dB a decade, from where on a low pass is what makes the spectrum fall: noise is flat, friction
+# that jumps gives 20.
 STEEP = 80.0
 STEPS_PER_DECADE, SPAN = 50, 10  # of frequencies, and how many of them a slope is taken over
 
@@ -22,18 +25,23 @@ STEPS_PER_DECADE, SPAN = 50, 10  # of frequencies, and how many of them a slope 
 class TorqueSpectrum:
     """What the torques of one side hold at high frequencies."""
 
-    level: Array  # (n,) dB of the torque's variance, if it were white: the noise in the upper part of the spectrum
+    # (n,) dB of the torque's variance, if it were white: the noise in the upper part of the
+    # spectrum
+    level: Array
     computed: NDArray[
         np.bool_
     ]  # (n,) whether it is that of white noise, and yet less than any converter's
     low_passed: NDArray[np.bool_]  # (n,) whether there is none at all
-    end: Array  # (n,) Hz, above which a torque that was low-passed holds nothing; infinite for others
-    # (n,) Hz, from which on it falls as steeply as nothing but a low pass does, up to its end; infinite for others
+    # (n,) Hz, above which a torque that was low-passed holds nothing; infinite for others
+    end: Array
+    # (n,) Hz, from which on it falls as steeply as nothing but a low pass does, up to its end;
+    # infinite for others
     knee: Array
 
     @property
     def band(self) -> float:
-        """Hz, up to which the torques are those of the motion: the joints of a side pass one kind of filter."""
+        """Hz, up to which the torques are those of the motion: the joints of a side pass one kind
+        of filter."""
         # 0.9 of the knee: there a filter of the eighth order has taken 3 dB, at the knee itself 6
         return (
             0.9 * float(np.median(self.knee[self.low_passed]))
@@ -47,7 +55,8 @@ def torque_spectrum(effort: Array, rate: float) -> TorqueSpectrum:
     effort = np.where(joints_with(effort), effort, 0.0)
     varying = effort.std(axis=0) > 0.0
     rows = min(1024, len(effort) // 2)
-    # Windows of one joint lie together: through all joints at once they would be taken number by number.
+    # Windows of one joint lie together: through all joints at once they would be taken number by
+    # number.
     columns = np.ascontiguousarray(effort.T)
     frequency, power = scipy.signal.welch(columns, rate, WINDOW, rows, detrend=without_line)
     power = power.T
@@ -71,14 +80,16 @@ def torque_spectrum(effort: Array, rate: float) -> TorqueSpectrum:
 
 
 def without_line(pieces: Array) -> Array:
-    """Return pieces (…, N) of a signal without the straight line of each, for which SciPy solves least squares."""
+    """Return pieces (…, N) of a signal without the straight line of each, for which SciPy solves
+    least squares."""
     t = np.linspace(-1.0, 1.0, pieces.shape[-1])
     left = pieces - pieces.mean(axis=-1, keepdims=True)
     return np.asarray(left - (left @ t)[..., None] * (t / max(float(t @ t), 1e-300)))
 
 
 def torque_spectra(recording: Recording) -> dict[str, TorqueSpectrum]:
-    """Return the spectra of the torques of the link and the motor side, of those that are long enough.
+    """Return the spectra of the torques of the link and the motor side, of those that are long
+    enough.
 
     Torques that were made of commands are computed, and have none; nor have those that were held.
     """

@@ -1,8 +1,9 @@
 """Both encoders of a joint: of its link and of its motor.
 
-Of an arm that is described as rigid both measure one angle: the torque of a motor goes with the motion of its own
-encoder, and what a link's encoder has besides is its lag and its zero. Of any arm the two may disagree by more than a
-drive winds up: theta - q = a + b q + tau / K + T dq, where the zero a and the ratio b should be none.
+Of an arm that is described as rigid both measure one angle: the torque of a motor goes with the
+motion of its own encoder, and what a link's encoder has besides is its lag and its zero. Of any arm
+the two may disagree by more than a drive winds up: theta - q = a + b q + tau / K + T dq, where the
+zero a and the ratio b should be none.
 """
 
 from dataclasses import replace
@@ -21,7 +22,8 @@ _TOGETHER = 0.01  # of the squares of the motor's angle, that the link's does no
 
 
 def with_one_zero(recording: Recording, found: list[Finding]) -> Recording:
-    """Take out what motors' encoders differ from links' by throughout, where no drive winds up so far: a zero unset."""
+    """Take out what motors' encoders differ from links' by throughout, where no drive winds up so
+    far: a zero unset."""
     zero, ratio, _ = _apart(recording)
     # 0.05 rad; encoders are set to zero more closely than that, and no drive is assembled so
     off = (np.abs(zero) > 0.05) & (np.abs(ratio) < _TOGETHER)
@@ -29,7 +31,10 @@ def with_one_zero(recording: Recording, found: list[Finding]) -> Recording:
     if motor is None or motor.position is None or not off.any():
         return recording
     words = f"are {span_of(zero[off])} rad apart throughout"
-    remedy = "more than a drive winds up: an encoder that was not referenced? The motor's is taken for off by that"
+    remedy = (
+        "more than a drive winds up: an encoder that was not referenced? The motor's is taken for"
+        " off by that"
+    )
     found += about(recording.joints, off, "encoder_zeros", "motor and link position", words, remedy)
     return replace(
         recording, motor=replace(motor, position=motor.position - np.where(off, zero, 0.0))
@@ -46,17 +51,22 @@ def disagreeing(recording: Recording) -> list[Finding]:
     found = about(recording.joints, off, "encoder_ratio", "motor positions", words, remedy)
     # 0.02 s; filters of encoders and a drive's wind-up lag by less
     late = np.abs(lag) > 0.02
-    # One clock is late for all joints alike; the wind-up of drives, which goes with the speed through friction, is not.
+    # One clock is late for all joints alike; the wind-up of drives, which goes with the speed
+    # through friction, is not.
     if late.any() and not (np.abs(lag - np.median(lag)) < 0.2 * np.abs(np.median(lag))).all():
         late = np.zeros_like(late)
     where = "ahead of" if lag[late].sum() > 0.0 else "behind"
     apart = f"are {span_of(1e3 * np.abs(lag[late]))} ms {where} those of the link"
-    clocks = "two clocks, or one side by times of arrival? Record both by one clock, or shift the stamps of one"
+    clocks = (
+        "two clocks, or one side by times of arrival? Record both by one clock, or shift the stamps"
+        " of one"
+    )
     return found + about(recording.joints, late, "sides_apart", "motor positions", apart, clocks)
 
 
 def _apart(recording: Recording) -> tuple[Array, Array, Array]:
-    """Return by how much motors are ahead of links: (n,) rad, part of the angle, and s; zero where uncertain."""
+    """Return by how much motors are ahead of links: (n,) rad, part of the angle, and s; zero where
+    uncertain."""
     found = np.zeros((3, recording.n))
     link, motor = recording.link, recording.motor
     if link is None or motor is None or link.position is None or motor.position is None:
@@ -101,9 +111,11 @@ def _apart(recording: Recording) -> tuple[Array, Array, Array]:
 
 
 def by_motor_encoders(recording: Recording, robot: Robot) -> Recording:
-    """Return a recording of a rigid arm without link encoders where motors have an encoder and a torque, with a note.
+    """Return a recording of a rigid arm without link encoders where motors have an encoder and a
+    torque, with a note.
 
-    That of any other arm, and one with joint torques, which go with the links, is returned as it is.
+    That of any other arm, and one with joint torques, which go with the links, is returned as it
+    is.
     """
     link, motor = recording.link, recording.motor
     if robot.elastic or link is None or motor is None or link.effort is not None:
@@ -120,15 +132,16 @@ def by_motor_encoders(recording: Recording, robot: Robot) -> Recording:
     lags = _lags(recording.samples())[both]
     where = "behind" if np.median(lags) > 0.0 else "ahead of"
     note = (
-        f"{listed(recording.joints, both)}: the arm is described as rigid, so the encoders of the motors are used, not "
-        f"those of the links, which are {span_of(1e3 * np.abs(lags))} ms {where} them (an arm file with transmissions "
-        "tells a lag of the encoders from damping)"
+        f"{listed(recording.joints, both)}: the arm is described as rigid, so the encoders of the"
+        f" motors are used, not those of the links, which are {span_of(1e3 * np.abs(lags))} ms"
+        f" {where} them (an arm file with transmissions tells a lag of the encoders from damping)"
     )
     return replace(recording, link=rest, notes=(*recording.notes, f"{recording.source}: {note}."))
 
 
 def _lags(samples: Samples) -> Array:
-    """Return by how much the link of each joint (n,) is behind its motor, s; NaN where one of the two is missing."""
+    """Return by how much the link of each joint (n,) is behind its motor, s; NaN where one of the
+    two is missing."""
     q, theta = samples.q, samples.theta
     assert q is not None and theta is not None
     rate = np.gradient(theta, samples.t, axis=0) if samples.dtheta is None else samples.dtheta

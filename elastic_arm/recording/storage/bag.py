@@ -49,7 +49,8 @@ class Bag:
     )  # what is wrong with the bag as a whole, in words
 
     def currents(self) -> list[str]:
-        """Return the torque channels that are motor currents times a torque constant: as the files, without folder."""
+        """Return the torque channels that are motor currents times a torque constant: as the files,
+        without folder."""
         if self.metadata is not None:
             return list(self.metadata.currents)
         return list(dict.fromkeys(name for file in self.files for name in file.currents()))
@@ -110,7 +111,8 @@ def _opened(path: Path) -> Bag:
 
 
 def _read_metadata(folder: Path) -> tuple[BagMetadata | None, list[str]]:
-    """Return what is needed of metadata.yaml, None where it cannot be had, and what of it makes no sense."""
+    """Return what is needed of metadata.yaml, None where it cannot be had, and what of it makes no
+    sense."""
     file = folder / METADATA
     if not file.exists():
         return None, [f"{file} is missing"]
@@ -160,7 +162,8 @@ def bag_stem(path: Path) -> str:
 
 
 def _storage(path: Path) -> str:
-    """Return the suffix that names the storage format of a file; empty where it is no file of a bag."""
+    """Return the suffix that names the storage format of a file; empty where it is no file of a
+    bag."""
     return next(
         (kind for kind in _OPENERS for packed in _PACKED if path.name.endswith(kind + packed)), ""
     )

@@ -68,7 +68,8 @@ class _RecordStream(ReadDataStream):
 
 
 class Chunk(NamedTuple):
-    """Where the bytes of a chunk lie in the file, how they are packed, and where its messages' indexes lie."""
+    """Where the bytes of a chunk lie in the file, how they are packed, and where its messages'
+    indexes lie."""
 
     begin: int
     end: int
@@ -110,7 +111,8 @@ class McapFile(StoredFile):
         )
         if total > limit:
             raise RecordingError(
-                f"{self.path} unpacks to {total // limits.MEGABYTE} MB, the limit is {limit // limits.MEGABYTE} MB",
+                f"{self.path} unpacks to {total // limits.MEGABYTE} MB, the limit is"
+                f" {limit // limits.MEGABYTE} MB",
                 "If you trust it, raise the limit: set ELASTIC_ARM_MAX_UNPACKED_MB.",
             )
 
@@ -136,7 +138,8 @@ class McapFile(StoredFile):
         )
 
     def blocks(self, strict: bool = True) -> Iterator[McapBlock]:
-        """Yield the messages, block by block in file order; slow chunks are unpacked ahead in threads."""
+        """Yield the messages, block by block in file order; slow chunks are unpacked ahead in
+        threads."""
         self._before = None
         starts = np.array([*(chunk.start_ns for chunk in self.chunks), LATEST_NS], np.int64)
         first, *horizons = np.minimum.accumulate(starts[::-1])[::-1].tolist()
@@ -162,9 +165,10 @@ class McapFile(StoredFile):
 
     def _unpacked_chunks(self) -> Iterator[Bytes | RecordingError]:
         """Yield the plain bytes of each chunk, or why there are none."""
-        # Unpacking and the checksum are all that is handed over: they do without the interpreter, which many small
-        # steps in two threads would keep taking from each other. Checksums and lz4, which take no longer than the way
-        # of the bytes from one core to another, are not worth it.
+        # Unpacking and the checksum are all that is handed over: they do without the interpreter,
+        # which many small steps in two threads would keep taking from each other. Checksums and
+        # lz4, which take no longer than the way of the bytes from one core to another, are not
+        # worth it.
         slow = any(chunk.compression == "zstd" for chunk in self.chunks)
         yield from (ahead if slow else map)(self._unpack, self.chunks)
 
@@ -264,7 +268,10 @@ def open_mcap(path: Path) -> McapFile:
     except OSError as error:
         remedy = "Check the path and its permissions."
         if error.errno == errno.ENOMEM:
-            remedy = f"It takes {path.stat().st_size / 1e6:.0f} MB of addresses: raise their limit (ulimit -v)."
+            remedy = (
+                f"It takes {path.stat().st_size / 1e6:.0f} MB of addresses: raise their limit"
+                " (ulimit -v)."
+            )
         raise RecordingError(f"{path} cannot be read: {error}", remedy) from None
     if not len(buffer):
         raise RecordingError(f"{path} is empty", "Record again: nothing was written.")

@@ -1,9 +1,9 @@
 """The records of MCAP: lay messages as such, and find those of a byte string.
 
-An MCAP file, and each chunk in it once decompressed, is a run of records: one byte of kind, eight of length, content.
-The messages of a chunk are found without a Python step for each: recorders write their topics in turn, so that a chunk
-is mostly like the one before; else by its indexes. Where these are not complete, and beside chunks, a walk goes from
-record to record.
+An MCAP file, and each chunk in it once decompressed, is a run of records: one byte of kind, eight
+of length, content. The messages of a chunk are found without a Python step for each: recorders
+write their topics in turn, so that a chunk is mostly like the one before; else by its indexes.
+Where these are not complete, and beside chunks, a walk goes from record to record.
 """
 
 import mmap
@@ -36,7 +36,8 @@ def message_head(size: int, channel: int, sequence: int, log_ns: int, publish_ns
 def lay_messages(
     buffer: Bytes, offsets: Offsets, message: bytes, *, channel: int, first: int, stamp_ns: Offsets
 ) -> Offsets | slice:
-    """Lay records that all hold the same message into a buffer, and return where the messages begin."""
+    """Lay records that all hold the same message into a buffer, and return where the messages
+    begin."""
     where = progression(offsets)
     record = message_head(len(message), channel, 0, 0, 0) + message
     place(buffer, where, 0, np.frombuffer(record, f"V{len(record)}"))
@@ -64,7 +65,8 @@ class Scan:
 
 
 def scan(buffer: Bytes, begin: int, end: int, most: int = limits.RECORDS) -> Scan:
-    """Find all records between `begin` and `end`; stops before a torn one, or one that is shorter than its kind."""
+    """Find all records between `begin` and `end`; stops before a torn one, or one that is shorter
+    than its kind."""
     view, at, given = buffer.data, begin, begin
     messages: list[int] = []
     others: list[Record] = []
@@ -91,7 +93,8 @@ def scan(buffer: Bytes, begin: int, end: int, most: int = limits.RECORDS) -> Sca
 
 
 def give_back(buffer: Bytes, begin: int, end: int) -> None:
-    """Have the system take back the memory of a file's bytes that were read; they come again when needed."""
+    """Have the system take back the memory of a file's bytes that were read; they come again when
+    needed."""
     mapping = getattr(buffer.base, "obj", None)
     if isinstance(mapping, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED"):
         begin = begin // mmap.PAGESIZE * mmap.PAGESIZE
@@ -141,7 +144,8 @@ class McapBlock:
 
 
 def repeated(before: McapBlock | None, plain: Bytes, horizon_ns: int) -> McapBlock | None:
-    """Return the messages of a chunk if they come as regularly as in the one before, and fill it; None if they do not.
+    """Return the messages of a chunk if they come as regularly as in the one before, and fill it;
+    None if they do not.
 
     Their heads alone are read: that spares most of what there is to do with indexes.
     """
@@ -174,7 +178,8 @@ def repeated(before: McapBlock | None, plain: Bytes, horizon_ns: int) -> McapBlo
 
 
 def _in_turn(block: McapBlock) -> bool:
-    """Whether the channels send one message each in every round, and the first ones lie end to end over a round."""
+    """Whether the channels send one message each in every round, and the first ones lie end to end
+    over a round."""
     places = [(block.where(channel), int(block.sizes(channel)[0])) for channel in block.messages]
     turn = sorted(
         (where.start, size, where.step) for where, size in places if isinstance(where, slice)
@@ -188,7 +193,8 @@ def _in_turn(block: McapBlock) -> bool:
 
 
 def indexed(file: Bytes, indexes: list[Record], plain: Bytes, horizon_ns: int) -> McapBlock | None:
-    """Return the messages of a chunk by its indexes; None unless these account for every byte of it."""
+    """Return the messages of a chunk by its indexes; None unless these account for every byte of
+    it."""
     block = McapBlock(plain, {}, horizon_ns)
     for _, begin, end in indexes:
         channel = int.from_bytes(file[begin : begin + 2], "little")
@@ -205,7 +211,8 @@ def indexed(file: Bytes, indexes: list[Record], plain: Bytes, horizon_ns: int) -
         )
         if not heads.all():
             return None
-        # Lengths of up to 2^63 - 1 are claimed: none may be added to anything before it is known to be small.
+        # Lengths of up to 2^63 - 1 are claimed: none may be added to anything before it is known to
+        # be small.
         size = block.sizes(channel)
         if size.min() < MESSAGE_HEAD - RECORD_HEAD or size.max() > len(plain):
             return None
@@ -215,7 +222,8 @@ def indexed(file: Bytes, indexes: list[Record], plain: Bytes, horizon_ns: int) -
 def _end_to_end(block: McapBlock) -> bool:
     """Whether the records lie end to end from the first byte to the last.
 
-    They do if together they are as long, one begins at the first byte, and each ends where one begins or at the last.
+    They do if together they are as long, one begins at the first byte, and each ends where one
+    begins or at the last.
     """
     if not block.messages:
         return False

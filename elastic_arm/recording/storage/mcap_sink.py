@@ -46,7 +46,8 @@ _COMPRESSED: dict[Compression, Callable[[bytes | memoryview], bytes | memoryview
 
 @dataclass(frozen=True)
 class Packed:
-    """A chunk ready to be written: its bytes, and the log times and places of its messages by channel."""
+    """A chunk ready to be written: its bytes, and the log times and places of its messages by
+    channel."""
 
     data: bytes | memoryview
     size: int
@@ -57,7 +58,8 @@ class Packed:
 def pack(
     plain: bytes | memoryview, index: dict[int, tuple[Offsets, Offsets]], compression: Compression
 ) -> Packed:
-    """Compress the records of a chunk; leaves the interpreter's lock, so threads may share the work."""
+    """Compress the records of a chunk; leaves the interpreter's lock, so threads may share the
+    work."""
     return Packed(_COMPRESSED[compression](plain), len(plain), zlib.crc32(plain), index)
 
 
@@ -232,7 +234,8 @@ class McapSink:
     def _failed(self, error: OSError) -> RecordingError:
         return RecordingError(
             f"{self.path} cannot be written further: {error.strerror}",
-            f"The {self._counts.total()} messages written before are kept; free space or choose another disk.",
+            f"The {self._counts.total()} messages written before are kept; free space or choose"
+            " another disk.",
         )
 
 

@@ -1,4 +1,5 @@
-"""The messages of a bag one by one, in the order they were logged, as raw bytes: for replaying and copying."""
+"""The messages of a bag one by one, in the order they were logged, as raw bytes: for replaying and
+copying."""
 
 import heapq
 from collections.abc import Collection, Iterator, Sequence
@@ -28,8 +29,8 @@ def read_messages(
 ) -> Iterator[Message]:
     """Yield the messages of one or several bags in the order they were logged.
 
-    Within a file chunks are taken as they follow each other, and each is sorted; only chunks that overlap in time
-    are held together, so memory stays small.
+    Within a file chunks are taken as they follow each other, and each is sorted; only chunks that
+    overlap in time are held together, so memory stays small.
     """
     paths = [path] if isinstance(path, str | Path) else list(path)
     files = [file for each in paths for file in open_bag(each).files]
@@ -44,7 +45,8 @@ def read_topics(path: str | Path) -> list[Topic]:
 
 
 def topics_of(files: Sequence[BagFile]) -> list[Topic]:
-    """Return the topics of opened files; where a file does not list them all, from a look through its messages."""
+    """Return the topics of opened files; where a file does not list them all, from a look through
+    its messages."""
     found: dict[str, Topic] = {}
     for file in files:
         if not all(topic.type_name for topic in file.channels.values()) or not file.channels:

@@ -1,4 +1,5 @@
-"""What rosbag2 wants to know beside the messages: quality of service, and metadata.yaml as Jazzy writes it."""
+"""What rosbag2 wants to know beside the messages: quality of service, and metadata.yaml as Jazzy
+writes it."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -25,11 +26,12 @@ _FOREVER = {"sec": 9223372036, "nsec": 854775807}
 class Topic:
     """A topic of a bag."""
 
-    # name, type_name: `/joint_states`, `sensor_msgs/msg/JointState`; an empty type where the file does not hold it
+    # name, type_name: `/joint_states`, `sensor_msgs/msg/JointState`; an empty type where the file
+    # does not hold it
     name: str
     type_name: str
-    # definition, encoding: text that defines the type, empty where the file holds none, and its language: "ros2msg" or
-    # "ros2idl"
+    # definition, encoding: text that defines the type, empty where the file holds none, and its
+    # language: "ros2msg" or "ros2idl"
     definition: str
     type_hash: str  # RIHS01 hash of the type; may be empty
     qos: str  # quality of service offered, as YAML
@@ -38,13 +40,15 @@ class Topic:
 
 @dataclass
 class StoredFile:
-    """A file of a bag of any storage format, which has its messages in `blocks(strict)`, block by block.
+    """A file of a bag of any storage format, which has its messages in `blocks(strict)`, block by
+    block.
 
     What a format knows nothing of is as here.
     """
 
     path: Path
-    # its topics by their numbers; those that stand only inside chunks appear once its blocks have been run through
+    # its topics by their numbers; those that stand only inside chunks appear once its blocks have
+    # been run through
     channels: dict[int, Topic] = field(default_factory=dict)
     damage: list[str] = field(
         default_factory=list
@@ -60,11 +64,13 @@ class StoredFile:
         return self.channels[channel]
 
     def currents(self) -> tuple[str, ...]:
-        """Return the torque channels that the file states to be motor currents times a torque constant."""
+        """Return the torque channels that the file states to be motor currents times a torque
+        constant."""
         return ()
 
     def check_lengths(self) -> None:
-        """Raise if all of its messages, which are to be kept, claim to unpack to more than the limit."""
+        """Raise if all of its messages, which are to be kept, claim to unpack to more than the
+        limit."""
 
     def expected(self, _: int) -> int:
         """Return how many messages the file promises on a channel; 0 where nothing is known."""
@@ -87,7 +93,8 @@ class FileSummary:
 
 
 def offered_qos(topic: str) -> str:
-    """Return the quality of service that the suite's nodes offer on a topic, as rosbag2 writes it (YAML)."""
+    """Return the quality of service that the suite's nodes offer on a topic, as rosbag2 writes it
+    (YAML)."""
     latched = f"/{topic.rpartition('/')[2]}" in LATCHED
     profile = {
         "history": "keep_last",
@@ -130,7 +137,8 @@ def metadata(
 
 
 def stated_currents(information: object) -> tuple[str, ...]:
-    """Return the torque channels that are motor currents times a torque constant, as a bag's metadata states them."""
+    """Return the torque channels that are motor currents times a torque constant, as a bag's
+    metadata states them."""
     custom = information.get("custom_data") if isinstance(information, dict) else None
     stated = custom.get(_CURRENTS) if isinstance(custom, dict) else None
     return tuple(

@@ -20,12 +20,13 @@ _MAGIC = b"SQLite format 3\0"
 _DAMAGED = (sqlite3.Error, UnicodeDecodeError)
 _BYTES = 64 * limits.MEGABYTE  # from which on a block is handed out, however few rows it has
 _REMEDY = "Give a rosbag2 folder, an .mcap or a .db3 file."
-# By timestamp: an index holds that order, so that nothing is sorted. Rows of one timestamp come as they were written.
-# A message above the limit comes as its length: SQLite tells it without reading the message.
+# By timestamp: an index holds that order, so that nothing is sorted. Rows of one timestamp come as
+# they were written. A message above the limit comes as its length: SQLite tells it without reading
+# the message.
 _MESSAGES = (
-    "SELECT topic_id, timestamp, CASE WHEN length(data) <= ? THEN data ELSE length(data) END FROM messages "
-    "WHERE typeof(data) = 'blob' AND typeof(timestamp) = 'integer' AND typeof(topic_id) = 'integer' "
-    "ORDER BY timestamp, id"
+    "SELECT topic_id, timestamp, CASE WHEN length(data) <= ? THEN data ELSE length(data) END FROM"
+    " messages WHERE typeof(data) = 'blob' AND typeof(timestamp) = 'integer' AND typeof(topic_id) ="
+    " 'integer' ORDER BY timestamp, id"
 )
 
 
@@ -75,8 +76,9 @@ class SqliteFile(StoredFile):
             database = sqlite3.connect(":memory:", check_same_thread=False)
             database.deserialize(self.image)
         else:
-            # A killed recorder may leave a write-ahead log that holds the last messages. Without one the file is whole
-            # as it is, and is read without locks: it may lie on a medium that cannot be written.
+            # A killed recorder may leave a write-ahead log that holds the last messages. Without
+            # one the file is whole as it is, and is read without locks: it may lie on a medium that
+            # cannot be written.
             log = self.path.with_name(f"{self.path.name}-wal")
             options = "mode=ro" if log.exists() and log.stat().st_size else "mode=ro&immutable=1"
             uri = f"{self.path.resolve().as_uri()}?{options}"

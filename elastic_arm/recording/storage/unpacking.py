@@ -1,4 +1,5 @@
-"""Unpack what is compressed in a bag, up to the limits of :mod:`elastic_arm.recording.limits`, whatever it claims."""
+"""Unpack what is compressed in a bag, up to the limits of :mod:`elastic_arm.recording.limits`,
+whatever it claims."""
 
 from pathlib import Path
 
@@ -42,7 +43,8 @@ def unpack_chunk(packed: Bytes, compression: str, size: int, *, torn: bool = Fal
 
 
 def unpack_file(path: Path, limit: int) -> bytearray:
-    """Return the plain bytes of a file that is compressed with zstd as a whole; of a torn one what is there."""
+    """Return the plain bytes of a file that is compressed with zstd as a whole; of a torn one what
+    is there."""
     plain = bytearray()
     try:
         with open(path, "rb") as file, zstandard.ZstdDecompressor().stream_reader(file) as reader:

@@ -1,9 +1,11 @@
-"""Evidence on what stamps mean: were samples taken at their stamps, or regularly and only stamped late?
+"""Evidence on what stamps mean: were samples taken at their stamps, or regularly and only stamped
+late?
 
-Under the regular clock every sample is misplaced by the jitter e of its stamp if the stamps are true, and a position
-then is off by w e, w the velocity. The share b of that which is there is a regression coefficient: 1 where stamps are
-true, 0 where samples are regular. It is found twice, each with a standard deviation: from positions and velocities
-together (the change of position less the integral of the velocity), and from the smoothness of the positions alone.
+Under the regular clock every sample is misplaced by the jitter e of its stamp if the stamps are
+true, and a position then is off by w e, w the velocity. The share b of that which is there is a
+regression coefficient: 1 where stamps are true, 0 where samples are regular. It is found twice,
+each with a standard deviation: from positions and velocities together (the change of position less
+the integral of the velocity), and from the smoothness of the positions alone.
 """
 
 from collections.abc import Iterator
@@ -25,15 +27,17 @@ ROUGHNESS = 6
 CERTAIN = 0.15
 # Samples that are looked at.
 ENOUGH = 20000
-# Stamps that wander from a regular clock by more than so many samples, and so many times their own jitter, are no late
-# stamps of regular samples.
+# Stamps that wander from a regular clock by more than so many samples, and so many times their own
+# jitter, are no late stamps of regular samples.
 WANDER = 2.0
 WANDER_OVER_JITTER = 5.0
-# Two stamps further apart than this, in sample intervals, have a sample missing between them; so many more where stamps
-# are late by more than an interval, so that those of samples taken regularly wander when they are counted so.
+# Two stamps further apart than this, in sample intervals, have a sample missing between them; so
+# many more where stamps are late by more than an interval, so that those of samples taken regularly
+# wander when they are counted so.
 MISSING = 1.6
 MISSING_LATE = (3.0, 6.0, 12.0)
-# Sample intervals without a sample, over which a recording is broken: as where standstill was left out.
+# Sample intervals without a sample, over which a recording is broken: as where standstill was left
+# out.
 HOLE = 1000
 # Samples over which the mean interval is taken then: late stamps come in bunches.
 BUNCH = 32
@@ -43,7 +47,8 @@ RATE_CHANGE = 0.2
 LASTING = 200
 # Deviations of the stamps below this share of an interval change nothing.
 NO_JITTER = 1e-3
-# A velocity that equals the difference of the positions to this share is made from it, and no measurement.
+# A velocity that equals the difference of the positions to this share is made from it, and no
+# measurement.
 DERIVED = 1e-3
 
 
@@ -51,7 +56,9 @@ DERIVED = 1e-3
 class Evidence:
     """What speaks for the stamps."""
 
-    share: float  # Of the stamps' jitter that the motion shows: 1 where stamps are true, 0 where samples are regular
+    # Of the stamps' jitter that the motion shows: 1 where stamps are true, 0 where samples are
+    # regular
+    share: float
     std: float  # Its standard deviation
     words: str  # Where it comes from
 
@@ -66,7 +73,10 @@ def evidence(samples: Samples, k: NDArray[np.int64], rate: float) -> Evidence | 
     jitter = jitter_of(samples.t, k)
     if wanders(jitter, rate):
         size = float(np.std(np.diff(jitter))) / np.sqrt(2.0)
-        words = f"they wander by {1e3 * np.std(jitter):.2g} ms from a regular clock, their jitter being {1e3 * size:.2g} ms"
+        words = (
+            f"they wander by {1e3 * np.std(jitter):.2g} ms from a regular clock, their jitter being"
+            f" {1e3 * size:.2g} ms"
+        )
         return Evidence(1.0, 0.0, words)
     part = unbroken(k)
     k, jitter = k[part], jitter[part]
@@ -81,7 +91,8 @@ def evidence(samples: Samples, k: NDArray[np.int64], rate: float) -> Evidence | 
 
 
 def unbroken(k: NDArray[np.int64]) -> slice:
-    """Return the longest run of samples, by their numbers, without a hole, of those that are enough."""
+    """Return the longest run of samples, by their numbers, without a hole, of those that are
+    enough."""
     edges = np.concatenate([[0], np.flatnonzero(np.diff(k) > HOLE) + 1, [len(k)]])
     first = int(np.argmax(np.diff(edges)))
     return slice(int(edges[first]), int(min(edges[first + 1], edges[first] + ENOUGH)))
@@ -96,10 +107,12 @@ def increments(steps: Array, missing: float = MISSING) -> NDArray[np.int64]:
 
 
 def numbered(t: Array) -> tuple[NDArray[np.int64], float, float, Array]:
-    """Return samples' numbers (N,) on a regular clock, its rate, from where one counts as missing, jitter (N,) in s.
+    """Return samples' numbers (N,) on a regular clock, its rate, from where one counts as missing,
+    jitter (N,) in s.
 
-    Stamps that are late by more than an interval look like missing samples. They are counted as such if they then keep
-    to a regular clock, or if no other way of counting makes them do so; else in the way that keeps to it most closely.
+    Stamps that are late by more than an interval look like missing samples. They are counted as
+    such if they then keep to a regular clock, or if no other way of counting makes them do so; else
+    in the way that keeps to it most closely.
     """
     steps = np.diff(t)
     interval = float(np.median(steps))
@@ -127,7 +140,8 @@ def bunched(t: Array) -> float:
 
 
 def rates_of(t: Array, lasting: float) -> list[tuple[int, float]]:
-    """Return the first sample of each stretch of one rate that lasts so many s or more, and that rate, Hz."""
+    """Return the first sample of each stretch of one rate that lasts so many s or more, and that
+    rate, Hz."""
     each = np.diff(t[::BUNCH]) / BUNCH
     if not len(each):
         return []
@@ -148,7 +162,8 @@ def rates_of(t: Array, lasting: float) -> list[tuple[int, float]]:
 
 
 def jitter_of(t: Array, k: NDArray[np.int64]) -> Array:
-    """Return the deviations (N,) s of stamps from the straight line through them over their numbers `k`."""
+    """Return the deviations (N,) s of stamps from the straight line through them over their numbers
+    `k`."""
     line = k - k.mean()
     jitter: Array = t - t.mean()
     # In place: to clear new memory takes longer than the arithmetic.
@@ -171,7 +186,8 @@ def is_even(jitter: Array, rate: float) -> bool:
 def _by_velocity(
     position: Array, velocity: Array, k: NDArray[np.int64], jitter: Array, rate: float
 ) -> Iterator[Evidence]:
-    """Yield the share by the change of position less the integral of the velocity, for each span."""
+    """Yield the share by the change of position less the integral of the velocity, for each
+    span."""
     p, v, e = position, velocity, jitter
     step = np.diff(k)[:, None] / rate
     moved = np.diff(p, axis=0)
@@ -191,12 +207,14 @@ def _by_velocity(
 def _by_smoothness(position: Array, k: NDArray[np.int64], jitter: Array, rate: float) -> Evidence:
     """Return the share by what a smooth motion does not have."""
     speed = np.gradient(position, k / rate, axis=0)
-    # Of the wander only what the differences see counts; a speed averaged over some samples is less noisy.
+    # Of the wander only what the differences see counts; a speed averaged over some samples is less
+    # noisy.
     width = 9
     smooth = np.apply_along_axis(
         lambda x: np.convolve(x, np.ones(width) / width, mode="same"), 0, speed
     )
-    # Differences of neighbours are correlated: one of so many is independent. None reaches over a missing sample.
+    # Differences of neighbours are correlated: one of so many is independent. None reaches over a
+    # missing sample.
     own = np.arange(0, len(k) - ROUGHNESS, ROUGHNESS + 1)
     own = own[k[own + ROUGHNESS] - k[own] == ROUGHNESS]
     if not len(own):
@@ -208,7 +226,8 @@ def _by_smoothness(position: Array, k: NDArray[np.int64], jitter: Array, rate: f
 
 
 def _share(left: Array, expected: Array, words: str) -> Evidence:
-    """Return the coefficient of `expected` in `left` over all joints, each weighed by its own noise."""
+    """Return the coefficient of `expected` in `left` over all joints, each weighed by its own
+    noise."""
     left, expected = left - left.mean(axis=0), expected - expected.mean(axis=0)
     size = np.sum(expected**2, axis=0)
     own = np.sum(left * expected, axis=0) / np.where(size > 0, size, 1.0)

@@ -18,8 +18,8 @@ from elastic_arm.recording.sides import (
 )
 from elastic_arm.recording.timebase.clocks import ENOUGH, Evidence, evidence, is_even, numbered
 
-# Two topics stamped by one clock tick share nearly all their stamps, apart from lost messages; below this share they
-# are stamped apart and have to be interpolated.
+# Two topics stamped by one clock tick share nearly all their stamps, apart from lost messages;
+# below this share they are stamped apart and have to be interpolated.
 COMMON_SHARE = 0.9
 # A spline over a longer hole than this many sample intervals would invent motion.
 LONGEST_GAP = 4.0
@@ -51,10 +51,11 @@ def pair(
 ) -> tuple[Side, Side]:
     """Bring `other` to the stamps of `base`; `found` gets what was done.
 
-    Samples with equal stamps are joined exactly; where the two are stamped apart, `other` is interpolated by a cubic
-    spline (never beyond its ends or across its gaps), between the times at which samples were taken: where they were
-    taken regularly, the jitter of stamps is none of the motion's. A cubic spline passes what lies well below half the
-    sample rate and damps what lies close to it.
+    Samples with equal stamps are joined exactly; where the two are stamped apart, `other` is
+    interpolated by a cubic spline (never beyond its ends or across its gaps), between the times at
+    which samples were taken: where they were taken regularly, the jitter of stamps is none of the
+    motion's. A cubic spline passes what lies well below half the sample rate and damps what lies
+    close to it.
     """
     if np.array_equal(base.stamp_ns, other.stamp_ns):
         return base, other
@@ -136,7 +137,8 @@ def _samples(
 def _filled(t: Array, link: Side, motor: Side) -> tuple[Side, Side, Lacking]:
     """Return both sides with numbers for joints that lack a channel, and which these are.
 
-    An angle is that of the joint's other side, a velocity the derivative of the angle, a torque zero.
+    An angle is that of the joint's other side, a velocity the derivative of the angle, a torque
+    zero.
     """
     if not any(np.isnan(v[:1]).any() for side in (link, motor) for v in side.channels().values()):
         return link, motor, frozenset()
@@ -178,7 +180,8 @@ def _filled_side(t: Array, side: Side, other: Side) -> Side:
 
 
 def _covered(wanted: Stamps, given: Stamps) -> np.ndarray:
-    """(N,) True for the stamps `wanted` that lie between two of `given` that are not too far apart."""
+    """(N,) True for the stamps `wanted` that lie between two of `given` that are not too far
+    apart."""
     if len(given) < 4:
         return np.zeros(len(wanted), dtype=bool)
     step = np.diff(given)

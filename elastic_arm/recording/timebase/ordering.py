@@ -1,4 +1,5 @@
-"""Messages in the order of their stamps, whatever order they came in and whoever set the clock on the way."""
+"""Messages in the order of their stamps, whatever order they came in and whoever set the clock on
+the way."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,10 +14,12 @@ _AROUND = 50  # messages on either side of a step back that show whether the clo
 def in_order(
     stamp_ns: Stamps, topic: str, log_ns: Stamps
 ) -> tuple[Stamps, NDArray[np.intp], list[Finding]]:
-    """Return stamps (N',) in order, where each message stands among those given, and what had to be done.
+    """Return stamps (N',) in order, where each message stands among those given, and what had to be
+    done.
 
-    A clock that was set back runs on from where it was, or a second later where nothing arrived for longer. Messages
-    that overtook each other are sorted. One whose stamp is far from all others is left out.
+    A clock that was set back runs on from where it was, or a second later where nothing arrived for
+    longer. Messages that overtook each other are sorted. One whose stamp is far from all others is
+    left out.
     """
     check_stamped(stamp_ns, topic)
     stamp_ns, found = _one_clock(stamp_ns.copy(), topic, log_ns)
@@ -26,7 +29,10 @@ def in_order(
         return stamp_ns, rows, found
     far = _far_off(stamp_ns[rows], rows)
     if far.any():
-        words = f"{topic}: {far.sum()} of {len(rows)} messages have a stamp more than a second off all others, the first"
+        words = (
+            f"{topic}: {far.sum()} of {len(rows)} messages have a stamp more than a second off all"
+            " others, the first"
+        )
         message = f"{words} {moment(stamp_ns, int(rows[far].min()))}: they are left out"
         found.append(Finding("warning", "stray_stamps", message, topic=topic))
         rows = rows[~far]
@@ -35,7 +41,10 @@ def in_order(
     if overtaken.any():
         kept = stamp_ns[np.sort(rows)]
         late = float((np.maximum.accumulate(kept) - kept).max()) * 1e-9
-        words = f"{topic}: {overtaken.sum()} of {len(rows)} messages came after later ones, by up to {late:.3g} s"
+        words = (
+            f"{topic}: {overtaken.sum()} of {len(rows)} messages came after later ones, by up to"
+            f" {late:.3g} s"
+        )
         found.append(
             Finding(
                 "note", "out_of_order", f"{words}: they are sorted by their stamps", topic=topic
@@ -45,7 +54,8 @@ def in_order(
 
 
 def _one_clock(stamp_ns: Stamps, topic: str, log_ns: Stamps) -> tuple[Stamps, list[Finding]]:
-    """Move stamps on where the clock was set back: it stays behind, and stamps of before come a second time."""
+    """Move stamps on where the clock was set back: it stays behind, and stamps of before come a
+    second time."""
     found: list[Finding] = []
     ranked = np.sort(stamp_ns)
     steps = np.diff(ranked)
@@ -60,13 +70,17 @@ def _one_clock(stamp_ns: Stamps, topic: str, log_ns: Stamps) -> tuple[Stamps, li
         crowded = np.mean(steps[again:until] < 0.75 * usual) if until > again else 0.0
         # A hole that no message came through, as none is on its way for a second
         apart = until > again and steps[again:until].max() > LATE_NS
-        # 0.2 of the intervals that stand twice in what the clock passed twice; half where that is all of it
+        # 0.2 of the intervals that stand twice in what the clock passed twice; half where that is
+        # all of it
         if (
             back > 0.5 * (stamp_ns[k] - stamp_ns[k + 1])
             and (crowded > 0.2 or apart)
             and number[-1] > 5
         ):
-            words = f"{topic}: the clock was set back by {back * 1e-9:.4g} s after {moment(stamp_ns, k)}"
+            words = (
+                f"{topic}: the clock was set back by {back * 1e-9:.4g} s after"
+                f" {moment(stamp_ns, k)}"
+            )
             message = f"{words}: later stamps are taken for as much later"
             if (silent := int(log_ns[k + 1] - log_ns[k])) > LATE_NS:
                 # The same of all topics, whenever each arrived: they belong together.
@@ -81,7 +95,8 @@ def _one_clock(stamp_ns: Stamps, topic: str, log_ns: Stamps) -> tuple[Stamps, li
 
 
 def _far_off(stamp_ns: Stamps, rows: NDArray[np.intp]) -> NDArray[np.bool_]:
-    """Return which sorted stamps, of messages that arrived as `rows`, stand alone at an end and did not come there."""
+    """Return which sorted stamps, of messages that arrived as `rows`, stand alone at an end and did
+    not come there."""
     far = np.zeros(len(rows), np.bool_)
     for ends, last in ((range(len(rows) - 1, 0, -1), len(rows) - 1), (range(len(rows) - 1), 0)):
         for i in ends:

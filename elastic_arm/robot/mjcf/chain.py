@@ -1,4 +1,5 @@
-"""Which bodies and joints of a compiled MuJoCo model are the arm, and what of the model no serial arm has."""
+"""Which bodies and joints of a compiled MuJoCo model are the arm, and what of the model no serial
+arm has."""
 
 import difflib
 import itertools
@@ -62,9 +63,11 @@ def find_chain(model: Any, chain: Chain | None) -> MjcfChain:
 
 
 def _plays(model: Any, joints: Sequence[int]) -> Iterator[tuple[int, int]]:
-    """Yield hinges that are the play of another on the same body and axis: limited more narrowly, else free.
+    """Yield hinges that are the play of another on the same body and axis: limited more narrowly,
+    else free.
 
-    Of two joints about one axis one is no freedom of its own; this is how MuJoCo's models have backlash.
+    Of two joints about one axis one is no freedom of its own; this is how MuJoCo's models have
+    backlash.
     """
     for joint, play in itertools.permutations(joints, 2):
         if slides(model, play) != slides(model, joint) or not model.jnt_limited[play]:
@@ -200,8 +203,8 @@ def _require_axis(model: Any, joint: int) -> None:
         what = "is a ball joint" if kind == int(mj.mjtJoint.mjJNT_BALL) else "is free"
         raise RobotError(
             f"joint {name_of(model, 'joint', joint)!r} {what}",
-            "Only hinges and slides are handled: name a chain without it (--chain base:tip); joints outside are fixed "
-            "at --at",
+            "Only hinges and slides are handled: name a chain without it (--chain base:tip); joints"
+            " outside are fixed at --at",
         )
     name = name_of(model, "joint", joint)
     dof = int(model.jnt_dofadr[joint])
@@ -209,7 +212,8 @@ def _require_axis(model: Any, joint: int) -> None:
     for term, coefficients in poly.items():
         if coefficients.any():
             raise RobotError(
-                f"joint {name!r} has a {term} of higher order ({', '.join(f'{c:g}' for c in coefficients)})",
+                f"joint {name!r} has a {term} of higher order"
+                f" ({', '.join(f'{c:g}' for c in coefficients)})",
                 f"Only linear {term} is handled: leave the higher coefficients out",
             )
 
@@ -224,7 +228,8 @@ def _refuse_couplings(model: Any, chain: MjcfChain) -> None:
             for joint in ends:
                 if joint in chain.joints:
                     raise RobotError(
-                        f"equality {name!r} couples joint {name_of(model, 'joint', joint)!r} to another",
+                        f"equality {name!r} couples joint {name_of(model, 'joint', joint)!r} to"
+                        " another",
                         "Take it out, or name a chain without this joint (--chain base:tip)",
                     )
         elif kind in (int(mj.mjtEq.mjEQ_CONNECT), int(mj.mjtEq.mjEQ_WELD)):
@@ -258,7 +263,8 @@ def _refuse_tendon(model: Any, chain: MjcfChain, tendon: int) -> None:
     if len(links) > 1:
         raise RobotError(
             f"tendon {name_of(model, 'tendon', tendon)!r} acts on joints of the chain",
-            "Arms driven by tendons are not handled: drive the joints, or name a chain without them",
+            "Arms driven by tendons are not handled: drive the joints, or name a chain without"
+            " them",
         )
 
 

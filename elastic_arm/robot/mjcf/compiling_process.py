@@ -1,10 +1,12 @@
-"""A process of its own that compiles one MJCF file: ``python -P compiling_process.py FILE BYTES SECONDS WHAT``.
+"""A process of its own that compiles one MJCF file: ``python -P compiling_process.py FILE BYTES
+SECONDS WHAT``.
 
-MuJoCo believes the sizes and counts that a file claims: a line may ask for a picture of ten gigabytes, or for a hundred
-thousand bodies. Here that costs no more than this process, whose memory (bytes beside what MuJoCo itself takes) and
-processor time are limited. It runs as a script and imports nothing of the package, so that it starts quickly. To
-standard output goes a line of JSON that states what was left out, or what is wrong, and behind it the compiled model as
-MuJoCo saves it (WHAT is "model"), or the file as MuJoCo saves it ("xml").
+MuJoCo believes the sizes and counts that a file claims: a line may ask for a picture of ten
+gigabytes, or for a hundred thousand bodies. Here that costs no more than this process, whose memory
+(bytes beside what MuJoCo itself takes) and processor time are limited. It runs as a script and
+imports nothing of the package, so that it starts quickly. To standard output goes a line of JSON
+that states what was left out, or what is wrong, and behind it the compiled model as MuJoCo saves it
+(WHAT is "model"), or the file as MuJoCo saves it ("xml").
 """
 
 import json
@@ -34,7 +36,8 @@ def compiled(path: Path, what: str) -> tuple[list[str], bytes]:
 
 
 def _without_missing_files(spec: Any, folder: Path) -> list[str]:
-    """Take meshes and textures without a file, and the geoms that show them, out of a specification."""
+    """Take meshes and textures without a file, and the geoms that show them, out of a
+    specification."""
     meshes = folder / (spec.meshdir or "")
     missing = {
         mesh.name or Path(mesh.file).stem: mesh
@@ -47,7 +50,8 @@ def _without_missing_files(spec: Any, folder: Path) -> list[str]:
     )
     if weighing:
         raise Refused(
-            f"mesh files are missing, and bodies {', '.join(weighing)} take their inertia from them",
+            f"mesh files are missing, and bodies {', '.join(weighing)} take their inertia from"
+            " them",
             f"Put the meshes into {meshes}, or give these bodies an <inertial>",
         )
     for geom in shown:
@@ -74,7 +78,8 @@ def _absent(folder: Path, file: str) -> bool:
 
 
 def _limit(kind: int, limit: int) -> None:
-    """Limit this process, at most to what it may have already: a limit of the user's shell cannot be raised."""
+    """Limit this process, at most to what it may have already: a limit of the user's shell cannot
+    be raised."""
     _, most = resource.getrlimit(kind)
     limit = limit if most == resource.RLIM_INFINITY else min(limit, most)
     resource.setrlimit(kind, (limit, limit))

@@ -1,4 +1,5 @@
-"""What drives the joints of a compiled MuJoCo model: motor inertia, friction in motors, delays, limits, controllers."""
+"""What drives the joints of a compiled MuJoCo model: motor inertia, friction in motors, delays,
+limits, controllers."""
 
 from typing import Any
 
@@ -11,7 +12,8 @@ from elastic_arm.robot.mjcf.engine import engine
 
 
 def motor_inertia_and_damping(model: Any, joint: int) -> tuple[float, float]:
-    """Return armature (kg m²) and damping (Nm s/rad) of a joint, with those of the actuator that brings its own."""
+    """Return armature (kg m²) and damping (Nm s/rad) of a joint, with those of the actuator that
+    brings its own."""
     dof, actuator = int(model.jnt_dofadr[joint]), int(model.jnt_actuatorid[joint])
     armature, damping = float(model.dof_armature[dof]), float(model.dof_damping[dof])
     if actuator >= 0:
@@ -22,7 +24,8 @@ def motor_inertia_and_damping(model: Any, joint: int) -> tuple[float, float]:
 
 
 def torque_delays(model: Any, chain: MjcfChain) -> Array:
-    """Return by how much the recorded motor torque of each joint is late, (n,) s, as its sensor states it."""
+    """Return by how much the recorded motor torque of each joint is late, (n,) s, as its sensor
+    states it."""
     mj, found = engine().mjtSensor, np.zeros(len(chain.joints))
     for k in range(model.nsensor):
         kind, at = int(model.sensor_type[k]), int(model.sensor_objid[k])
@@ -42,7 +45,8 @@ def drives_of(model: Any, joint: int) -> list[int]:
 
 
 def passive(model: Any, actuator: int) -> bool:
-    """Return whether nobody commands an actuator: a `dcmotor` without inputs is friction and cogging."""
+    """Return whether nobody commands an actuator: a `dcmotor` without inputs is friction and
+    cogging."""
     return not model.actuator_ctrlnum[actuator]
 
 
@@ -72,9 +76,11 @@ def joint_limits(model: Any, joint: int) -> Limits:
 
 
 def controller_of(model: Any, joint: int) -> JointController | None:
-    """Return the controller that the one actuator of a joint is, tau = kp (r - q) + kd (dr - dq) + ki int(r - q).
+    """Return the controller that the one actuator of a joint is, tau = kp (r - q) + kd (dr - dq) +
+    ki int(r - q).
 
-    An actuator of gain g and bias b1 q + b2 dq follows angles where g = -b1, and speeds where g = -b2.
+    An actuator of gain g and bias b1 q + b2 dq follows angles where g = -b1, and speeds where g =
+    -b2.
     """
     kind = _servo(model, joint)
     if kind is None:
@@ -96,7 +102,8 @@ def controller_of(model: Any, joint: int) -> JointController | None:
 
 
 def _servo(model: Any, joint: int) -> tuple[str, int] | None:
-    """Return "position", "velocity" or "both", and the actuator; None where it is no such controller."""
+    """Return "position", "velocity" or "both", and the actuator; None where it is no such
+    controller."""
     mj, drives = engine(), drives_of(model, joint)
     if len(drives) != 1:
         return None
@@ -126,7 +133,8 @@ def _servo(model: Any, joint: int) -> tuple[str, int] | None:
 
 
 def motor_friction(model: Any, joint: int) -> tuple[float, float, float]:
-    """Return dry friction (Nm), its excess at standstill (Nm) and Stribeck speed (rad/s) of the motors of a joint."""
+    """Return dry friction (Nm), its excess at standstill (Nm) and Stribeck speed (rad/s) of the
+    motors of a joint."""
     dry, excess, speed = 0.0, 0.0, 0.0
     for k in _dc_motors(model, joint):
         gear, (coulomb, static, stribeck) = (
@@ -145,7 +153,8 @@ def motor_friction(model: Any, joint: int) -> tuple[float, float, float]:
 
 
 def left_out(model: Any, joint: int) -> list[str]:
-    """Return what the model states of the drives of a joint that the description does not hold, a sentence each."""
+    """Return what the model states of the drives of a joint that the description does not hold, a
+    sentence each."""
     notes, label = [], name_of(model, "joint", joint)
     dc, drives = _dc_motors(model, joint), drives_of(model, joint)
     for k in dc:
@@ -153,17 +162,20 @@ def left_out(model: Any, joint: int) -> list[str]:
         amplitude, waves = (float(v) for v in model.actuator_biasprm[k, :2])
         if model.actuator_dynprm[k, 5]:
             notes.append(
-                f"LuGre friction of actuator {name} is read as Coulomb and Stribeck friction of {label}: its bristles "
-                "are left out, and in MuJoCo it acts with the actuator alone"
+                f"LuGre friction of actuator {name} is read as Coulomb and Stribeck friction of"
+                f" {label}: its bristles are left out, and in MuJoCo it acts with the actuator"
+                " alone"
             )
         if amplitude:
             notes.append(
-                f"cogging of actuator {name}, {gear * amplitude:g} Nm at {label} and {waves:g} waves a turn of its "
-                "rotor, is left out: torque_ripple needs an arm file with transmissions"
+                f"cogging of actuator {name}, {gear * amplitude:g} Nm at {label} and {waves:g}"
+                " waves a turn of its rotor, is left out: torque_ripple needs an arm file with"
+                " transmissions"
             )
         if not passive(model, k):
             notes.append(
-                f"actuator {name} is driven by voltage: a recorded motor torque is that of its current"
+                f"actuator {name} is driven by voltage: a recorded motor torque is that of its"
+                " current"
             )
         lag, volts, *thermal = model.actuator_dynprm[k, :5]
         electrical = {
@@ -183,12 +195,13 @@ def left_out(model: Any, joint: int) -> list[str]:
     if fed_back and _servo(model, joint) is None:
         names = ", ".join(name_of(model, "actuator", k) for k in fed_back)
         notes.append(
-            f"the controller of {label} ({names}) is left out: it is not kp (r - q) + kd (dr - dq) + ki int(r - q) of "
-            "one actuator"
+            f"the controller of {label} ({names}) is left out: it is not kp (r - q) + kd (dr - dq)"
+            " + ki int(r - q) of one actuator"
         )
     if hasattr(model, "jnt_springyield") and float(model.jnt_springyield[joint]):
         notes.append(
-            f"the spring of {label} yields at {float(model.jnt_springyield[joint]):g}: that is left out"
+            f"the spring of {label} yields at {float(model.jnt_springyield[joint]):g}: that is"
+            " left out"
         )
     return notes
 

@@ -15,9 +15,10 @@ from typing import Any
 from elastic_arm.errors import RobotError, require_libraries
 from elastic_arm.input_files import read_bytes
 
-# Of compiling a model: beside what MuJoCo takes itself, of processor time, and of the clock for each second of that, as
-# a busy machine gives a process a tenth of a core. MuJoCo's own checks take time that grows with the square of the
-# number of copies, keyframes or attributes; an arm with ten hulls of 100,000 triangles each takes four seconds at most.
+# Of compiling a model: beside what MuJoCo takes itself, of processor time, and of the clock for
+# each second of that, as a busy machine gives a process a tenth of a core. MuJoCo's own checks take
+# time that grows with the square of the number of copies, keyframes or attributes; an arm with ten
+# hulls of 100,000 triangles each takes four seconds at most.
 MEMORY = 2_000_000_000  # bytes
 SECONDS = 4
 PATIENCE = 10
@@ -46,8 +47,8 @@ def engine(what: str = "MJCF files need") -> ModuleType:
 def compiled(path: Path) -> tuple[Any, list[str], bool]:
     """Compile an MJCF file, in a process of its own with limits of memory and time.
 
-    Meshes and pictures whose files are not there are left out where every body states its inertia: then they are for
-    the eye alone.
+    Meshes and pictures whose files are not there are left out where every body states its inertia:
+    then they are for the eye alone.
     """
     mj = engine()
     notes, content = _processed(path, "model")
@@ -60,7 +61,8 @@ def compiled(path: Path) -> tuple[Any, list[str], bool]:
 
 
 def saved(path: Path) -> str:
-    """Return an MJCF file as MuJoCo saves it: without includes, and with a line for each body, whatever made it."""
+    """Return an MJCF file as MuJoCo saves it: without includes, and with a line for each body,
+    whatever made it."""
     engine()
     return _processed(path, "xml")[1].decode()
 

@@ -1,8 +1,9 @@
 """From a compiled MuJoCo model to a robot with the same equations of motion.
 
-Link i's frame is that of the body that carries joint i. Bodies without a joint of the chain, and those whose joints are
-held, are part of the link that they stand on. Nominal is what MuJoCo computes: armatures; damping, friction loss,
-springs and gravity compensation as effects of the size that the model states.
+Link i's frame is that of the body that carries joint i. Bodies without a joint of the chain, and
+those whose joints are held, are part of the link that they stand on. Nominal is what MuJoCo
+computes: armatures; damping, friction loss, springs and gravity compensation as effects of the size
+that the model states.
 """
 
 from collections.abc import Mapping
@@ -38,7 +39,8 @@ class MjcfArm:
 
     model: Any  # `MjModel`
     chain: MjcfChain  # which of its bodies and joints are the arm
-    qpos: Array  # (nq,) positions at which what is outside the chain is held; chain joints at their reference
+    # (nq,) positions at which what is outside the chain is held; chain joints at their reference
+    qpos: Array
     robot: Robot  # the arm as data
 
     @property
@@ -60,10 +62,11 @@ def read_mjcf(path: str | Path, chain: Chain | None = None, at: str | None = Non
 def open_mjcf(path: str | Path, chain: Chain | None = None, at: str | None = None) -> MjcfArm:
     """Read an MJCF file, with what it includes, and find the arm in it.
 
-    `chain` names first and last body of the arm; what stands on its links is held and part of them. `at` states where
-    joints outside the chain are held: a keyframe's name, or `joint=value,…` in MuJoCo's units (m, rad); at their
-    reference positions when None. Raises a RobotError if MuJoCo refuses the model, or it holds no serial chain of
-    hinges and slides; it names element, reason and remedy.
+    `chain` names first and last body of the arm; what stands on its links is held and part of them.
+    `at` states where joints outside the chain are held: a keyframe's name, or `joint=value,…` in
+    MuJoCo's units (m, rad); at their reference positions when None. Raises a RobotError if MuJoCo
+    refuses the model, or it holds no serial chain of hinges and slides; it names element, reason
+    and remedy.
     """
     path = Path(path)
     with located(f"{path}: "):
@@ -184,7 +187,8 @@ def _carriers(model: Any, chain: MjcfChain) -> list[int]:
 
 
 def _link_name(model: Any, chain: MjcfChain, i: int) -> str:
-    """Return the body's name; of several joints of one body the last moves it, those before massless links."""
+    """Return the body's name; of several joints of one body the last moves it, those before
+    massless links."""
     bodies = _carriers(model, chain)
     name = name_of(model, "body", bodies[i])
     later = bodies[i + 1 :].count(bodies[i])
@@ -199,7 +203,8 @@ def _joint_frames(model: Any, data: Any, chain: MjcfChain) -> list[Array]:
         turned = data.xmat[body].reshape(3, 3) @ z_onto(
             np.array(model.jnt_axis[joint], dtype=float)
         )
-        # Several joints of one body turn one after another: the body's own turn belongs to the last.
+        # Several joints of one body turn one after another: the body's own turn belongs to the
+        # last.
         frames.append(placed(turned, data.xanchor[joint]))
     return frames
 
@@ -256,14 +261,16 @@ def _effects(
 def _compensation(
     model: Any, data: Any, chain: MjcfChain, carriers: list[Array], names: list[str]
 ) -> list[dict[str, Any]]:
-    """Return gravity compensation as an effect of each link; that which the actuators carry is part of their torque."""
+    """Return gravity compensation as an effect of each link; that which the actuators carry is part
+    of their torque."""
     gains = np.array([float(model.body_gravcomp[body]) for body in chain.link_of])
     by_motor = [bool(model.jnt_actgravcomp[joint]) for joint in chain.joints]
     if not gains.any() or all(by_motor):
         return []
     if any(by_motor):
         raise RobotError(
-            "gravity compensation acts through the actuators of some joints (actuatorgravcomp) and not of others",
+            "gravity compensation acts through the actuators of some joints (actuatorgravcomp) and"
+            " not of others",
             "Set it for all joints of the chain, or for none",
         )
     found = []
@@ -288,8 +295,9 @@ def _notes(model: Any, chain: MjcfChain) -> list[str]:
     for play, joint in chain.plays.items():
         name, half = name_of(model, "joint", joint), 0.5 * float(np.ptp(model.jnt_range[play]))
         notes.append(
-            f"joint {name_of(model, 'joint', play)} is play of ±{half:g} rad in {name}: it is fixed in its middle; "
-            f"with drives of some stiffness, in an arm file, it is backlash:{name}:half_gap={half:g}"
+            f"joint {name_of(model, 'joint', play)} is play of ±{half:g} rad in {name}: it is fixed"
+            " in its middle; with drives of some stiffness, in an arm file, it is"
+            f" backlash:{name}:half_gap={half:g}"
         )
     if chain.held:
         names = ", ".join(name_of(model, "joint", joint) for joint in chain.held)

@@ -1,1 +1,2 @@
-"""The blind check: arms whose effect is withheld, made by an engine that shares no code with the diagnosis."""
+"""The blind check: arms whose effect is withheld, made by an engine that shares no code with the
+diagnosis."""

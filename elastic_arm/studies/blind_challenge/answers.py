@@ -37,7 +37,8 @@ def score_answer(
         _hit(fault, [c for c, there in zip(causes, now, strict=True) if there], joints)
         for fault in placed
     ]
-    # A poorer model lacks more than the one effect that was asked for: mod1 lacks S as well as the splines.
+    # A poorer model lacks more than the one effect that was asked for: mod1 lacks S as well as the
+    # splines.
     lacking = {
         e.id for e in effects.values() if e.lacked_by != MODELS and entry["model"] in e.lacked_by
     }
@@ -98,7 +99,8 @@ def score_answer(
 
 
 def changes_told(found: Sequence[Diagnosis]) -> dict[str, Any]:
-    """Return what changed between recordings, each diagnosed alone, as causes with the recording and the size then."""
+    """Return what changed between recordings, each diagnosed alone, as causes with the recording
+    and the size then."""
     causes: list[dict[str, Any]] = [
         {
             "effect": one.sized.effect,
@@ -123,7 +125,8 @@ def changes_told(found: Sequence[Diagnosis]) -> dict[str, Any]:
 
 
 def expected_unknown(line: Line) -> bool:
-    """Whether an arm with an effect of no catalogue was answered as it should: `none` alone where none can see it."""
+    """Whether an arm with an effect of no catalogue was answered as it should: `none` alone where
+    none can see it."""
     return line["verdict"] == "unknown" or (line["verdict"] == "none" and not line["visible"])
 
 
@@ -137,7 +140,8 @@ def _placed(fault: Fault, effect: Effect, n: int) -> Fault:
 def _hit(
     fault: Fault, causes: Sequence[dict[str, Any]], joints: Sequence[str]
 ) -> dict[str, Any] | None:
-    """Return the cause that names a fault on its joint, itself or among its declared alternatives."""
+    """Return the cause that names a fault on its joint, itself or among its declared
+    alternatives."""
     for declared in (False, True):
         for cause in causes:
             named = [(cause["effect"], cause["joint"], 1.0)]
@@ -161,7 +165,8 @@ def _joint_right(fault: Fault, causes: Sequence[dict[str, Any]], joints: Sequenc
 
 
 def _side_right(fault: Fault, cause: dict[str, Any] | None, effect: Effect) -> bool:
-    """Whether the cause sits on the fault's side, and a delay in its channels, where it could be another."""
+    """Whether the cause sits on the fault's side, and a delay in its channels, where it could be
+    another."""
     if cause is None or cause["effect"] != fault.effect:
         return cause is not None
     choices = [c.name for c in effect.choices]
@@ -171,7 +176,8 @@ def _side_right(fault: Fault, cause: dict[str, Any] | None, effect: Effect) -> b
 
 
 def _offs(fault: Fault, cause: dict[str, Any], effect: Effect) -> Iterator[float]:
-    """Yield by how many standard deviations stated sizes are off, where the injected law is the catalogue's."""
+    """Yield by how many standard deviations stated sizes are off, where the injected law is the
+    catalogue's."""
     if cause["effect"] != fault.effect or fault.parameters.get("coupled"):
         return
     for name, true in true_parameters(fault, effect).items():
@@ -192,7 +198,8 @@ def _offs(fault: Fault, cause: dict[str, Any], effect: Effect) -> Iterator[float
 def _coverage(
     entry: Mapping[str, Any], answer: Mapping[str, Any], joints: Sequence[str]
 ) -> dict[str, list[int]]:
-    """Count 95 % intervals that hold the true value, and all, of frictions, sensors and numbers of the arm."""
+    """Count 95 % intervals that hold the true value, and all, of frictions, sensors and numbers of
+    the arm."""
     stated = [
         f
         for kind in ("ordinary", "faults", "conditions")

@@ -172,9 +172,9 @@ def solve(
 ) -> dict[str, str]:
     """Diagnose every recording that has no answer yet; return what was refused, by name.
 
-    `kind` is ANSWERS, or WITHHELD for the arms with one effect again, that effect taken out of the catalogue (the truth
-    is opened to know which; the diagnosis learns nothing of it). With `stale` what another state of the code has
-    answered is answered again.
+    `kind` is ANSWERS, or WITHHELD for the arms with one effect again, that effect taken out of the
+    catalogue (the truth is opened to know which; the diagnosis learns nothing of it). With `stale`
+    what another state of the code has answered is answered again.
     """
     manifest = load_manifest(folder)
     truth = open_sealed(folder, manifest["truth_sha256"]) if kind == WITHHELD else []
@@ -237,7 +237,8 @@ def catalogue_of(folder: Path) -> Catalogue:
 
 
 def recorded(folder: Path, request: Request, level: Level, catalogue: Catalogue) -> dict[str, Any]:
-    """Record an arm and return its truth; one that no simulation gets through is drawn again from another seed."""
+    """Record an arm and return its truth; one that no simulation gets through is drawn again from
+    another seed."""
     if level.bits is not None:
         return record_servos(folder, request, level)
     for draw in range(1, DRAWS):
@@ -295,7 +296,8 @@ def _diagnose(folder: Path, name: str, model: str, without: str, kind: str) -> t
 
 
 def _question(folder: Path, name: str, model: str, catalogue: Catalogue) -> Question:
-    """Return what is asked of an arm's recordings: its description, and what its challenge counts as ordinary."""
+    """Return what is asked of an arm's recordings: its description, and what its challenge counts
+    as ordinary."""
     robot, asked = (
         load_robot(description_path(folder, name)),
         load_manifest(folder).get("question", {}),

@@ -155,7 +155,8 @@ def score(
         Path | None, typer.Option("--markdown", help="Write the tables to this file, too.")
     ] = None,
 ) -> None:
-    """Open the sealed truth and compare the answers with it; write score.json and report.html into the first folder.
+    """Open the sealed truth and compare the answers with it; write score.json and report.html into
+    the first folder.
 
     Example: elastic-arm challenge score blind --markdown docs/challenge_results.md
     """
@@ -178,11 +179,13 @@ def score(
         out.print(SIMULATED.format(", ".join(found["simulated"])))
     if found["open"]:
         out.print(
-            f"{found['open']} recordings have no answer yet: elastic-arm challenge diagnose {escape(str(folders[0]))}"
+            f"{found['open']} recordings have no answer yet: elastic-arm challenge diagnose"
+            f" {escape(str(folders[0]))}"
         )
     if len(found["code"]) > 1:
         out.print(
-            f"answers of {len(found['code'])} states of the code: --stale answers again what is not of this one"
+            f"answers of {len(found['code'])} states of the code: --stale answers again what is not"
+            " of this one"
         )
     out.print(escape(f"{folders[0] / 'score.json'}, {page}"))
 

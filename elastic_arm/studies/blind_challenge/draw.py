@@ -1,6 +1,7 @@
 """One hidden arm: what is drawn of it, and the folder of its recordings.
 
-From the seed alone: description, true numbers, sensors, two motions, effects, joints, forms, and last the sizes.
+From the seed alone: description, true numbers, sensors, two motions, effects, joints, forms, and
+last the sizes.
 """
 
 import shutil
@@ -130,7 +131,8 @@ class Arm:
 
 @dataclass(frozen=True)
 class Drawn:
-    """A drawn arm with what its recording needs: its description, its motions, and what moves it."""
+    """A drawn arm with what its recording needs: its description, its motions, and what moves
+    it."""
 
     arm: Arm
     description: Robot
@@ -225,7 +227,8 @@ def record(
     catalogue: Catalogue,
     bags: Sequence[Path] | None = None,
 ) -> dict[str, Any]:
-    """Draw an arm and record it into the folder of a challenge, with its description; return its truth."""
+    """Draw an arm and record it into the folder of a challenge, with its description; return its
+    truth."""
     rng = np.random.default_rng(request.seed)
     drawn = draw(request, level, rng, catalogue)
     arm, description = drawn.arm, drawn.description
@@ -280,10 +283,11 @@ def _description(level: Level, n: int, rng: np.random.Generator) -> Robot:
 
 
 def _mover(robot: Robot, description: Robot, effects: Sequence[str], catalogue: Catalogue) -> Run:
-    """Return what moves the arm with some faults: the independent engine, where it has all of the effects.
+    """Return what moves the arm with some faults: the independent engine, where it has all of the
+    effects.
 
-    The suite's own simulator, which moves it otherwise, shares the law of a user's effect with the diagnosis and so
-    flatters it; the score states that.
+    The suite's own simulator, which moves it otherwise, shares the law of a user's effect with the
+    diagnosis and so flatters it; the score states that.
     """
     if all(
         effect in KNOWN or effect in FOREIGN or model_of([effect], catalogue) != "mod3"
@@ -324,7 +328,8 @@ class _Effects:
     rng: np.random.Generator
 
     def sized(self, effect: str) -> list[SizedEffect]:
-        """Draw an effect where it acts, with its size; an exact arm gets the friction that it scales."""
+        """Draw an effect where it acts, with its size; an exact arm gets the friction that it
+        scales."""
         for _ in range(PLACES):
             fault, drawn = self._placed(effect)
             friction = []
@@ -344,7 +349,8 @@ class _Effects:
         )
 
     def _acts_in_both(self, fault: Fault) -> bool:
-        """Whether an effect changes the torques of each motion by a tenth of what it does in the other, or more."""
+        """Whether an effect changes the torques of each motion by a tenth of what it does in the
+        other, or more."""
         if fault.effect in SENSOR_EFFECTS or fault.effect in SCALING:
             return True
         most = []
@@ -359,7 +365,8 @@ class _Effects:
         return bool(min(most) >= 0.1 * max(most))
 
     def _placed(self, effect: str) -> tuple[Fault, SampledEffect | None]:
-        """Draw where an effect sits and its form: on a joint that is no small wrist where its size is a torque."""
+        """Draw where an effect sits and its form: on a joint that is no small wrist where its size
+        is a torque."""
         floor, n = _floor(effect), len(self.joints)
         suits = self.joints >= SMALLEST_JOINT if floor and floor.scaled else np.ones(n, dtype=bool)
         while True:
@@ -414,7 +421,8 @@ def _shares(amounts: Sequence[float]) -> tuple[float, ...]:
 
 
 def _exact_sensors(n: int, rng: np.random.Generator) -> RealisticSensors:
-    """Draw sensors of a laboratory: half of them with noisy, quantised encoders and jittered stamps."""
+    """Draw sensors of a laboratory: half of them with noisy, quantised encoders and jittered
+    stamps."""
     noise = (NOISE,) * n
     if rng.random() < 0.5:
         return RealisticSensors(noise, None, IDEAL_BITS, IDEAL_BITS, velocity=MEASURED, jitter=0.0)
@@ -447,7 +455,8 @@ def _warming(joint: int, level: Level, rng: np.random.Generator) -> Fault:
 
 
 def _as_described(real: Robot, description: Robot, fault: Fault) -> Robot:
-    """Return an arm that is as described in what an effect changes, so that the effect is the whole difference."""
+    """Return an arm that is as described in what an effect changes, so that the effect is the whole
+    difference."""
     if fault.joint is None:
         return real
     joint, stated = real.joints[fault.joint], description.joints[fault.joint]
@@ -470,7 +479,8 @@ def _as_described(real: Robot, description: Robot, fault: Fault) -> Robot:
 
 
 def _numbers(real: Robot, description: Robot) -> tuple[tuple[str, int, float], ...]:
-    """Return what an arm's numbers are of those described: ratios, and distances of centres of mass, m."""
+    """Return what an arm's numbers are of those described: ratios, and distances of centres of
+    mass, m."""
     found: list[tuple[str, int, float]] = []
     for j, (joint, stated) in enumerate(zip(real.joints, description.joints, strict=True)):
         own, given = joint.transmission, stated.transmission

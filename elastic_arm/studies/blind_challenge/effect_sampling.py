@@ -1,6 +1,7 @@
 """Effects as the challenge draws them: where, in which form, and how much of them.
 
-Those of a catalogue are drawn from the ranges of their files, those of no catalogue from the forms below.
+Those of a catalogue are drawn from the ranges of their files, those of no catalogue from the forms
+below.
 """
 
 from collections.abc import Callable, Sequence
@@ -20,18 +21,21 @@ COMMON = 0.25  # share of effects of one joint or all that all joints have
 
 
 def model_of(effects: Sequence[str], catalogue: Catalogue) -> str:
-    """Return the model that an arm with these effects is diagnosed against: the richest that lacks one of them."""
+    """Return the model that an arm with these effects is diagnosed against: the richest that lacks
+    one of them."""
     lacking = (catalogue[e].lacked_by for e in effects if e in catalogue)
     return next((models[-1] for models in lacking if models != MODELS), MODELS[-1])
 
 
 def combines(effect: Effect) -> bool:
-    """Whether there can be as little of an effect as one likes with others: it has a value of no effect."""
+    """Whether there can be as little of an effect as one likes with others: it has a value of no
+    effect."""
     return bool(effect.magnitude) and effect.parameter(effect.magnitude[0]).neutral is not None
 
 
 def true_parameters(fault: Fault, effect: Effect) -> dict[str, Any]:
-    """Return a fault's parameters as the effect's file names them, vectors whole; nothing of the engine's own."""
+    """Return a fault's parameters as the effect's file names them, vectors whole; nothing of the
+    engine's own."""
     found: dict[str, Any] = {}
     for p in effect.parameters:
         names = p.component_names
@@ -127,7 +131,8 @@ def _direction(sizes: list[Parameter], rng: np.random.Generator) -> tuple[float,
 
 
 def _others(effect: Effect, rng: np.random.Generator) -> dict[str, float]:
-    """Draw the parameters that are not the size; those that have a default and no range to draw from keep it."""
+    """Draw the parameters that are not the size; those that have a default and no range to draw
+    from keep it."""
     found: dict[str, float] = {}
     for p in effect.parameters:
         if p.name in effect.magnitude or (p.role is Role.LINEAR and p.draw is None):
@@ -192,7 +197,8 @@ def sample_foreign(effect: str, n: int, seconds: float, rng: np.random.Generator
 
 
 def sized_foreign(fault: Fault, amount: float, peak: Callable[[], NDArray[np.float64]]) -> Fault:
-    """Return an effect of no catalogue with so much of it; a drive saturates below the largest torques (n,) of peak."""
+    """Return an effect of no catalogue with so much of it; a drive saturates below the largest
+    torques (n,) of peak."""
     size = {FOREIGN[fault.effect]: float(amount)}
     if fault.effect == "saturating_drive":
         size["limit"] = float((1.0 - amount) * peak()[fault.joint or 0])

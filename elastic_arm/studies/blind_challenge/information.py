@@ -1,13 +1,15 @@
-"""How much a recording of an arm knows of an effect, everything ordinary marginalised, and sizes from it.
+"""How much a recording of an arm knows of an effect, everything ordinary marginalised, and sizes
+from it.
 
-Nothing of the diagnosis is used: residuals are those of Pinocchio's tree along the true motion, their noise follows
-from the sensors as they were drawn. With r the whitened change of the residuals by an effect, and N the whitened
-changes by one standard deviation of each ordinary number, the distance is the square root of
+Nothing of the diagnosis is used: residuals are those of Pinocchio's tree along the true motion,
+their noise follows from the sensors as they were drawn. With r the whitened change of the residuals
+by an effect, and N the whitened changes by one standard deviation of each ordinary number, the
+distance is the square root of
 
     r'r - r'N (1 + N'N)^-1 N'r,
 
-the size of the effect over its Cramér-Rao bound, all ordinary numbers estimated with it from their priors. An exact arm
-has none of them.
+the size of the effect over its Cramér-Rao bound, all ordinary numbers estimated with it from their
+priors. An exact arm has none of them.
 """
 
 from __future__ import annotations
@@ -42,7 +44,8 @@ EDGE = 40.0  # Hz, upper edge of what counts; with one encoder alone:
 EDGE_ONE_ENCODER = 5.0
 FREE = 100.0  # a prior so wide that it states nothing: friction known by name
 STEP = 1e-3  # of an ordinary number, for derivatives
-OWN = 1e-2  # of the torques' noise power that each equation has on its own, as equations are never exact
+# of the torques' noise power that each equation has on its own, as equations are never exact
+OWN = 1e-2
 ENDS = 50  # rows left out at either end, where derivatives are inexact
 # Standard deviations of what is ordinary, as :mod:`.base_arms` draws it.
 ORDINARY = {
@@ -148,7 +151,8 @@ class MarginalInformation:
         return self.seen(link, slow["tau_J"] - spring, motor)
 
     def distance(self, change: Array, *, without: Collection[Key] = ()) -> float:
-        """Return the whitened size of a change of the residuals, everything ordinary marginalised."""
+        """Return the whitened size of a change of the residuals, everything ordinary
+        marginalised."""
         r = self._whiten(change[..., None])[:, 0]
         if not self._keys:
             return float(np.linalg.norm(r))
@@ -227,7 +231,8 @@ class MarginalInformation:
         return np.array([tree.torque(*row) for row in zip(*rows, strict=True)])
 
     def _whiten(self, columns: Array) -> Array:
-        """Whiten columns (N, R, n, k) in the frequency domain, (N' R n, k): real and imaginary parts side by side."""
+        """Whiten columns (N, R, n, k) in the frequency domain, (N' R n, k): real and imaginary
+        parts side by side."""
         columns = columns[ENDS:-ENDS]
         N = len(columns)
         f = np.fft.rfftfreq(N, EVERY / RATE)
@@ -235,7 +240,8 @@ class MarginalInformation:
         inside = (f <= edge) & (f <= 0.4 * self._sensors.rate)
         spectrum = np.fft.rfft(columns, axis=0)[inside] * (EVERY / RATE)
         S = self._noise(np.asarray(f[inside], dtype=float))
-        # |X(f)|² over the power density of a stretch of T seconds has mean 1 a real part where the noise is white.
+        # |X(f)|² over the power density of a stretch of T seconds has mean 1 a real part where the
+        # noise is white.
         T = N * EVERY / RATE
         root = np.linalg.cholesky(S * T / 4.0)
         root[0] *= np.sqrt(2.0)  # a mean has no imaginary part
@@ -291,7 +297,8 @@ class MarginalInformation:
 
 
 def _alterations(robot: Robot, j: int) -> list[tuple[str, float, Robot]]:
-    """Return arms with one inertial number of joint j changed by STEP, with its name and ordinary deviation."""
+    """Return arms with one inertial number of joint j changed by STEP, with its name and ordinary
+    deviation."""
     joint = robot.joints[j]
     link, gear = joint.link, joint.transmission
     assert gear is not None
@@ -343,7 +350,8 @@ class SizedEffect:
 
 
 class Sizing:
-    """Sizes of effects on one arm: `run` moves the arm with some faults, without its ordinary friction."""
+    """Sizes of effects on one arm: `run` moves the arm with some faults, without its ordinary
+    friction."""
 
     def __init__(
         self,
@@ -389,7 +397,8 @@ class Sizing:
         return SizedEffect(draft.make(reached), distance, reached / max(distance, 1e-9), excess)
 
     def change(self, fault: Fault) -> tuple[float, float]:
-        """Return how far the residuals change by a fault, whitened and marginalised, and their mean square in Nm^2."""
+        """Return how far the residuals change by a fault, whitened and marginalised, and their mean
+        square in Nm^2."""
         if fault.effect in SCALING:
             change = self._of_friction(fault)
         else:
@@ -402,7 +411,8 @@ class Sizing:
         )
 
     def _of_friction(self, fault: Fault) -> Array:
-        """Change of the residuals by what scales friction, from its law: the arm is moved without its friction."""
+        """Change of the residuals by what scales friction, from its law: the arm is moved without
+        its friction."""
         j = fault.joint or 0
         w = self._plain.dtheta[::EVERY, j]
         torque = self._friction.get(("coulomb_friction", j), 0.0) * np.sign(w)

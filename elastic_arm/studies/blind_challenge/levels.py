@@ -1,4 +1,5 @@
-"""The levels of the challenge: what arms, sensors, motions and effects are drawn from, and what counts as an effect."""
+"""The levels of the challenge: what arms, sensors, motions and effects are drawn from, and what
+counts as an effect."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -20,7 +21,8 @@ class Floor:
 
 
 _ANY, _MOTOR, _LINK = (BOTH, MOTOR, LINK), (BOTH, MOTOR), (BOTH, LINK)
-# Below these sizes nobody repairs anything; of numbers that every arm has wrong, far beyond what is ordinary.
+# Below these sizes nobody repairs anything; of numbers that every arm has wrong, far beyond what is
+# ordinary.
 FLOORS = {
     "stribeck_friction": Floor(0.5, True, _MOTOR),
     "load_dependent_friction": Floor(0.01, False, _MOTOR),
@@ -78,7 +80,8 @@ class Level:
 
     name: str
     effects: tuple[str, ...]  # ids that are drawn, as far as the catalogue has them
-    exact: bool = False  # arms are as described but for their effects, with sensors without errors of their own
+    # arms are as described but for their effects, with sensors without errors of their own
+    exact: bool = False
     joints: tuple[int, ...] = (3,)  # one of which each arm has
     sides: tuple[str, ...] = (BOTH,)  # what is recorded, one of which each arm has
     rates: tuple[float, ...] = (1000.0,)  # Hz, one of which each arm has
@@ -109,11 +112,13 @@ class Level:
         default_factory=dict
     )  # the question: refit, effects that are known, and priors
     bits: int | None = (
-        None  # of the encoders of servo arms, recorded by commands and positions; None for other arms
+        # of the encoders of servo arms, recorded by commands and positions; None for other arms
+        None
     )
 
     def sides_of(self, effects: Sequence[str]) -> tuple[str, ...]:
-        """Return the recorded sides of this level on which all of some effects, of a catalogue or none, can show."""
+        """Return the recorded sides of this level on which all of some effects, of a catalogue or
+        none, can show."""
         floors = [floor for e in effects if (floor := FLOORS.get(e) or FOREIGN_FLOORS.get(e))]
         return tuple(
             side
@@ -122,7 +127,8 @@ class Level:
         )
 
     def drawn(self, catalogue: Sequence[str]) -> tuple[str, ...]:
-        """Return the effects that are drawn: of the default catalogue the level's own, and all that a user adds."""
+        """Return the effects that are drawn: of the default catalogue the level's own, and all that
+        a user adds."""
         users = [effect for effect in catalogue if effect not in EFFECTS] if self.exact else []
         return (*(effect for effect in self.effects if effect in catalogue), *users)
 

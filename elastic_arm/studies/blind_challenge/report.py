@@ -29,7 +29,10 @@ def write_challenge_report(path: str | Path, found: Mapping[str, Any]) -> Path:
             Table(HEADINGS, table_rows(level, table)),
         ]
         if table["calibration"]:
-            caption = "Every cause that was said. On the dashed line, of causes with 0.9 nine in ten are right."
+            caption = (
+                "Every cause that was said. On the dashed line, of causes with 0.9 nine in ten are"
+                " right."
+            )
             blocks.append(Figure(reliability(table), caption))
         sections.append(Section(f"Level {level}", blocks))
     if found["by_effect"]:

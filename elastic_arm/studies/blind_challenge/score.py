@@ -1,4 +1,5 @@
-"""How well challenges were answered: every share with its binomial interval, in one table a level."""
+"""How well challenges were answered: every share with its binomial interval, in one table a
+level."""
 
 import itertools
 import json
@@ -27,7 +28,8 @@ NEIGHBOURS = 0.9  # a withheld effect whose gap the rest explains to this share 
 BINS = (0.0, 0.5, 0.8, 0.9, 0.95, 0.99, 1.0)
 LEAST = 1e-3  # probability that the logarithmic score takes for less
 NOMINAL = 0.95
-# To reach: laboratory, workshop, field, servo, position, history; at most where the question counts what is wrong.
+# To reach: laboratory, workshop, field, servo, position, history; at most where the question counts
+# what is wrong.
 TARGETS = {
     "effect right": (0.99, 0.95, 0.93, 0.75, 0.90, None),
     "nothing more than ordinary: no cause": (0.99, 0.99, 0.99, 0.98, 0.98, 0.94),
@@ -47,7 +49,10 @@ EFFECT_HEADINGS = (
     "median shrink",
     "largest multiple missed",
 )
-SIMULATED = "moved by the suite's own simulator, which shares their laws with the diagnosis and so flatters it: {}"
+SIMULATED = (
+    "moved by the suite's own simulator, which shares their laws with the diagnosis and so flatters"
+    " it: {}"
+)
 
 
 def proportion(outcomes: Sequence[Any]) -> dict[str, Any]:
@@ -137,7 +142,8 @@ def _line(
 
 
 def level_table(lines: Sequence[Line], withheld: Sequence[Line]) -> dict[str, Any]:
-    """Return the shares of one level's answers by question, with what its probabilities are worth."""
+    """Return the shares of one level's answers by question, with what its probabilities are
+    worth."""
     own = [x for x in lines if not x["foreign"]]
     foreign = [x for x in lines if x["foreign"]]
     single = [x for x in own if len(x["truth"]) == 1]
@@ -177,9 +183,11 @@ def level_table(lines: Sequence[Line], withheld: Sequence[Line]) -> dict[str, An
         "shares": shares,
         "calibration": calibration([(c, r) for c, r in told if c > 0.0]),
         "brier": float(np.mean([(c - r) ** 2 for c, r in told])) if told else None,
-        "log_score": float(-np.mean([np.log(max(c if r else 1 - c, LEAST)) for c, r in told]))
-        if told
-        else None,
+        "log_score": (
+            float(-np.mean([np.log(max(c if r else 1 - c, LEAST)) for c, r in told]))
+            if told
+            else None
+        ),
         "seconds": _seconds(lines),
         "foreign": {x["name"]: [*x["foreign"], x["verdict"], *x["named"]] for x in foreign},
         "missed": {x["name"]: [*x["truth"], x["verdict"], *x["named"]] for x in missed},
@@ -194,7 +202,10 @@ def table_rows(level: str, table: Mapping[str, Any]) -> list[tuple[str, str, str
         if share["trials"]
     ]
     for row in table["calibration"]:
-        name = f"causes of confidence {row['from']:g} to {row['to']:g} (mean {row['mean_confidence']:.2f}) right"
+        name = (
+            f"causes of confidence {row['from']:g} to {row['to']:g} (mean"
+            f" {row['mean_confidence']:.2f}) right"
+        )
         rows.append((name, text(row), ""))
     if table["brier"] is not None:
         rows.append(
@@ -259,8 +270,8 @@ def challenge(settings: Mapping[str, Any]) -> str:
     low, high = settings["ratio"]
     only = f", only {', '.join(settings['effects'])}" if settings["effects"] else ""
     return (
-        f"{settings['level']}, seed {settings['seed']}: {counts}; sizes {low:g} to {high:g} bounds{only}; truth "
-        f"{settings['truth_sha256'][:12]}"
+        f"{settings['level']}, seed {settings['seed']}: {counts}; sizes {low:g} to {high:g}"
+        f" bounds{only}; truth {settings['truth_sha256'][:12]}"
     )
 
 

@@ -1,8 +1,9 @@
-"""Servo arms in MuJoCo: commands and positions alone, all ordinarily off, and what the description lacks.
+"""Servo arms in MuJoCo: commands and positions alone, all ordinarily off, and what the description
+lacks.
 
-Arms of 3 to 5 joints like SO-101. The description is the MJCF that the arm was drawn as; of the true one masses are off
-by 6 %, centres by 3 mm, moments by 8 %, armatures by 6 %, friction by 20 % and both gains of a servo together by 10 %
-(standard deviations).
+Arms of 3 to 5 joints like SO-101. The description is the MJCF that the arm was drawn as; of the
+true one masses are off by 6 %, centres by 3 mm, moments by 8 %, armatures by 6 %, friction by 20 %
+and both gains of a servo together by 10 % (standard deviations).
 """
 
 from dataclasses import asdict, dataclass, field, replace
@@ -166,7 +167,10 @@ def mjcf(joints: list[ServoJoint], step: float) -> str:
         bodies += (
             f'<body name="link_{k + 1}" pos="{place}"><joint name="joint_{k + 1}" axis="{AXES[k]}" '
         )
-        bodies += f'{written(one.numbers)}/><inertial pos="{com}" mass="{one.mass:.9g}" diaginertia="{moments}"/>'
+        bodies += (
+            f'{written(one.numbers)}/><inertial pos="{com}" mass="{one.mass:.9g}"'
+            f' diaginertia="{moments}"/>'
+        )
         if one.payload:
             inertial = (
                 f'<inertial pos="0 0 0" mass="{one.payload:.9g}" diaginertia="1e-6 1e-6 1e-6"/>'
@@ -181,7 +185,8 @@ def mjcf(joints: list[ServoJoint], step: float) -> str:
         limits = f'forcerange="-{one.limit:.9g} {one.limit:.9g}"'
         servos += f'<position joint="joint_{k + 1}" {written({**one.servo, **history})} {limits}/>'
     return (
-        f'<mujoco model="servo_arm"><compiler angle="radian"/><option timestep="{step:.12g}" integrator="RK4"/>'
+        f'<mujoco model="servo_arm"><compiler angle="radian"/><option timestep="{step:.12g}"'
+        ' integrator="RK4"/>'
         f'<default><joint solreffriction="0.002 1"/></default><worldbody><body name="base">{bodies}'
         f"{'</body>' * len(joints)}</body></worldbody><actuator>{servos}</actuator></mujoco>"
     )
@@ -216,7 +221,8 @@ def commands(rate: float, seconds: float, n: int, rng: np.random.Generator) -> A
 
 
 def record_servos(folder: Path, request: Request, level: Level) -> dict[str, Any]:
-    """Draw a servo arm and record it into the folder of a challenge, with its description; return its truth."""
+    """Draw a servo arm and record it into the folder of a challenge, with its description; return
+    its truth."""
     rng = np.random.default_rng(request.seed)
     rate = float(rng.choice(level.rates))
     step = 1.0 / rate / np.ceil(1.0 / (rate * STEP))

@@ -1,7 +1,8 @@
-"""The paper's claims, in its order: each holds, holds in part, does not hold, or is undecided with our numbers.
+"""The paper's claims, in its order: each holds, holds in part, does not hold, or is undecided with
+our numbers.
 
-Each function states its rule in code. Where the paper speaks of joints 1, 2 and 3 the rule speaks of the joints before
-the last and of the last one.
+Each function states its rule in code. Where the paper speaks of joints 1, 2 and 3 the rule speaks
+of the joints before the last and of the last one.
 """
 
 import itertools
@@ -38,7 +39,8 @@ DECIDED = 2.0
 class Claim:
     """A statement of the paper, and the verdict of the study on it.
 
-    `by_choice` states which number of the arm file was chosen so that the claim holds; empty where none was.
+    `by_choice` states which number of the arm file was chosen so that the claim holds; empty where
+    none was.
     """
 
     key: str
@@ -50,7 +52,8 @@ class Claim:
 
 
 def verdict(parts: Sequence[bool | None]) -> str:
-    """Holds if all parts do, in part if some do and others do not; undecided where that hangs on undecided ones."""
+    """Holds if all parts do, in part if some do and others do not; undecided where that hangs on
+    undecided ones."""
     known = {bool(part) for part in parts if part is not None}
     if len(known) == 2:
         return IN_PART
@@ -60,7 +63,8 @@ def verdict(parts: Sequence[bool | None]) -> str:
 
 
 def beyond_noise(difference: float, noise: float) -> bool | None:
-    """Return whether a difference is above zero, or None where its noise (standard deviation) leaves that open."""
+    """Return whether a difference is above zero, or None where its noise (standard deviation)
+    leaves that open."""
     return None if abs(difference) <= DECIDED * noise else difference > 0.0
 
 
@@ -111,8 +115,8 @@ def _mod3_follows(result: StudyResult) -> Judged:
     error = np.abs(top.error("mod3", "mod_ad", "motor")).max(axis=0)
     span = np.ptp(top.run.tau_m, axis=0)
     finding = (
-        f"largest difference {listed(error)} Nm per joint, {100 * (error / span).max():.2g} % of the torque's span "
-        "at most"
+        f"largest difference {listed(error)} Nm per joint, {100 * (error / span).max():.2g} % of"
+        " the torque's span at most"
     )
     return finding, list(error < 0.01 * span)
 
@@ -127,8 +131,8 @@ def _link_not_zero(result: StudyResult) -> Judged:
     left = np.abs(top.torques["mod3"].link).max(axis=0)
     locked = result.locked_link
     finding = (
-        f"largest residual {listed(left)} Nm per joint; {locked:.1g} Nm with the bushing locked, so the bushing is "
-        "the cause"
+        f"largest residual {listed(left)} Nm per joint; {locked:.1g} Nm with the bushing locked, so"
+        " the bushing is the cause"
     )
     return finding, [bool((left > 1e-3).all()), locked < 1e-6]
 
@@ -144,7 +148,10 @@ def _simple_drive_in_motor_torque(result: StudyResult) -> Judged:
     difference = _rms(top.error("mod1", "mod2", "motor"))
     share = difference / _rms(top.run.tau_m)
     most = int(np.argmax(difference)) + 1
-    finding = f"rms difference {listed(difference)} Nm, {100 * share.max():.2g} % of tau^m at most; largest for joint {most}"
+    finding = (
+        f"rms difference {listed(difference)} Nm, {100 * share.max():.2g} % of tau^m at most;"
+        f" largest for joint {most}"
+    )
     return finding, [bool((share < 0.01).all()), most == 1]
 
 
@@ -160,14 +167,15 @@ def _detailed_drive_in_link_torque(result: StudyResult) -> Judged:
         wins.append([two.e_rmse < one.e_rmse for one, two in pairs])
     counts = ", ".join(f"{sum(w)} of {len(w)}" for w in wins)
     finding = (
-        f"mod2's e_rmse with respect to mod3 is the smaller at {counts} ratios (joint 1, 2, …). Where S dominates, "
-        "mod1's spline, counted with the link, cancels a part of the missing S"
+        f"mod2's e_rmse with respect to mod3 is the smaller at {counts} ratios (joint 1, 2, …)."
+        " Where S dominates, mod1's spline, counted with the link, cancels a part of the missing S"
     )
     return finding, [flag for w in wins for flag in w]
 
 
 def _grows_linearly(line: LinearTrend, share: float) -> bool:
-    """Return whether an error grows along a line over r_tot and is large enough to be spoken of (:data:`LEAST`)."""
+    """Return whether an error grows along a line over r_tot and is large enough to be spoken of
+    (:data:`LEAST`)."""
     return line.r_squared > share and line.slope > 0.0 and line.highest > LEAST
 
 
@@ -183,9 +191,10 @@ def _linear_in_ratio(result: StudyResult) -> Judged:
         for joint in range(1, result.robot.n)
     ]
     finding = (
-        f"a line explains at least {100 * min(line.r_squared for line in lines):.2f} % of the variation of e_max over "
-        f"r_tot, which reaches {listed([line.highest for line in lines], 3)} Nm (mod1 joint by joint, then mod2; at "
-        f"least {LEAST:.2g} Nm wanted)"
+        f"a line explains at least {100 * min(line.r_squared for line in lines):.2f} % of the"
+        " variation of e_max over r_tot, which reaches"
+        f" {listed([line.highest for line in lines], 3)} Nm (mod1 joint by joint, then mod2; at"
+        f" least {LEAST:.2g} Nm wanted)"
     )
     return finding, [_grows_linearly(line, LINEAR) for line in lines]
 
@@ -201,8 +210,8 @@ def _difference_linear(result: StudyResult) -> Judged:
         rms = [_rms(c.error("mod1", "mod2", "link"))[joint] for c in result.comparisons]
         gaps.append(max(rms) / min(rms))
     finding = (
-        f"its rms changes by a factor of {listed(np.array(gaps), 3)} from the lowest to the highest ratio: the "
-        "difference is the spline's inertia alone, which no ratio multiplies"
+        f"its rms changes by a factor of {listed(np.array(gaps), 3)} from the lowest to the highest"
+        " ratio: the difference is the spline's inertia alone, which no ratio multiplies"
     )
     return finding, [gap > 1.5 for gap in gaps]
 
@@ -223,7 +232,8 @@ def _last_joint(result: StudyResult) -> Judged:
 @_rule(
     "coupling_shape",
     "V",
-    "S has the shape of (8): S_11, S_12, S_13, S_23 and zeros elsewhere, with sigma a function of q",
+    "S has the shape of (8): S_11, S_12, S_13, S_23 and zeros elsewhere, with sigma a function"
+    " of q",
 )
 def _shape_of_coupling(result: StudyResult) -> Judged:
     n = result.robot.n
@@ -238,8 +248,9 @@ def _shape_of_coupling(result: StudyResult) -> Judged:
 
     never = [entry for entry in expected if entry not in there and entry not in tilting]
     finding = (
-        f"the zeros of (8) are zero: {'yes' if zero else 'no'}. Not zero and constant: {names(there)}; only under "
-        f"bearing tilt: {names(tilting)}; zero for every pose and tilt: {names(never)}"
+        f"the zeros of (8) are zero: {'yes' if zero else 'no'}. Not zero and constant:"
+        f" {names(there)}; only under bearing tilt: {names(tilting)}; zero for every pose and tilt:"
+        f" {names(never)}"
     )
     return finding, [zero, len(there) + len(tilting) == len(expected)]
 
@@ -259,8 +270,9 @@ def _coupling_halves_motor_error(result: StudyResult) -> Judged:
         gains.append(1.0 - three / two)
     better = [gain > 0.5 for gain in gains]
     finding = (
-        f"at r_tot = {result.highest:g}, mod3's e_rmse is {listed(100 * np.array(gains), 3)} % less than mod2's "
-        "(joint 1, 2, …); where S does not enter a joint's tau^m, there is nothing to gain"
+        f"at r_tot = {result.highest:g}, mod3's e_rmse is {listed(100 * np.array(gains), 3)} % less"
+        " than mod2's (joint 1, 2, …); where S does not enter a joint's tau^m, there is nothing to"
+        " gain"
     )
     return finding, better
 
@@ -272,10 +284,10 @@ def _mod3_linear(result: StudyResult) -> Judged:
         for joint in range(1, result.robot.n + 1)
     ]
     finding = (
-        f"a line explains {listed([100 * line.r_squared for line in lines], 4)} % of e_max; slopes "
-        f"{listed([line.slope for line in lines])} Nm per unit of r_tot; e_max reaches "
-        f"{listed([line.highest for line in lines])} Nm (joint 1, 2, …). Below {LEAST:.2g} Nm, a hundredth of the "
-        "sensor's noise, an error counts as none"
+        f"a line explains {listed([100 * line.r_squared for line in lines], 4)} % of e_max; slopes"
+        f" {listed([line.slope for line in lines])} Nm per unit of r_tot; e_max reaches"
+        f" {listed([line.highest for line in lines])} Nm (joint 1, 2, …). Below {LEAST:.2g} Nm, a"
+        " hundredth of the sensor's noise, an error counts as none"
     )
     return finding, [_grows_linearly(line, 0.95) for line in lines]
 
@@ -309,10 +321,11 @@ def _link_minimal(result: StudyResult) -> Judged:
         wins = _smallest(varied)
         counts.append(f"{varied.stiffness:.0e} N/m: {sum(wins[:n])} and {sum(wins[n:])}")
     finding = (
-        f"mod1 / mod2 / mod3 with respect to mod_ad at r_tot = {result.highest:g}, joint by joint: e_rmse "
-        f"{_in_columns(step.e_rmse)} Nm, e_max {_in_columns(step.e_max)} Nm, most of it the bearings' ringing; e_rmse "
-        f"{_in_columns(smooth)} Nm on a ramp without jumps. It depends on the bushing's translation stiffness, which "
-        f"the paper does not state: joints of {n} where mod3 is smallest by e_rmse and by e_max at {'; '.join(counts)}"
+        f"mod1 / mod2 / mod3 with respect to mod_ad at r_tot = {result.highest:g}, joint by joint:"
+        f" e_rmse {_in_columns(step.e_rmse)} Nm, e_max {_in_columns(step.e_max)} Nm, most of it the"
+        f" bearings' ringing; e_rmse {_in_columns(smooth)} Nm on a ramp without jumps. It depends"
+        f" on the bushing's translation stiffness, which the paper does not state: joints of {n}"
+        f" where mod3 is smallest by e_rmse and by e_max at {'; '.join(counts)}"
     )
     return finding, [
         *_smallest(step),
@@ -339,14 +352,15 @@ def _motor_inertia_dominates(result: StudyResult) -> Judged:
         result.inertial[k] for k in ("B ddtheta", "S' ddq", "K (theta - q) + D (dtheta - dq)")
     )
     finding = (
-        f"rms of B ddtheta {listed(B, 3)} Nm against {listed(S)} Nm of S' ddq and {listed(drive, 3)} Nm of the "
-        "drive (gravity included)"
+        f"rms of B ddtheta {listed(B, 3)} Nm against {listed(S)} Nm of S' ddq and"
+        f" {listed(drive, 3)} Nm of the drive (gravity included)"
     )
     return finding, [*(B > 10 * S), *(drive < B)]
 
 
 def _largest_motor_errors(result: StudyResult) -> np.ndarray:
-    """Largest e_max over models and ratios of each joint's tau^m, (n,), mod1 and mod2 with respect to mod3."""
+    """Largest e_max over models and ratios of each joint's tau^m, (n,), mod1 and mod2 with respect
+    to mod3."""
     return np.array(
         [
             max(
@@ -374,31 +388,35 @@ def _first_joint_bound(result: StudyResult) -> Judged:
 @_rule(
     "motor_only_first_noise",
     "VII",
-    f"of the torque errors only those of tau_1^m are of the size of the sensor noise ({SENSOR_NOISE} Nm) and "
-    "drown in it",
+    "of the torque errors only those of tau_1^m are of the size of the sensor noise"
+    f" ({SENSOR_NOISE} Nm) and drown in it",
 )
 def _only_first_below_noise(result: StudyResult) -> Judged:
     largest = _largest_motor_errors(result)
     below = largest < 0.5
     finding = (
-        f"largest errors of tau^m: {listed(largest, 3)} Nm (joint 1, 2, …): "
-        f"{'all are' if below.all() else 'not all are'} of that size or below, not those of joint 1 alone"
+        f"largest errors of tau^m: {listed(largest, 3)} Nm (joint 1, 2, …):"
+        f" {'all are' if below.all() else 'not all are'} of that size or below, not those of joint"
+        " 1 alone"
     )
     return finding, [bool(below[0]), bool(not below[1:].any())]
 
 
-# What another search's trajectory changes, as standard deviations over four searches (seeds 1 to 3 of the quick study,
-# seed 1 of the full one): the difference of two models' shares, in coefficients, and the change of a share by noise.
+# What another search's trajectory changes, as standard deviations over four searches (seeds 1 to 3
+# of the quick study, seed 1 of the full one): the difference of two models' shares, in
+# coefficients, and the change of a share by noise.
 SEARCH_COEFFICIENTS = 1.8
 SEARCH_POINTS = 4.0
-# Errors of the tool under feed-forward differ by as much from motion to motion and search to search.
+# Errors of the tool under feed-forward differ by as much from motion to motion and search to
+# search.
 ALIKE = 0.1
 
 
 @_rule(
     "counts",
     "VI-A",
-    "75 parameters can be estimated with mod2 and mod3, 65 with mod1 (percentages: of 38 and 64 coefficients)",
+    "75 parameters can be estimated with mod2 and mod3, 65 with mod1 (percentages: of 38 and 64"
+    " coefficients)",
 )
 def _counts(result: StudyResult) -> Judged:
     found = {m: result.estimate(m) for m in MODELS}
@@ -408,8 +426,9 @@ def _counts(result: StudyResult) -> Judged:
         for m in MODELS
     )
     finding = (
-        f"{text}. mod2 and mod3 alike, mod1 fewer: {'yes' if ours[0] == ours[1] > ours[2] else 'no'}; the numbers "
-        "differ, as the paper counts parameters it does not name"
+        f"{text}. mod2 and mod3 alike, mod1 fewer:"
+        f" {'yes' if ours[0] == ours[1] > ours[2] else 'no'}; the numbers differ, as the paper"
+        " counts parameters it does not name"
     )
     return finding, [ours[0] == ours[1], ours[1] > ours[2], ours == [75, 75, 65]]
 
@@ -431,7 +450,8 @@ def _listed_shares(split: ErrorShares) -> str:
 @_rule(
     "shares_order",
     "VI-B",
-    "shares of low and high errors improve from mod1 to mod2 to mod3 (low 29.7, 60.5, 68.4 %; high 62.5, 26.3, 21 %)",
+    "shares of low and high errors improve from mod1 to mod2 to mod3 (low 29.7, 60.5, 68.4 %; high"
+    " 62.5, 26.3, 21 %)",
 )
 def _shares(result: StudyResult) -> Judged:
     found = [result.estimate(m) for m in MODELS]
@@ -442,8 +462,8 @@ def _shares(result: StudyResult) -> Judged:
     ]
     sizes = min(len(e.names) for e in found), min(len(e.merged_error) for e in found)
     finding = (
-        f"low / mid / high at r_tot = {result.highest:g}, no noise: {texts[0]}. With what the motion cannot tell apart "
-        f"merged: {texts[1]}"
+        f"low / mid / high at r_tot = {result.highest:g}, no noise: {texts[0]}. With what the"
+        f" motion cannot tell apart merged: {texts[1]}"
     )
     return finding, _orders(plain, 100.0 / sizes[0]) + _orders(merged, 100.0 / sizes[1])
 
@@ -457,9 +477,9 @@ def _mod1_mostly_high(result: StudyResult) -> Judged:
     other = shares(found.unfolded_error)
     readings = found.shares.high, other.high
     finding = (
-        f"{readings[0]:.1f} % at r_tot = {result.highest:g}, where the spline, folded into the link, is a part of the "
-        f"true combinations. Without it there, the other reading of mod1's true Psi: {readings[1]:.1f} % (low / mid / "
-        f"high {_listed_shares(other)})"
+        f"{readings[0]:.1f} % at r_tot = {result.highest:g}, where the spline, folded into the"
+        " link, is a part of the true combinations. Without it there, the other reading of mod1's"
+        f" true Psi: {readings[1]:.1f} % (low / mid / high {_listed_shares(other)})"
     )
     return finding, [beyond_noise(high - 50.0, 50.0 / len(found.names)) for high in readings]
 
@@ -474,7 +494,8 @@ def _small_coefficients(result: StudyResult) -> Judged:
         f"{m}: {size:.2f} with the value, {torque:.2f} with its torque"
         for m, (size, torque) in numbers.items()
     )
-    # A rank correlation of B pairs that have nothing to do with each other scatters by 1 / sqrt(B - 1).
+    # A rank correlation of B pairs that have nothing to do with each other scatters by 1 / sqrt(B -
+    # 1).
     parts = [
         beyond_noise(-value, 1.0 / (len(found[m].names) - 1) ** 0.5)
         for m, pair in numbers.items()
@@ -502,8 +523,8 @@ def _noise_is_minor(result: StudyResult) -> Judged:
             parts.append(beyond_noise(MINOR - abs(changes[m]), noise))
         texts.append("; ".join(f"{m}: {value:+.1f} points" for m, value in changes.items()))
     finding = (
-        f"mean change of the share of low errors with {result.robot.torque_noise_std} Nm at 10 Hz: {texts[0]}; "
-        f"merged, as above: {texts[1]} (minor: below {MINOR:g} points)"
+        f"mean change of the share of low errors with {result.robot.torque_noise_std} Nm at 10 Hz:"
+        f" {texts[0]}; merged, as above: {texts[1]} (minor: below {MINOR:g} points)"
     )
     return finding, parts
 
@@ -538,7 +559,8 @@ def _accuracy(result: StudyResult) -> Judged:
                 f"r_tot {r_tot:g}, {what}: " + " / ".join(f"{value:.2g}" for value in errors)
             )
     finding = (
-        f"rms error under feed-forward of the identified mod1 / mod2 / mod3, mm: {'; '.join(text)}. The rest of the "
-        "tool's error is the bearings' tilt, which no model with locked bearings sees"
+        f"rms error under feed-forward of the identified mod1 / mod2 / mod3, mm: {'; '.join(text)}."
+        " The rest of the tool's error is the bearings' tilt, which no model with locked bearings"
+        " sees"
     )
     return finding, parts

@@ -36,7 +36,8 @@ def paper(
     ] = False,
     force: Force = False,
 ) -> None:
-    """Reproduce the paper: mod1, mod2, mod3 against a virtual prototype, over the ratios, down to the parameters.
+    """Reproduce the paper: mod1, mod2, mod3 against a virtual prototype, over the ratios, down to
+    the parameters.
 
     Writes report.html with every figure and claim, and all numbers as CSV and JSON beside it.
 
@@ -88,5 +89,6 @@ def paper(
         )
     out.print(table)
     out.print(
-        f"report: {escape(str(report))}; numbers in its folder: {escape(', '.join(f.name for f in files))}"
+        f"report: {escape(str(report))}; numbers in its folder:"
+        f" {escape(', '.join(f.name for f in files))}"
     )

@@ -1,6 +1,8 @@
-"""The low-inertia coupling S in symbols, as in (8) and (9), from the same recursion that the numbers use.
+"""The low-inertia coupling S in symbols, as in (8) and (9), from the same recursion that the
+numbers use.
 
-Column j of S is what the recursion requires of the link side when motor j alone accelerates and nothing else moves.
+Column j of S is what the recursion requires of the link side when motor j alone accelerates and
+nothing else moves.
 """
 
 from dataclasses import dataclass, replace
@@ -22,7 +24,8 @@ class SymbolicCoupling:
         str, ...
     ]  # coordinates of the link side: q_1 … q_n and, with bearings, the tilts q_ix, q_iy
     matrix: sympy.Matrix  # (len(rows), n); its first n rows are the S of (8)
-    # Per motor j, the sum of izz times ratio over its bodies that ride on a moving link: the bracket in (9)
+    # Per motor j, the sum of izz times ratio over its bodies that ride on a moving link: the
+    # bracket in (9)
     reflected: tuple[sympy.Expr, ...]
     sigma: sympy.Matrix  # matrix[i, j] = reflected[j] sigma[i, j], functions of the angles alone
 
@@ -79,7 +82,8 @@ _SHORT = {"rotor": "r", "wave_generator": "wg", "spline": "spl"}
 
 
 def _parameter(name: str) -> sympy.Symbol:
-    """Name an inertia as in (9): I_zz^{r,1} for joint_1.rotor.Izz; other parameters keep their names."""
+    """Name an inertia as in (9): I_zz^{r,1} for joint_1.rotor.Izz; other parameters keep their
+    names."""
     parts = name.split(".")
     if len(parts) == 3 and parts[1] in _SHORT and parts[2] == "Izz":
         return sympy.Symbol(

@@ -18,8 +18,8 @@ PER_COEFFICIENT = ("true", "estimate", "error", "model_error", "bushing_error", 
 def export(result: StudyResult, claims: list[Claim], folder: Path) -> list[Path]:
     """Write the study's numbers; return the files.
 
-    These are paper.json with everything, and of it metrics.csv (Figs. 4b and 4c), torques.csv (Figs. 3 and 4a),
-    coefficients.csv (Fig. 5), tracking.csv and claims.csv.
+    These are paper.json with everything, and of it metrics.csv (Figs. 4b and 4c), torques.csv
+    (Figs. 3 and 4a), coefficients.csv (Fig. 5), tracking.csv and claims.csv.
     """
     coefficients = [
         {"model": e.model, "r_tot": e.r_tot, "coefficient": name}

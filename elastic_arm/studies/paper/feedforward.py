@@ -1,9 +1,11 @@
-"""What a better model buys: the prototype under feed-forward of each identified model, and where its tool goes.
+"""What a better model buys: the prototype under feed-forward of each identified model, and where
+its tool goes.
 
-The feed-forward inverts an elastic model on a periodic motion q_d: the first row of (1) requires the drive's
-deflection delta = theta - q from K delta + D delta' = M q'' + S theta'' + c + c1 + g, which a Fourier transform solves
-line by line; S theta'' makes it implicit, so it is repeated until it stands. The second row then is the torque. A weak
-controller on the motor side keeps the arm near theta_d.
+The feed-forward inverts an elastic model on a periodic motion q_d: the first row of (1) requires
+the drive's deflection delta = theta - q from K delta + D delta' = M q'' + S theta'' + c + c1 + g,
+which a Fourier transform solves line by line; S theta'' makes it implicit, so it is repeated until
+it stands. The second row then is the torque. A weak controller on the motor side keeps the arm near
+theta_d.
 """
 
 from collections.abc import Sequence
@@ -21,7 +23,8 @@ ROUNDS = 6
 
 @dataclass(frozen=True)
 class Command:
-    """One period on a grid of half steps: motor motion and torque at the harmonic-drive output, each (M, n)."""
+    """One period on a grid of half steps: motor motion and torque at the harmonic-drive output,
+    each (M, n)."""
 
     theta: np.ndarray
     dtheta: np.ndarray
@@ -30,7 +33,8 @@ class Command:
 
 @dataclass(frozen=True)
 class FeedforwardLaw:
-    """A feed-forward: its name, the ratio it is for, a model and its parameters; no torque at all where Psi is None."""
+    """A feed-forward: its name, the ratio it is for, a model and its parameters; no torque at all
+    where Psi is None."""
 
     name: str
     r_tot: float
@@ -42,9 +46,10 @@ class FeedforwardLaw:
 class Tracking:
     """How well the prototype followed.
 
-    `tool_rms` and `tool_max` are the tool's error, mm; `joints_rms` the part of it that the links' angles q make,
-    without the bearings' tilt, mm; `angle_rms` the error of q, mrad; `feedback_rms` what the feedback added, Nm. `each`
-    are tool_rms and joints_rms of the motions that were put together.
+    `tool_rms` and `tool_max` are the tool's error, mm; `joints_rms` the part of it that the links'
+    angles q make, without the bearings' tilt, mm; `angle_rms` the error of q, mrad; `feedback_rms`
+    what the feedback added, Nm. `each` are tool_rms and joints_rms of the motions that were put
+    together.
     """
 
     feedforward: str
@@ -87,7 +92,8 @@ def invert(
 
 
 def gains(model: Model, frequency: float, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return proportional and derivative gains (n,) for a natural frequency (rad/s) and damping ratio 0.7."""
+    """Return proportional and derivative gains (n,) for a natural frequency (rad/s) and damping
+    ratio 0.7."""
     n = model.n
     mass = np.diag(model.mass_matrix(np.concatenate([at, at])[None])[0])
     inertia = mass[:n] + mass[n:]
@@ -97,7 +103,8 @@ def gains(model: Model, frequency: float, at: np.ndarray) -> tuple[np.ndarray, n
 def reference(
     n: int, period: float, duration: float, rng: np.random.Generator
 ) -> FourierTrajectory:
-    """Make a motion that no identification saw: three harmonics, at most 0.4 rad from zero per joint and 0.8 rad/s."""
+    """Make a motion that no identification saw: three harmonics, at most 0.4 rad from zero per
+    joint and 0.8 rad/s."""
     harmonics = 3
     a, b = rng.standard_normal((2, n, harmonics))
     frequency = 2.0 * np.pi / period * np.arange(1, harmonics + 1)
@@ -151,7 +158,8 @@ def assess(
 def _command(
     robot: Robot, law: FeedforwardLaw, q: tuple[np.ndarray, np.ndarray, np.ndarray], period: float
 ) -> Command:
-    """Invert the law's model along one period; without one, command the link's motion to the motor and no torque."""
+    """Invert the law's model along one period; without one, command the link's motion to the motor
+    and no torque."""
     if law.Psi is None:
         return Command(q[0], q[1], np.zeros_like(q[0]))
     return invert(build_model(robot, law.model), law.Psi, q, period)

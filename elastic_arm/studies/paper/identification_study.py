@@ -1,4 +1,5 @@
-"""Fig. 5 and beyond: (10)-(13) for each model on what the prototype did, and where the errors come from."""
+"""Fig. 5 and beyond: (10)-(13) for each model on what the prototype did, and where the errors come
+from."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -23,7 +24,8 @@ LOW, MID = 20.5, 50.5  # the paper's 0-20 %, 21-50 %, 51-100 %, read as rounded 
 
 @dataclass(frozen=True)
 class ErrorShares:
-    """Percentages of the coefficients whose relative error is low, mid, high; `beyond` 100 % is a part of high."""
+    """Percentages of the coefficients whose relative error is low, mid, high; `beyond` 100 % is a
+    part of high."""
 
     low: float
     mid: float
@@ -39,7 +41,8 @@ def shares(error: np.ndarray) -> ErrorShares:
 
 
 class CoefficientFit:
-    """One model's regression (10) in base parameters; the truth is the description's in the same combinations."""
+    """One model's regression (10) in base parameters; the truth is the description's in the same
+    combinations."""
 
     def __init__(self, robot: Robot, model: str) -> None:
         self.model = build_model(robot, model)
@@ -74,14 +77,16 @@ class CoefficientFit:
         return 100.0 * (estimate - self.true) / self.true
 
     def percent_unfolded(self, estimate: np.ndarray) -> np.ndarray | None:
-        """Return Psi_err where the splines are no part of the true links; None where the model has them as bodies."""
+        """Return Psi_err where the splines are no part of the true links; None where the model has
+        them as bodies."""
         if self.model.name != "mod1":
             return None
         true = self.equations.base.T @ build_model(_without_splines(self.model.robot), "mod1").Psi
         return np.asarray(100.0 * (estimate - true) / true)
 
     def full(self, estimate: np.ndarray) -> np.ndarray:
-        """Return a whole Psi (P,) that predicts as the estimate does: zero wherever the equations cannot see."""
+        """Return a whole Psi (P,) that predicts as the estimate does: zero wherever the equations
+        cannot see."""
         Psi = np.zeros(len(self.equations.names))
         Psi[self.equations.base.columns] = estimate
         return Psi
@@ -99,10 +104,12 @@ def _without_splines(robot: Robot) -> Robot:
 
 
 def merged_error(found: Fit, true: np.ndarray, kept: np.ndarray) -> np.ndarray:
-    """Return Psi_err (K,) of the coefficients `kept`, the others merged into them as the data's columns depend on them.
+    """Return Psi_err (K,) of the coefficients `kept`, the others merged into them as the data's
+    columns depend on them.
 
-    Base parameters are what *some* state separates. Where no ordinary motion does, as at high ratios, (11) is blown
-    up along that direction; a numerical rank decision would have merged such columns, and this does.
+    Base parameters are what *some* state separates. Where no ordinary motion does, as at high
+    ratios, (11) is blown up along that direction; a numerical rank decision would have merged such
+    columns, and this does.
     """
     R, z = found.factor[:, :-1], found.factor[:, -1]
     lost = np.setdiff1d(np.arange(len(true)), kept)
@@ -200,10 +207,12 @@ def study(
 
 
 def smallness(estimate: CoefficientEstimate) -> tuple[float, float]:
-    """Return Spearman's rank correlation of a coefficient's error with its true size, and with its torque.
+    """Return Spearman's rank correlation of a coefficient's error with its true size, and with its
+    torque.
 
-    Negative where the large errors belong to small coefficients. The size is in SI units whatever the kind, as the
-    paper compares them; the torque is what the coefficient contributes to the equations, rms.
+    Negative where the large errors belong to small coefficients. The size is in SI units whatever
+    the kind, as the paper compares them; the torque is what the coefficient contributes to the
+    equations, rms.
     """
     error = np.abs(estimate.error)
     size = spearmanr(np.abs(estimate.true), error).statistic
@@ -241,7 +250,8 @@ SHAPE = Shape(harmonics=5, period=10.0, ramp=1.0)
 
 
 def excite(robot: Robot, model: str, evaluations: int, random: int, seed: int) -> ExcitationResult:
-    """Search the motion within the robot's limits whose regressor of `model` is conditioned best."""
+    """Search the motion within the robot's limits whose regressor of `model` is conditioned
+    best."""
     problem = CoefficientFit(robot, model)
     limits = MotionLimits.of(robot)
     columns = [int(c) for c in problem.equations.base.columns]

@@ -1,4 +1,5 @@
-"""The report of the paper's study: claims first, then a function a figure: what it shows, how, and its numbers."""
+"""The report of the paper's study: claims first, then a function a figure: what it shows, how, and
+its numbers."""
 
 import math
 from dataclasses import astuple
@@ -65,8 +66,8 @@ def write_paper_report(result: StudyResult, claims: list[Claim], path: Path) -> 
     """Write the study as one self-contained HTML file."""
     found = [_summary(result, claims), *(section(result) for section in SECTIONS), READINGS]
     subtitle = (
-        f"Three models of {result.robot.name} against a virtual prototype in {result.engine}, over r_tot = "
-        f"{', '.join(f'{r:g}' for r in result.ratios)}"
+        f"Three models of {result.robot.name} against a virtual prototype in {result.engine}, over"
+        f" r_tot = {', '.join(f'{r:g}' for r in result.ratios)}"
     )
     return write_report(path, "The paper, reproduced", found, subtitle=subtitle)
 
@@ -76,18 +77,20 @@ def _summary(result: StudyResult, claims: list[Claim]) -> Section:
     chosen = [claim for claim in claims if claim.by_choice]
     blocks: list[Block] = [
         Text(
-            f"Of {len(claims)} claims of the paper, with our numbers, {counts[HOLDS]} hold, {counts[IN_PART]} hold in "
-            f"part, {counts[FAILS]} do not, and {counts[UNDECIDED]} are left undecided by the study's own noise (seeds "
-            "of noise, searches and guesses).",
+            f"Of {len(claims)} claims of the paper, with our numbers, {counts[HOLDS]} hold,"
+            f" {counts[IN_PART]} hold in part, {counts[FAILS]} do not, and {counts[UNDECIDED]} are"
+            " left undecided by the study's own noise (seeds of noise, searches and guesses).",
             "good" if not counts[FAILS] + counts[UNDECIDED] else "warn",
         ),
         Text(
-            "The paper prints no inertial or stiffness values. Those of the nominal arm file are ours, of the size of "
-            "catalogue parts, and were chosen to the paper's numbers in three places: the masses sum to 139 kg, the "
-            "circular spline of joint 1 has ten times the inertia of joint 2's flex spline, and the motor-torque error "
-            f"of joint 1 stays below 0.5 Nm (S_11 = {_entry(result, 0, 0):.3g} kg m^2, S_23 = "
-            f"{_entry(result, 1, 2):.3g} kg m^2 at r_tot = {result.highest:g}). {len(chosen)} claims rest on these "
-            "choices and are marked *: that they hold for this arm shows nothing."
+            "The paper prints no inertial or stiffness values. Those of the nominal arm file are"
+            " ours, of the size of catalogue parts, and were chosen to the paper's numbers in"
+            " three places: the masses sum to 139 kg, the circular spline of joint 1 has ten times"
+            " the inertia of joint 2's flex spline, and the motor-torque error of joint 1 stays"
+            f" below 0.5 Nm (S_11 = {_entry(result, 0, 0):.3g} kg m^2, S_23 ="
+            f" {_entry(result, 1, 2):.3g} kg m^2 at r_tot = {result.highest:g}). {len(chosen)}"
+            " claims rest on these choices and are marked *: that they hold for this arm shows"
+            " nothing."
         ),
         Table(
             ("section", "claim of the paper", "what decides it here", "verdict"),
@@ -162,9 +165,10 @@ def figures_1_and_2(result: StudyResult) -> Section:
         for k, (name, row) in enumerate(table_i(robot))
     ]
     caption = (
-        "Left, Fig. 1: the arm turned out of its zero pose, and its transmissions by joint, which the rotor drives "
-        f"through a belt (r_b) and a harmonic drive (r_hd): {carriers}. Right, Fig. 2: the frames of (2) and (3) at "
-        "the zero pose: O_G on the ground, O_0 at joint 1, O_i at the far end of link i; x red, y green, z blue."
+        "Left, Fig. 1: the arm turned out of its zero pose, and its transmissions by joint, which"
+        f" the rotor drives through a belt (r_b) and a harmonic drive (r_hd): {carriers}. Right,"
+        " Fig. 2: the frames of (2) and (3) at the zero pose: O_G on the ground, O_0 at joint 1,"
+        " O_i at the far end of link i; x red, y green, z blue."
     )
     table = Table(
         ("frame", "a_i [m]", "d_i [m]", "alpha_i", "theta_i"),
@@ -175,7 +179,8 @@ def figures_1_and_2(result: StudyResult) -> Section:
 
 
 def table_i(robot: Robot) -> list[tuple[str, DH]]:
-    """Return the Denavit-Hartenberg rows that the description was written in: those of O_0 and of each joint."""
+    """Return the Denavit-Hartenberg rows that the description was written in: those of O_0 and of
+    each joint."""
     rows = [robot.base_dh, *(joint.dh for joint in robot.joints)]
     return [(f"O_{k}", row) for k, row in enumerate(rows) if row is not None]
 
@@ -211,13 +216,14 @@ def _arm(ax: Axes3D, robot: Robot, pose: np.ndarray) -> np.ndarray:
 def prototype(result: StudyResult) -> Section:
     """What the models are compared with."""
     words = (
-        f"Links, rotors, wave generators and splines are bodies of a {result.engine} model, which shares no dynamics "
-        "code with mod1 to mod3. The link hangs on its spline by a bushing of six springs and dampers, whose "
-        f"translations have {Bushing().translation_stiffness:.0e} N/m. Rotors, wave generators and splines are driven "
-        "exactly: the engine's mass matrix and bias forces are projected on theta and the bushings, the bushings are "
-        "integrated (Runge-Kutta, fourth order), and the torque at the harmonic-drive output follows. tau^l of a model "
-        "is the residual of its first row on the prototype's motion. With locked bushings mod3 leaves "
-        f"{result.locked_link:.1g} Nm of it."
+        f"Links, rotors, wave generators and splines are bodies of a {result.engine} model, which"
+        " shares no dynamics code with mod1 to mod3. The link hangs on its spline by a bushing of"
+        f" six springs and dampers, whose translations have {Bushing().translation_stiffness:.0e}"
+        " N/m. Rotors, wave generators and splines are driven exactly: the engine's mass matrix"
+        " and bias forces are projected on theta and the bushings, the bushings are integrated"
+        " (Runge-Kutta, fourth order), and the torque at the harmonic-drive output follows. tau^l"
+        " of a model is the residual of its first row on the prototype's motion. With locked"
+        f" bushings mod3 leaves {result.locked_link:.1g} Nm of it."
     )
     return Section("The virtual prototype mod_ad", [Text(words)])
 
@@ -225,8 +231,8 @@ def prototype(result: StudyResult) -> Section:
 def figure_4a(result: StudyResult) -> Section:
     """Fig. 4a."""
     caption = (
-        "The same motion. In tau^m the models cannot be told apart by eye (third row: by how much they differ); in "
-        "tau^l mod1 and mod2 leave what S would explain."
+        "The same motion. In tau^m the models cannot be told apart by eye (third row: by how much"
+        " they differ); in tau^l mod1 and mod2 leave what S would explain."
     )
     return Section(
         "Fig. 4a: the three models", [Figure(_torques(result.at_highest(), MODELS), caption)]
@@ -234,7 +240,8 @@ def figure_4a(result: StudyResult) -> Section:
 
 
 def _torques(comparison: ModelComparison, models: tuple[str, ...]) -> MplFigure:
-    """Draw tau^m and tau^l of models over time; of several models the differences of tau^m from that of mod3, too."""
+    """Draw tau^m and tau^l of models over time; of several models the differences of tau^m from
+    that of mod3, too."""
     n, several = comparison.run.q.shape[1], PROTOTYPE not in models
     with drawing(2 + several, n, size=(11.0, 4.6 + 2.0 * several), sharex=True) as (figure, axes):
         for joint in range(n):
@@ -281,13 +288,14 @@ def figure_4c(result: StudyResult) -> Section:
         [
             Figure(
                 _stacked_metrics(result.against_prototype, MODELS, result.ratios, n),
-                "Stacked as in the paper: e_max below, e_rmse above. The part of tau^l that no model explains is the "
-                "ringing of the bearings.",
+                "Stacked as in the paper: e_max below, e_rmse above. The part of tau^l that no"
+                " model explains is the ringing of the bearings.",
             ),
             Table(
                 ("model", "side", *joints),
                 [(m, s, *map(float, values)) for (m, s), values in rms.items()],
-                "e_rmse on a ramp without jumps of acceleration (quintic), where little rings, at the highest ratio",
+                "e_rmse on a ramp without jumps of acceleration (quintic), where little rings, at"
+                " the highest ratio",
                 3,
             ),
             _metric_table(result.against_prototype),
@@ -298,8 +306,9 @@ def figure_4c(result: StudyResult) -> Section:
                     *(f"{what}, {joint}" for what in ("e_max", "e_rmse") for joint in joints),
                 ),
                 translations,
-                "tau^l with respect to mod_ad at the highest ratio, by the translation stiffness of the bushing, which "
-                "the paper does not state: which model is best by e_max at a joint depends on it",
+                "tau^l with respect to mod_ad at the highest ratio, by the translation stiffness of"
+                " the bushing, which the paper does not state: which model is best by e_max at a"
+                " joint depends on it",
                 3,
             ),
         ],
@@ -313,11 +322,12 @@ def figure_3(result: StudyResult) -> Section:
         [
             Figure(
                 _torques(result.at_highest(), (PROTOTYPE, "mod3")),
-                "Step ramp of 0.1 rad in 1 s (cubic), all joints at once from the zero pose, r_tot = "
-                f"{result.highest:g}. As in the paper, tau^m of mod3 lies on that of mod_ad, and tau^l of mod3 is not "
-                "zero: the bearings tilt and ring after the jumps of the ramp's acceleration. Samples at 1 kHz; at "
-                "the two jumps the sample is the limit from before, as in the half millisecond after a jump the "
-                "bushings have not yet answered.",
+                "Step ramp of 0.1 rad in 1 s (cubic), all joints at once from the zero pose, r_tot"
+                f" = {result.highest:g}. As in the paper, tau^m of mod3 lies on that of mod_ad, and"
+                " tau^l of mod3 is not zero: the bearings tilt and ring after the jumps of the"
+                " ramp's acceleration. Samples at 1 kHz; at the two jumps the sample is the limit"
+                " from before, as in the half millisecond after a jump the bushings have not yet"
+                " answered.",
             )
         ],
     )
@@ -363,7 +373,8 @@ def _metric_table(metrics: list[Metric]) -> Table:
 def _stacked_metrics(
     metrics: list[Metric], models: tuple[str, ...], ratios: tuple[float, ...], n: int
 ) -> MplFigure:
-    """Draw e_max (bottom) and e_rmse (top) as stacked bars over r_tot, per side and joint (Figs. 4b and 4c)."""
+    """Draw e_max (bottom) and e_rmse (top) as stacked bars over r_tot, per side and joint (Figs. 4b
+    and 4c)."""
     table = {(m.side, m.joint, m.r_tot, m.model): m for m in metrics}
     width = 0.8 / len(models)
     with drawing(2, n, size=(11.0, 5.0), sharex=True) as (figure, axes):
@@ -421,15 +432,17 @@ def coupling(result: StudyResult) -> Section:
         "The coupling S",
         [
             Text(
-                f"With the bearings locked, S = {pattern}, derived in symbols by the recursion that also makes the "
-                "numbers."
+                f"With the bearings locked, S = {pattern}, derived in symbols by the recursion that"
+                " also makes the numbers."
             ),
             Table(("entry", "terms as in (9)"), terms, caption="Bearings locked"),
             Table(
                 ("row", "motor", "sigma(q)", "to first order in the tilts"),
                 sigma,
-                caption="With bearing tilts q_ix, q_iy: S_row,motor = (sum of I_zz times ratio of that motor's "
-                "spinning bodies) times sigma; entries not listed are zero",
+                caption=(
+                    "With bearing tilts q_ix, q_iy: S_row,motor = (sum of I_zz times ratio of that"
+                    " motor's spinning bodies) times sigma; entries not listed are zero"
+                ),
             ),
             Table(
                 ("part of tau^m", *(f"joint {j + 1} [Nm]" for j in range(n))),
@@ -446,7 +459,8 @@ def _text(expression: sympy.Expr) -> str:
 
 
 def _shares_of(estimates: list[Any]) -> MplFigure:
-    """Draw Fig. 5: shares of the coefficients per error category, a group a category, a bar a model."""
+    """Draw Fig. 5: shares of the coefficients per error category, a group a category, a bar a
+    model."""
     with drawing(1, 1, size=(6.4, 3.2)) as (figure, axes):
         ax = axes[0, 0]
         for k, estimate in enumerate(estimates):
@@ -464,7 +478,8 @@ def _shares_of(estimates: list[Any]) -> MplFigure:
 
 
 def _error_sources(estimates: list[Any]) -> MplFigure:
-    """Draw, per coefficient, the model's own error, what the bushing adds, and the spread under noise."""
+    """Draw, per coefficient, the model's own error, what the bushing adds, and the spread under
+    noise."""
     with drawing(1, len(estimates), size=(11.0, 4.2), sharey=True) as (figure, axes):
         for ax, estimate in zip(axes[0], estimates, strict=True):
             order = np.argsort(estimate.torque)[::-1]
@@ -513,7 +528,10 @@ def excitation(result: StudyResult) -> Section:
         "random, best",
         "found",
     )
-    caption = "Condition number of the base regressor F of (12), columns equilibrated; one search serves all ratios"
+    caption = (
+        "Condition number of the base regressor F of (12), columns equilibrated; one search serves"
+        " all ratios"
+    )
     return Section("Excitation", [Table(header, rows, caption)])
 
 
@@ -546,9 +564,10 @@ def figure_5(result: StudyResult) -> Section:
         (m, None, f"paper, of {PAPER_COUNTS[m]}", None, *PAPER_SHARES[m], None) for m in MODELS
     ]
     caption = (
-        "'merged': coefficients that this motion does not tell apart (columns dependent to 1e-4) are one; 'unfolded': "
-        "mod1 against a true Psi without the splines that it counts with the links; mean ± standard deviation over "
-        f"seeds of torque noise of {result.robot.torque_noise_std} Nm"
+        "'merged': coefficients that this motion does not tell apart (columns dependent to 1e-4)"
+        " are one; 'unfolded': mod1 against a true Psi without the splines that it counts with the"
+        " links; mean ± standard deviation over seeds of torque noise of"
+        f" {result.robot.torque_noise_std} Nm"
     )
     shown = f"r_tot = {result.highest:g}, 100 samples at 10 Hz, no noise, (11) to (13)."
     table = Table(("model", "r_tot", "", "coefficients", *NAMES), rows, caption, 4)
@@ -560,16 +579,17 @@ def figure_5(result: StudyResult) -> Section:
 def noise(result: StudyResult) -> Section:
     """Where errors come from."""
     caption = (
-        "Per coefficient: the model's own error (prototype with locked bushings), what the bushing adds, and the "
-        f"standard deviation under torque noise of {result.robot.torque_noise_std} Nm at 10 Hz and at 1 kHz. Bands: "
-        "the paper's mid and high."
+        "Per coefficient: the model's own error (prototype with locked bushings), what the bushing"
+        f" adds, and the standard deviation under torque noise of {result.robot.torque_noise_std}"
+        " Nm at 10 Hz and at 1 kHz. Bands: the paper's mid and high."
     )
     shown = Figure(_error_sources([result.estimate(m) for m in MODELS]), caption)
     return Section("Noise, sample rate, and where errors come from", [shown])
 
 
 def tracking(result: StudyResult) -> Section:
-    """What a better model buys: the tool's error under feed-forward; no model at all is left to the table."""
+    """What a better model buys: the tool's error under feed-forward; no model at all is left to the
+    table."""
     ratios = sorted({t.r_tot for t in result.tracking})
     with drawing(1, len(ratios), size=(5.2 * len(ratios), 3.2)) as (figure, axes):
         for ax, r_tot in zip(axes[0], ratios, strict=True):
@@ -596,8 +616,9 @@ def tracking(result: StudyResult) -> Section:
         "feedback torque, rms [Nm]",
     )  # fmt: skip
     caption = (
-        f"Motions that no identification saw, feedback of natural frequency {FEEDBACK_FREQUENCY:g} rad/s on the motor "
-        "side; 'true mod3' has the description's numbers: what is left is the bearings' tilt, in no model here"
+        f"Motions that no identification saw, feedback of natural frequency {FEEDBACK_FREQUENCY:g}"
+        " rad/s on the motor side; 'true mod3' has the description's numbers: what is left is the"
+        " bearings' tilt, in no model here"
     )
     shown = Figure(
         figure, "Tool error of the prototype under feed-forward of each identified model."
@@ -609,34 +630,39 @@ READINGS = Section(
     "Readings",
     [
         Text(
-            "The paper says both that mod1 folds the spline into the link (IV-B) and that I_spl is absent from M "
-            "(IV-C). Only folding gives tau_3^l a constant error, so it is folded here."
+            "The paper says both that mod1 folds the spline into the link (IV-B) and that I_spl is"
+            " absent from M (IV-C). Only folding gives tau_3^l a constant error, so it is folded"
+            " here."
         ),
         Text(
-            "The step ramp is read as the cubic STEP; r_tot is split into r_b and r_hd as the arm file says."
+            "The step ramp is read as the cubic STEP; r_tot is split into r_b and r_hd as the arm"
+            " file says."
         ),
         Text(
-            "The errors of Fig. 4b are those of mod1 and mod2 with respect to mod3, as the paper states. Those of "
-            "Fig. 4c are read with respect to mod_ad: the paper names no reference there, but mod3 has an error, "
-            "and with respect to itself it would have none."
+            "The errors of Fig. 4b are those of mod1 and mod2 with respect to mod3, as the paper"
+            " states. Those of Fig. 4c are read with respect to mod_ad: the paper names no"
+            " reference there, but mod3 has an error, and with respect to itself it would have"
+            " none."
         ),
         Text(
-            f"The Fourier series of the excitation is read as {SHAPE.harmonics} harmonics of 1/{SHAPE.period:g} Hz "
-            "a joint, and a constant; the paper states the duration of 10 s and refers to another work "
-            "for the rest. The optimiser is a pattern search, as in the paper."
+            f"The Fourier series of the excitation is read as {SHAPE.harmonics} harmonics of"
+            f" 1/{SHAPE.period:g} Hz a joint, and a constant; the paper states the duration of 10 s"
+            " and refers to another work for the rest. The optimiser is a pattern search, as in"
+            " the paper."
         ),
         Text(
-            "The bushing's translation stiffness (2e8 N/m) is ours: the paper calls it high. What depends on it is "
-            "listed under Fig. 4c."
+            "The bushing's translation stiffness (2e8 N/m) is ours: the paper calls it high. What"
+            " depends on it is listed under Fig. 4c."
         ),
         Text(
-            "The true Psi of mod1 counts the spline with the link that it is folded into. The other reading leaves "
-            "it out; its shares are under Fig. 5, too."
+            "The true Psi of mod1 counts the spline with the link that it is folded into. The other"
+            " reading leaves it out; its shares are under Fig. 5, too."
         ),
         Text(
-            "The paper counts 64 coefficients for mod1 and 38 for mod2 and mod3 (its percentages are those of "
-            "19/64, 40/64, 23/38 and 26/38) without naming them. Ours are the base parameters of each model's "
-            "regressor with solids of revolution reduced to mass, first moment and two moments of inertia."
+            "The paper counts 64 coefficients for mod1 and 38 for mod2 and mod3 (its percentages"
+            " are those of 19/64, 40/64, 23/38 and 26/38) without naming them. Ours are the base"
+            " parameters of each model's regressor with solids of revolution reduced to mass, first"
+            " moment and two moments of inertia."
         ),
     ],
 )

@@ -1,4 +1,5 @@
-"""The whole study, stage by stage: runs of the prototype over the cores, then what the models make of them."""
+"""The whole study, stage by stage: runs of the prototype over the cores, then what the models make
+of them."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -184,7 +185,8 @@ def _tracking(
     settings: StudySettings,
     rng: np.random.Generator,
 ) -> list[Task]:
-    """Drive the prototype under feed-forward of each identified model at the lowest and highest ratio identified.
+    """Drive the prototype under feed-forward of each identified model at the lowest and highest
+    ratio identified.
 
     The tasks are those of each law along each motion, laws first.
     """

@@ -1,4 +1,5 @@
-"""The torques of sections IV and V: step ramps of the prototype over the ratios, and what mod1 to mod3 make of them."""
+"""The torques of sections IV and V: step ramps of the prototype over the ratios, and what mod1 to
+mod3 make of them."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -36,7 +37,8 @@ class Torques:
 class ModelComparison:
     """One motion of the prototype at one ratio, and the torques of each model on it.
 
-    `torques` holds mod1, mod2, mod3 and mod_ad, whose tau_l is zero: its link is in equilibrium by construction.
+    `torques` holds mod1, mod2, mod3 and mod_ad, whose tau_l is zero: its link is in equilibrium by
+    construction.
     """
 
     r_tot: float
@@ -62,7 +64,8 @@ class Metric:
 
 
 def model_torques(model: Model, run: PrototypeRun) -> Torques:
-    """Evaluate both rows of (1) on the prototype's motion: tau_m, and the first row's residual tau_l.
+    """Evaluate both rows of (1) on the prototype's motion: tau_m, and the first row's residual
+    tau_l.
 
     A model with bearings is given their tilts too; its tau_l is the residual of the rows of q.
     """
@@ -72,14 +75,16 @@ def model_torques(model: Model, run: PrototypeRun) -> Torques:
 
 
 def compare(robot: Robot, r_tot: float, run: PrototypeRun) -> ModelComparison:
-    """Evaluate mod1, mod2 and mod3 of `robot` (with its ratio already set to `r_tot`) on a run of the prototype."""
+    """Evaluate mod1, mod2 and mod3 of `robot` (with its ratio already set to `r_tot`) on a run of
+    the prototype."""
     torques = {name: model_torques(build_model(robot, name), run) for name in MODELS}
     torques[PROTOTYPE] = Torques(motor=run.tau_m, link=np.zeros_like(run.tau_m))
     return ModelComparison(r_tot, run, torques)
 
 
 def metrics(comparisons: list[ModelComparison], reference: str) -> list[Metric]:
-    """Return e_max and e_rmse per ratio, side, joint and model against mod3 (Fig. 4b) or mod_ad (Fig. 4c)."""
+    """Return e_max and e_rmse per ratio, side, joint and model against mod3 (Fig. 4b) or mod_ad
+    (Fig. 4c)."""
     models = [name for name in MODELS if name != reference]
     rows = []
     for comparison in comparisons:
@@ -104,7 +109,8 @@ def metrics(comparisons: list[ModelComparison], reference: str) -> list[Metric]:
 
 @dataclass(frozen=True)
 class LinearTrend:
-    """A least-squares line of an error over r_tot: at r_tot = 0, per unit of r_tot, and the share it explains.
+    """A least-squares line of an error over r_tot: at r_tot = 0, per unit of r_tot, and the share
+    it explains.
 
     `highest` is the error at the highest ratio, Nm.
     """
@@ -131,7 +137,8 @@ LOCKED_STEP = 1e-3  # only the drives are left to swing
 
 @dataclass(frozen=True)
 class LinkErrors:
-    """Errors of tau_l with respect to mod_ad at the highest ratio, by the bushing's translation stiffness, N/m.
+    """Errors of tau_l with respect to mod_ad at the highest ratio, by the bushing's translation
+    stiffness, N/m.
 
     `e_max` and `e_rmse` are (models, n), Nm, of mod1, mod2 and mod3.
     """
@@ -145,10 +152,11 @@ class LinkErrors:
 class TorqueResult:
     """What the claims on torques are judged by.
 
-    `comparisons` are the ramps over the ratios, and `smooth` a ramp at the highest one without jumps of acceleration.
-    `inertial` is what tau_m is made of there, rms per joint (n,), and `locked_link` the largest tau_l that mod3 leaves
-    with the bushing locked, Nm. `translations` are the errors at the highest ratio as the bushing's translation
-    stiffness varies; the paper does not state it.
+    `comparisons` are the ramps over the ratios, and `smooth` a ramp at the highest one without
+    jumps of acceleration. `inertial` is what tau_m is made of there, rms per joint (n,), and
+    `locked_link` the largest tau_l that mod3 leaves with the bushing locked, Nm. `translations` are
+    the errors at the highest ratio as the bushing's translation stiffness varies; the paper does
+    not state it.
     """
 
     robot: Robot
@@ -178,20 +186,23 @@ def studied_ratios(robot: Robot) -> tuple[float, ...]:
     transmissions(robot)
     if len(robot.total_ratios_studied) < 2:
         raise RobotError(
-            f"robot {robot.name} describes {len(robot.total_ratios_studied)} total ratios, the study compares several",
+            f"robot {robot.name} describes {len(robot.total_ratios_studied)} total ratios, the"
+            " study compares several",
             "Give 'total_ratios_studied: {r_tot: [belt, harmonic drive], …}' in the arm file",
         )
     return tuple(sorted(robot.total_ratios_studied))
 
 
 def follow(robot: Robot, bushing: Bushing, motion: ImposedMotion, step: float) -> PrototypeRun:
-    """Build a prototype and let it follow a motion, at `step` or what its bushings bear: one task of the study."""
+    """Build a prototype and let it follow a motion, at `step` or what its bushings bear: one task
+    of the study."""
     prototype = Prototype(robot, bushing)
     return prototype.follow(motion, step=min(step, prototype.stable_step()))
 
 
 def ramp_tasks(arms: Sequence[Robot], bushing: Bushing, step: float) -> list[Task]:
-    """Return the runs that every study of torques makes: the step ramp over the arms, at the last without jumps too."""
+    """Return the runs that every study of torques makes: the step ramp over the arms, at the last
+    without jumps too."""
     start = np.zeros(arms[0].n)
     tasks: list[Task] = [partial(follow, arm, bushing, StepRamp(start), step) for arm in arms]
     return [*tasks, partial(follow, arms[-1], bushing, StepRamp(start, shape=QUINTIC), step)]
@@ -228,7 +239,8 @@ def torque_result(
 
 
 def link_errors(robot: Robot, r_tot: float, stiffness: float, step: float) -> LinkErrors:
-    """Run the step ramp with another translation stiffness of the bushing, and compare tau_l of the models."""
+    """Run the step ramp with another translation stiffness of the bushing, and compare tau_l of the
+    models."""
     run = follow(robot, Bushing().with_translation(stiffness), StepRamp(np.zeros(robot.n)), step)
     return link_errors_of(compare(robot, r_tot, run), stiffness)
 
@@ -240,7 +252,8 @@ def link_errors_of(compared: ModelComparison, stiffness: float) -> LinkErrors:
 
 
 def motor_terms(robot: Robot, run: PrototypeRun) -> dict[str, np.ndarray]:
-    """Return the parts of tau_m (1), mod3, on a run: rms per joint (n,) of B ddtheta, S' ddq, c2 and the drive."""
+    """Return the parts of tau_m (1), mod3, on a run: rms per joint (n,) of B ddtheta, S' ddq, c2
+    and the drive."""
     model = build_model(robot, "mod3")
     x, dx, _ = run.coordinates()
     terms = model.terms(x, dx)
@@ -254,7 +267,8 @@ def motor_terms(robot: Robot, run: PrototypeRun) -> dict[str, np.ndarray]:
 
 
 def locked_link(robot: Robot) -> float:
-    """Return the largest tau_l that mod3 leaves on a ramp of the prototype with locked bushings, Nm."""
+    """Return the largest tau_l that mod3 leaves on a ramp of the prototype with locked bushings,
+    Nm."""
     run = follow(
         robot,
         Bushing(locked=True),

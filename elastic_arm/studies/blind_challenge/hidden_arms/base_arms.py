@@ -1,4 +1,5 @@
-"""Descriptions of arms of six and seven joints, and arms that differ from their description as real ones do."""
+"""Descriptions of arms of six and seven joints, and arms that differ from their description as real
+ones do."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -38,7 +39,8 @@ GEOMETRIES: dict[int, tuple[tuple[tuple[float, float, float, float], ...], tuple
     ),
 }  # fmt: skip
 RATED_DEFLECTION = 4e-3  # rad, of a drive under its rated torque
-FULL_SIZE = 300.0  # Nm of rated torque from which on a joint's friction and offsets are those of a large arm
+# Nm of rated torque from which on a joint's friction and offsets are those of a large arm
+FULL_SIZE = 300.0
 LEAST_REFLECTED = 0.03  # kg m², of a small motor (3e-6 kg m²) behind a gear of 100
 SMALLEST = 0.08  # of a large joint's friction and noise that the smallest joint has
 ENCODER_ZERO = 1.5e-5  # rad, by which the zeros of a joint's two encoders differ at most
@@ -48,7 +50,8 @@ STRAIN = (
 
 
 def mounted(robot: Robot, rng: np.random.Generator) -> Robot:
-    """Return an arm that stands, hangs from the wall or from the ceiling, as its description states."""
+    """Return an arm that stands, hangs from the wall or from the ceiling, as its description
+    states."""
     tilt = rng.choice([0.0, RIGHT, np.pi], p=[0.6, 0.2, 0.2])
     about = rng.uniform(-np.pi, np.pi)
     side = np.array([np.cos(about), np.sin(about), 0.0])
@@ -58,7 +61,8 @@ def mounted(robot: Robot, rng: np.random.Generator) -> Robot:
 
 
 def industrial_arm(n: int, rng: np.random.Generator, *, lift: bool = False) -> Robot:
-    """Draw the description of an arm of six or seven joints, base to wrist; its geometry is always the same.
+    """Draw the description of an arm of six or seven joints, base to wrist; its geometry is always
+    the same.
 
     With `lift` its first axis is a column that slides along z instead of turning about it.
     """
@@ -108,9 +112,10 @@ def joint_sizes(robot: Robot) -> np.ndarray:
 def imprecise(robot: Robot, rng: np.random.Generator) -> Robot:
     """Return an arm of this description as real arms are.
 
-    Masses and inertias differ by up to 8 %, centres of mass by 1 cm, rotors by 5 %, stiffness by 10 %, damping by 20 %,
-    all uniformly. A link's moments of inertia differ by up to 4 % in common; the rest is its shape, stretched and
-    sheared, so that no product of inertia is known exactly either.
+    Masses and inertias differ by up to 8 %, centres of mass by 1 cm, rotors by 5 %, stiffness by 10
+    %, damping by 20 %, all uniformly. A link's moments of inertia differ by up to 4 % in common;
+    the rest is its shape, stretched and sheared, so that no product of inertia is known exactly
+    either.
     """
     joints = []
     shapes = rng.spawn(1)[0]  # so that all other numbers of a seed stay as they were
@@ -137,7 +142,8 @@ def imprecise(robot: Robot, rng: np.random.Generator) -> Robot:
 
 
 def strained(inertia: np.ndarray, strain: np.ndarray) -> np.ndarray:
-    """Return the inertia (3, 3) of a body about its centre of mass after a homogeneous deformation 1 + strain."""
+    """Return the inertia (3, 3) of a body about its centre of mass after a homogeneous deformation
+    1 + strain."""
     deformation = np.eye(3) + strain
     second = 0.5 * np.trace(inertia) * np.eye(3) - inertia  # the integral of x x' over the mass
     second = deformation @ second @ deformation.T

@@ -1,7 +1,9 @@
-"""Forward simulation of hidden arms, compiled: bodies by Newton and Euler's recursion, effects by :mod:`.effect_laws`.
+"""Forward simulation of hidden arms, compiled: bodies by Newton and Euler's recursion, effects by
+:mod:`.effect_laws`.
 
-Pinocchio called once a step from Python takes ten times as long as all else. So its tree is walked once with symbols,
-and the walk compiled; every run is checked against Pinocchio's own algorithm along its way (:mod:`.hidden_arm`).
+Pinocchio called once a step from Python takes ten times as long as all else. So its tree is walked
+once with symbols, and the walk compiled; every run is checked against Pinocchio's own algorithm
+along its way (:mod:`.hidden_arm`).
 
 Every number of arm and effects is an argument, so that one library serves all arms of one build.
 """

@@ -1,7 +1,8 @@
 """The effects of the contract as the hidden arm has them, written here apart from the catalogue.
 
-Effects that change a number of the arm (a mass, a stiffness) act on its description; those that add a torque are
-written here, for all joints at once; those of the sensors act on what was simulated (:mod:`.sensor_models`).
+Effects that change a number of the arm (a mass, a stiffness) act on its description; those that add
+a torque are written here, for all joints at once; those of the sensors act on what was simulated
+(:mod:`.sensor_models`).
 """
 
 from collections.abc import Mapping, Sequence
@@ -35,7 +36,8 @@ KNOWN = SENSOR_EFFECTS | set(_NAMES) | {
     "stiffness_mismatch", "damping_mismatch", "spline_inertia", "inertia_coupling", "joint_spring", "thermal_friction",
 }  # fmt: skip
 FRICTION = ("viscous", "coulomb", "stribeck", "stribeck_speed", "load", "asymmetry")
-# Numbers of a joint, in the order in which the laws take them; what is not there has its value of no effect.
+# Numbers of a joint, in the order in which the laws take them; what is not there has its value of
+# no effect.
 NUMBERS = (
     *(f"{kind}_{side}" for side in ("link", "motor") for kind in FRICTION),
     *("stiffness", "damping", "standstill", "cubic", "half_gap", "hysteresis", "width"),
@@ -62,7 +64,8 @@ class Fault:
 def variation(effect: str, rng: np.random.Generator) -> dict[str, float]:
     """Draw what this engine may do in two ways where the law names one.
 
-    Half of the heavier motors are heavier in B alone, which is the contract's law, half in S too, as masses are.
+    Half of the heavier motors are heavier in B alone, which is the contract's law, half in S too,
+    as masses are.
     """
     return {"coupled": float(rng.random() < 0.5)} if effect == "rotor_inertia_mismatch" else {}
 
@@ -87,7 +90,8 @@ def joint_numbers(
 def joint_torque(
     s: Mapping[str, Any], q: Any, theta: Any, dq: Any, dtheta: Any, z: Any
 ) -> tuple[Any, Any, Any]:
-    """Return tau_J, its lever on the motor (1 + de/dtheta), and the rate of the hysteresis state, each (n,)."""
+    """Return tau_J, its lever on the motor (1 + de/dtheta), and the rate of the hysteresis state,
+    each (n,)."""
     angle = s["error_rate"] * theta + s["error_phase"]
     slope = s["error"] * s["error_rate"] * ca.cos(angle)
     d = theta + s["error"] * ca.sin(angle) - q

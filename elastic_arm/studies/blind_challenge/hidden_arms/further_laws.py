@@ -1,7 +1,8 @@
-"""Effects beyond those of the first catalogue, and effects that no catalogue has, as the hidden arm has them.
+"""Effects beyond those of the first catalogue, and effects that no catalogue has, as the hidden arm
+has them.
 
-They need states of their own: a clock, and one state a joint for what relaxes. An arm without them is moved by the
-smaller set of equations.
+They need states of their own: a clock, and one state a joint for what relaxes. An arm without them
+is moved by the smaller set of equations.
 """
 
 from collections.abc import Mapping, Sequence
@@ -14,7 +15,8 @@ from elastic_arm.studies.blind_challenge.hidden_arms.effect_laws import Fault
 
 # Effects of the contract that need the larger set of equations.
 FURTHER = frozenset({"joint_spring", "thermal_friction"})
-# Effects that no catalogue has, by the parameters that size them. `sensor_crosstalk` acts in the sensors.
+# Effects that no catalogue has, by the parameters that size them. `sensor_crosstalk` acts in the
+# sensors.
 FOREIGN = {
     "dress_pack": "stiffness",
     "periodic_disturbance": "torque",
@@ -73,7 +75,8 @@ def further_numbers(faults: Sequence[Fault], n: int, duration: float) -> dict[st
 
 
 def link_torque(s: Mapping[str, Any], q: Any, relaxed: Any, clock: Any) -> Any:
-    """Return the torque (n,) on the links: springs, cables, disturbances, what shifts in a gripper."""
+    """Return the torque (n,) on the links: springs, cables, disturbances, what shifts in a
+    gripper."""
     wound = q - s["pack_rest"]
     beyond = ca.fmax(ca.fabs(wound) - s["pack_slack"], 0.0)
     torque = -s["spring"] * (q - s["spring_rest"]) - s["pack"] * ca.sign(wound) * beyond**2
@@ -103,7 +106,8 @@ def warmth(s: Mapping[str, Any], side: str, clock: Any) -> Any:
 
 
 def relaxation(s: Mapping[str, Any], q: Any, rate: Any, relaxed: Any) -> Any:
-    """Return the rate (n,) of what relaxes: a load that slides to the lower side, or a gear that creeps."""
+    """Return the rate (n,) of what relaxes: a load that slides to the lower side, or a gear that
+    creeps."""
     creeps, slides = ca.sign(s["creep"]), ca.sign(s["loose"])
     side = ca.tanh(ca.sin(q + s["loose_phase"]) / 0.1)
     return creeps * rate + (slides * side - relaxed) / s["relaxation"]

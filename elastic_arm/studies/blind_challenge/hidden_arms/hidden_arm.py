@@ -28,7 +28,8 @@ SUBSTEPS = (
     4  # RK4 steps a sample; those between also give tau_J for its mean over the sample interval
 )
 BEARING_SUBSTEPS = 8  # bearing modes lie at some hundred Hz
-TURNOVER = 2e-3  # rad/s, below which dry friction may turn over gradually: faster, it is no dry friction any more
+# rad/s, below which dry friction may turn over gradually: faster, it is no dry friction any more
+TURNOVER = 2e-3
 MOST_FINER = (
     4  # times as many steps, at most, for light joints with strong friction; bounds the time
 )
@@ -82,7 +83,8 @@ class HiddenArm:
         self._parameters = self._all_numbers(1.0)
 
     def _all_numbers(self, duration: float) -> np.ndarray:
-        """Return all numbers of arm and effects as the engine takes them, for a run of so many seconds."""
+        """Return all numbers of arm and effects as the engine takes them, for a run of so many
+        seconds."""
         numbers, tilts = self._numbers
         others = further_numbers(self.faults, self.n, duration).values() if self._further else ()
         return np.concatenate([*numbers, *others, tilts])
@@ -106,7 +108,8 @@ class HiddenArm:
         )
 
     def _standstill(self, numbers: Mapping[str, np.ndarray]) -> np.ndarray:
-        """Speeds below which dry friction is smoothed: small, but wide enough for the steps to stay stable."""
+        """Speeds below which dry friction is smoothed: small, but wide enough for the steps to stay
+        stable."""
         M, _ = self.tree.terms(np.zeros(self.tree.dof), np.zeros(self.tree.dof))
         inertia = 1.0 / np.diag(np.linalg.inv(M))[: 2 * self.n]
         torque = np.concatenate(
@@ -119,7 +122,8 @@ class HiddenArm:
         return np.maximum(np.maximum(speeds[: self.n], speeds[self.n :]), 1e-4)
 
     def rate(self, state: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """Return the rate of a state (coordinates, velocities, further states) under motor torques u (n,)."""
+        """Return the rate of a state (coordinates, velocities, further states) under motor torques
+        u (n,)."""
         return self._engine.rate(state, u, self._parameters)[0]
 
     def run(self, motion: HiddenMotion) -> TrueChannels:
@@ -254,7 +258,8 @@ def _position(parameters: Mapping[str, float]) -> np.ndarray:
 
 
 def _means(torques: np.ndarray, substeps: int) -> np.ndarray:
-    """Means (N - 1, n) over the sample intervals centred on the samples 1 to N - 1, by Simpson's rule."""
+    """Means (N - 1, n) over the sample intervals centred on the samples 1 to N - 1, by Simpson's
+    rule."""
     weights = np.ones(substeps + 1)
     weights[1:-1:2], weights[2:-1:2] = 4.0, 2.0
     weights /= 3.0 * substeps
@@ -266,7 +271,8 @@ def _means(torques: np.ndarray, substeps: int) -> np.ndarray:
 
 
 def _every_tenth(N: int) -> np.ndarray:
-    """Every tenth of N samples, and the last: the motion is slow, and they determine a torque to 1e-6 of itself."""
+    """Every tenth of N samples, and the last: the motion is slow, and they determine a torque to
+    1e-6 of itself."""
     return np.append(np.arange(N)[:-1:10], N - 1)
 
 

@@ -1,8 +1,8 @@
 """The arm as Pinocchio sees it: every link, rotor, wave generator and spline a body of its own.
 
-Nothing here is shared with `elastic_arm.dynamics`: the diagnosis must not be checked against its own equations. The
-gears are ideal, so the velocities of all bodies are a constant matrix times those of the generalized coordinates,
-v_full = G v, and M = G' M_full G, h = G' h_full.
+Nothing here is shared with `elastic_arm.dynamics`: the diagnosis must not be checked against its
+own equations. The gears are ideal, so the velocities of all bodies are a constant matrix times
+those of the generalized coordinates, v_full = G v, and M = G' M_full G, h = G' h_full.
 """
 
 from typing import Any
@@ -46,8 +46,9 @@ class KinematicTree:
                     f"{joint.name} has no transmission", "The challenge needs an elastic arm"
                 )
             parts = [(part, ratio) for part, ratio in gear.components.values()]
-            # A component rides either on what carries the joint, or (rotor 1) on the joint's own link. Pinocchio's
-            # composite-body algorithm needs bodies depth first, so what rides on the carrier comes before the joint.
+            # A component rides either on what carries the joint, or (rotor 1) on the joint's own
+            # link. Pinocchio's composite-body algorithm needs bodies depth first, so what rides on
+            # the carrier comes before the joint.
             for part, ratio in parts:
                 if part.carrier != joint.link_name:
                     self._add_component(i, part, ratio, parent, placement)
@@ -88,7 +89,8 @@ class KinematicTree:
         self.model.appendBodyToJoint(body, inertia, pin.SE3.Identity())
 
     def terms(self, x: np.ndarray, dx: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the mass matrix (dof, dof) and the bias (dof,): Coriolis, centrifugal, gyroscopic and gravity."""
+        """Return the mass matrix (dof, dof) and the bias (dof,): Coriolis, centrifugal, gyroscopic
+        and gravity."""
         q, v = self.gears @ x, self.gears @ dx
         full = self._pin.crba(self.model, self._data, q)
         bias = self._pin.nonLinearEffects(self.model, self._data, q, v)

@@ -1,4 +1,5 @@
-"""What hidden arms are to do, and what they did: sums of sines, motion from point to point, and true channels."""
+"""What hidden arms are to do, and what they did: sums of sines, motion from point to point, and
+true channels."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -73,7 +74,8 @@ def _window(t: np.ndarray, duration: float) -> tuple[np.ndarray, np.ndarray, np.
 
 
 def _step(u: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Step from 0 to 1 with zero velocity, acceleration and jerk at both ends, and its derivatives."""
+    """Step from 0 to 1 with zero velocity, acceleration and jerk at both ends, and its
+    derivatives."""
     u = np.clip(u, 0.0, 1.0)
     value = u**4 * (35 - 84 * u + 70 * u**2 - 20 * u**3)
     return value, 140 * u**3 * (1 - u) ** 3, 420 * u**2 * (1 - u) ** 2 * (1 - 2 * u)
@@ -98,7 +100,8 @@ class PointToPoint:
 
 
 def random_points(rng: np.random.Generator, n: int, duration: float) -> PointToPoint:
-    """Draw points within :data:`REACH` of zero, and ways at :data:`SPEED`, :data:`ACCELERATION` or less."""
+    """Draw points within :data:`REACH` of zero, and ways at :data:`SPEED`, :data:`ACCELERATION` or
+    less."""
     points, t = [rng.uniform(-REACH, REACH, n)], RAMP
     begins: list[float] = []
     lasts: list[float] = []
@@ -119,9 +122,11 @@ def random_points(rng: np.random.Generator, n: int, duration: float) -> PointToP
 
 
 def random_motion(rng: np.random.Generator, n: int, duration: float) -> MultiSine:
-    """Draw a motion whose peaks stay within :data:`SPEED`, :data:`ACCELERATION` and :data:`REACH` of zero.
+    """Draw a motion whose peaks stay within :data:`SPEED`, :data:`ACCELERATION` and :data:`REACH`
+    of zero.
 
-    Harmonics reach up to about 1 Hz, and amplitudes fall with frequency so that speed, not position, is shared.
+    Harmonics reach up to about 1 Hz, and amplitudes fall with frequency so that speed, not
+    position, is shared.
     """
     omega = 2 * np.pi / rng.uniform(7.0, 10.0)
     k = np.arange(1, HARMONICS + 1)

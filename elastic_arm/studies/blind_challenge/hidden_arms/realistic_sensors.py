@@ -1,4 +1,5 @@
-"""Sensors of ordinary quality: encoders of some bits, coloured torque noise, rates and sides that are not all there."""
+"""Sensors of ordinary quality: encoders of some bits, coloured torque noise, rates and sides that
+are not all there."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -39,8 +40,8 @@ class RealisticSensors:
     apart: bool = False  # whether the two sides are sampled at instants of their own
     rate: float = 1000.0  # samples a second, a divisor of 1000
     sides: str = BOTH  # "both", "motor" (theta and tau_m alone) or "link" (q and tau_J alone)
-    # Standard deviation that a random walk reaches over the run, relative to the noise; about its mean, it is how a
-    # torque channel's zero wanders
+    # Standard deviation that a random walk reaches over the run, relative to the noise; about its
+    # mean, it is how a torque channel's zero wanders
     drift: float = 0.0
 
     @property
@@ -96,7 +97,8 @@ def measure_realistically(
 
 
 def _arrived(N: int, lost: float, rng: np.random.Generator) -> np.ndarray:
-    """Which of N samples arrive: gaps of one to :data:`LONGEST_GAP` samples begin anywhere but at the ends."""
+    """Which of N samples arrive: gaps of one to :data:`LONGEST_GAP` samples begin anywhere but at
+    the ends."""
     kept = np.ones(N, dtype=bool)
     for begin in np.flatnonzero(rng.random(N) < lost / (0.5 * (1 + LONGEST_GAP))):
         kept[begin : begin + int(rng.integers(1, LONGEST_GAP + 1))] = False
@@ -105,7 +107,8 @@ def _arrived(N: int, lost: float, rng: np.random.Generator) -> np.ndarray:
 
 
 def _every(recording: Recording, every: int) -> Recording:
-    """Return each so manieth sample; torques are means over the interval between samples, centred on them."""
+    """Return each so manieth sample; torques are means over the interval between samples, centred
+    on them."""
     if every == 1:
         return recording
     sides = {}
@@ -133,7 +136,8 @@ def _velocity(
 
 
 def _noise(sensors: RealisticSensors, N: int, rng: np.random.Generator) -> np.ndarray:
-    """Noise (N, n) of one side's torque channels: white or first order, and zeros that wander about their mean."""
+    """Noise (N, n) of one side's torque channels: white or first order, and zeros that wander about
+    their mean."""
     std = np.asarray(sensors.torque_noise)
     white = rng.standard_normal((N, len(std)))
     if sensors.corner is not None:

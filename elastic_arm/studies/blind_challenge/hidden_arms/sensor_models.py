@@ -1,4 +1,5 @@
-"""Sensor models of the hidden arms: noise, resolution, jitter, and effects of the sensors themselves."""
+"""Sensor models of the hidden arms: noise, resolution, jitter, and effects of the sensors
+themselves."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,7 +21,8 @@ class SensorModel:
     encoder_noise: float = 0.0  # rad, white, both encoders
     encoder_step: float = 0.0  # resolution, rad; 0 for none
     velocity_noise: float = 1e-4  # rad/s, white, both velocity channels
-    jitter: float = 0.0  # standard deviation of the instants at which samples are taken, s; stamps are these instants
+    # standard deviation of the instants at which samples are taken, s; stamps are these instants
+    jitter: float = 0.0
     apart: bool = False  # whether motor sides are sampled at instants of their own
 
 
@@ -93,9 +95,11 @@ def _stamps(taken: np.ndarray) -> np.ndarray:
 
 
 def _distort(torques: dict[str, np.ndarray], sensors: Sequence[Fault], t: np.ndarray) -> None:
-    """Give torque sensors their gains, let them filter, read another load and wander, and give them zeros, in place.
+    """Give torque sensors their gains, let them filter, read another load and wander, and give them
+    zeros, in place.
 
-    Recorded is gain * true + offset: a gain scales neither the zero of its sensor nor how that wanders.
+    Recorded is gain * true + offset: a gain scales neither the zero of its sensor nor how that
+    wanders.
     """
     for fault in sensors:
         channel, _, what = fault.effect.rpartition("_")
@@ -116,7 +120,8 @@ def _distort_in_time(torques: dict[str, np.ndarray], fault: Fault, t: np.ndarray
         slice(None) if fault.joint is None else slice(fault.joint, fault.joint + 1),
     )
     if fault.effect == "torque_lowpass":
-        # The bilinear transform of 1 / (s / w + 1), which is late by 1 / w without half a sample more or less.
+        # The bilinear transform of 1 / (s / w + 1), which is late by 1 / w without half a sample
+        # more or less.
         numerator, denominator = bilinear(
             [1.0], [1.0 / (2 * np.pi * p["cutoff"]), 1.0], 1.0 / (t[1] - t[0])
         )

@@ -1,8 +1,10 @@
-"""The virtual prototype's parts list: every link, rotor, wave generator and spline as a body of a MuJoCo model.
+"""The virtual prototype's parts list: every link, rotor, wave generator and spline as a body of a
+MuJoCo model.
 
-Only the robot as data enters; no dynamics code is shared with mod1 to mod3. Per joint the kinematic chain is that of
-the paper's Fig. 1b: rotor, wave generator and spline each turn about the joint's axis on the body that carries them,
-and the link hangs on the spline by a bushing with three translations and three rotations.
+Only the robot as data enters; no dynamics code is shared with mod1 to mod3. Per joint the kinematic
+chain is that of the paper's Fig. 1b: rotor, wave generator and spline each turn about the joint's
+axis on the body that carries them, and the link hangs on the spline by a bushing with three
+translations and three rotations.
 """
 
 from dataclasses import dataclass, replace
@@ -17,7 +19,8 @@ from elastic_arm.robot.mjcf.engine import engine as mujoco_engine
 from elastic_arm.robot.parts import placed
 
 BUSHING = ("x", "y", "z", "about_y", "about_x", "about_z")
-"""The bushing's degrees of freedom, in the order in which they act: the paper's Ry(q_y) Rx(q_x) Rz(q) of (3)."""
+"""The bushing's degrees of freedom, in the order in which they act: the paper's Ry(q_y) Rx(q_x)
+Rz(q) of (3)."""
 
 
 def engine() -> ModuleType:
@@ -29,14 +32,15 @@ def engine() -> ModuleType:
 class Bushing:
     """Numbers of the bushing between spline and link that the arm file does not hold."""
 
-    # translation_stiffness, translation_damping: The three stiff translations, N/m and N s/m; ours, as the paper states
-    # only "high"
+    # translation_stiffness, translation_damping: The three stiff translations, N/m and N s/m; ours,
+    # as the paper states only "high"
     translation_stiffness: float = 2.0e8
     translation_damping: float = 2.0e4
-    # Multiplies the stiffness of bearings and translations, and their damping by its square root (the damping ratio
-    # stays)
+    # Multiplies the stiffness of bearings and translations, and their damping by its square root
+    # (the damping ratio stays)
     bearing_scale: float = 1.0
-    # The bushing's rotations about x and y and its translations do not move at all: the limit of a stiff bushing
+    # The bushing's rotations about x and y and its translations do not move at all: the limit of a
+    # stiff bushing
     locked: bool = False
 
     def with_translation(self, stiffness: float) -> Self:
@@ -48,8 +52,9 @@ class Bushing:
 def build_spec(robot: Robot, bushing: Bushing) -> Any:
     """Make the engine's model specification of an elastic robot.
 
-    Returns an MjSpec with bodies and joints named "<joint>.rotor", "<joint>.wave_generator", "<joint>.spline",
-    "<joint>.link" and, for the bushing, "<joint>.x" and so on; a site "tool" at the last link's frame.
+    Returns an MjSpec with bodies and joints named "<joint>.rotor", "<joint>.wave_generator",
+    "<joint>.spline", "<joint>.link" and, for the bushing, "<joint>.x" and so on; a site "tool" at
+    the last link's frame.
     """
     drives = transmissions(robot)
     mj = engine()
@@ -87,24 +92,28 @@ def build_spec(robot: Robot, bushing: Bushing) -> Any:
 
 
 def transmissions(robot: Robot) -> list[Transmission]:
-    """Return every joint's transmission; refuse a robot from which no prototype can be built, naming the joint."""
+    """Return every joint's transmission; refuse a robot from which no prototype can be built,
+    naming the joint."""
     found = []
     for index, joint in enumerate(robot.joints):
         transmission = joint.transmission
         if transmission is None:
             raise RobotError(
                 f"{joint.name} of {robot.name} has no transmission",
-                "The virtual prototype needs rotor, wave generator, spline and stiffness of every joint (an arm file)",
+                "The virtual prototype needs rotor, wave generator, spline and stiffness of every"
+                " joint (an arm file)",
             )
         if transmission.bearing is None:
             raise RobotError(
                 f"{joint.name} of {robot.name} has no bearing",
-                "Add 'bearing: {stiffness: …, damping: …}' (Nm/rad, Nm s/rad) to this joint in the arm file",
+                "Add 'bearing: {stiffness: …, damping: …}' (Nm/rad, Nm s/rad) to this joint in the"
+                " arm file",
             )
         if carrier_index(robot, transmission.spline.carrier) != index:
             raise RobotError(
                 f"the spline of {joint.name} is carried by {transmission.spline.carrier}",
-                "The virtual prototype needs each output spline on the link before its joint; set 'carrier' so",
+                "The virtual prototype needs each output spline on the link before its joint; set"
+                " 'carrier' so",
             )
         found.append(transmission)
     return found
@@ -116,7 +125,8 @@ def carrier_index(robot: Robot, carrier: str) -> int:
 
 
 def zero_pose(robot: Robot) -> list[np.ndarray]:
-    """Return the frames (4, 4) of all joints (O_{i-1}, z along the axis) in the world, at the zero pose."""
+    """Return the frames (4, 4) of all joints (O_{i-1}, z along the axis) in the world, at the zero
+    pose."""
     frames, reached = [], np.asarray(robot.base_placement)
     for joint in robot.joints:
         frames.append(reached @ joint.before)

@@ -1,4 +1,5 @@
-"""Motions imposed at the rotors, cut into pieces that are smooth, so that no integrator steps over a jump."""
+"""Motions imposed at the rotors, cut into pieces that are smooth, so that no integrator steps over
+a jump."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -44,7 +45,8 @@ class StepRamp:
     height: float = 0.1  # the step at the harmonic-drive output, rad
     rise: float = 1.0  # duration of the ramp, s
     hold: float = 0.5  # how long the arm then stands still, s
-    # Coefficients, rising, of the polynomial from 0 to 1 over the unit interval; the paper's step is the cubic
+    # Coefficients, rising, of the polynomial from 0 to 1 over the unit interval; the paper's step
+    # is the cubic
     shape: tuple[float, ...] = CUBIC
 
     @property
@@ -75,7 +77,8 @@ class StepRamp:
 
 @dataclass(frozen=True)
 class PeriodicMotion:
-    """A Fourier trajectory: its smooth start is driven, its first period is recorded, from t = 0 on."""
+    """A Fourier trajectory: its smooth start is driven, its first period is recorded, from t = 0
+    on."""
 
     trajectory: FourierTrajectory  # fourier series between two smooth ramps
 

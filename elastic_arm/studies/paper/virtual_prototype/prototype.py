@@ -1,13 +1,16 @@
-"""mod_ad: the virtual prototype, dynamics by MuJoCo, motion imposed at the rotors, torques read at the HD output.
+"""mod_ad: the virtual prototype, dynamics by MuJoCo, motion imposed at the rotors, torques read at
+the HD output.
 
-Rotors, wave generators and splines are driven, the bushings are free. The engine gives the mass matrix and the bias
-forces of all bodies; couplers r_b and r_hd are exact because the driven bodies' velocities are written as G dtheta
-with a constant G, and the engine's own numbers are projected on (theta, bushing):
+Rotors, wave generators and splines are driven, the bushings are free. The engine gives the mass
+matrix and the bias forces of all bodies; couplers r_b and r_hd are exact because the driven bodies'
+velocities are written as G dtheta with a constant G, and the engine's own numbers are projected on
+(theta, bushing):
 
     T = [G F],   T' M T (ddtheta, a_f) + T' (bias - passive) = (tau_m, 0).
 
-With the motion imposed, ddtheta is known: the lower rows give the bushing's acceleration a_f (forward dynamics), the
-upper rows the torque tau_m at the harmonic-drive output (inverse dynamics). With torques imposed it is all forward.
+With the motion imposed, ddtheta is known: the lower rows give the bushing's acceleration a_f
+(forward dynamics), the upper rows the torque tau_m at the harmonic-drive output (inverse dynamics).
+With torques imposed it is all forward.
 """
 
 from __future__ import annotations
@@ -39,12 +42,13 @@ RECORD_RATE = 1000.0
 
 @dataclass(frozen=True)
 class PrototypeRun:
-    """What the prototype did: samples first, joints second; angles at the harmonic-drive output, rad.
+    """What the prototype did: samples first, joints second; angles at the harmonic-drive output,
+    rad.
 
-    `q` and `tilt` are the link's angles in the paper's order Ry(q_y) Rx(q_x) Rz(q) relative to the link before; `tilt`
-    (3, N, 2n) holds [q_x, q_y], their rates and their accelerations.
-    `tau_m` is the generalized force on theta, `tau_J` the torque of the drive's spring and damper, Nm.
-    `tool` is the last link's frame origin in the world (N, 3), m.
+    `q` and `tilt` are the link's angles in the paper's order Ry(q_y) Rx(q_x) Rz(q) relative to the
+    link before; `tilt` (3, N, 2n) holds [q_x, q_y], their rates and their accelerations. `tau_m` is
+    the generalized force on theta, `tau_J` the torque of the drive's spring and damper, Nm. `tool`
+    is the last link's frame origin in the world (N, 3), m.
     """
 
     t: np.ndarray
@@ -60,7 +64,8 @@ class PrototypeRun:
     tool: np.ndarray
 
     def coordinates(self, bearings: bool = False) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return x, dx, ddx for a model: [q, theta] (N, 2n), with bearings [q, theta, q_x, q_y] (N, 4n)."""
+        """Return x, dx, ddx for a model: [q, theta] (N, 2n), with bearings [q, theta, q_x, q_y] (N,
+        4n)."""
         q, theta = (self.q, self.dq, self.ddq), (self.theta, self.dtheta, self.ddtheta)
         parts = zip(q, theta, self.tilt, strict=True) if bearings else zip(q, theta, strict=True)
         x, dx, ddx = (np.hstack(part) for part in parts)
@@ -149,8 +154,8 @@ class Prototype:
     def equilibrium(self, theta: np.ndarray) -> np.ndarray:
         """Return the bushing's deflections (6 n,) in which the arm stands still at theta (n,).
 
-        Newton's iteration with the springs' stiffness alone; gravity's own stiffness is smaller by 1e3 and more, and
-        the iteration shrinks the error by that factor each time.
+        Newton's iteration with the springs' stiffness alone; gravity's own stiffness is smaller by
+        1e3 and more, and the iteration shrinks the error by that factor each time.
         """
         n = self.n
         y, rest = np.concatenate([theta, np.zeros(self.T.shape[1] - n)]), np.zeros(self.T.shape[1])
@@ -163,9 +168,11 @@ class Prototype:
         return y[n:]
 
     def stable_step(self) -> float:
-        """Return the largest step that the integration of the bushings bears, with a tenth to spare, s.
+        """Return the largest step that the integration of the bushings bears, with a tenth to
+        spare, s.
 
-        From the eigenvalues of the springs and dampers against the engine's mass matrix at the zero pose.
+        From the eigenvalues of the springs and dampers against the engine's mass matrix at the zero
+        pose.
         """
         n, size = self.n, self.T.shape[1] - self.n
         rest = np.zeros(self.T.shape[1])
@@ -252,7 +259,8 @@ class Prototype:
         step: float = DEFAULT_STEP,
         rate: float = RECORD_RATE,
     ) -> PrototypeRun:
-        """Apply torques at the harmonic-drive output (through the couplers) and record what the arm does."""
+        """Apply torques at the harmonic-drive output (through the couplers) and record what the arm
+        does."""
         n = self.n
         state, samples = np.zeros((2, self.T.shape[1])), []
         state[:, :n], state[0, n:] = start, self.equilibrium(start[0])
@@ -279,8 +287,8 @@ class Prototype:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the bushing's acceleration, and the engine's bias minus passive forces (nv,).
 
-        The rows of the bushing alone are solved: its deflections are coordinates of the engine, so that their part of
-        T' M T is a part of M.
+        The rows of the bushing alone are solved: its deflections are coordinates of the engine, so
+        that their part of T' M T is a part of M.
         """
         u, du = state
         force = self._evaluate(driven[0], driven[1], u, du)
@@ -329,7 +337,8 @@ def runge_kutta(
 
     Returns u and u' at the end of the step (2, m).
     """
-    # Position and velocity are advanced together: a step costs as much in calls of NumPy as in arithmetic.
+    # Position and velocity are advanced together: a step costs as much in calls of NumPy as in
+    # arithmetic.
     rates = np.empty((4, *state.shape))
     one, two, three, four = rates
     one[0], one[1] = state[1], first
@@ -349,7 +358,8 @@ def runge_kutta(
 
 
 def solve(mass: np.ndarray, force: np.ndarray) -> np.ndarray:
-    """Solve with a symmetric positive definite matrix; LAPACK itself, as this is most of a small step's overhead."""
+    """Solve with a symmetric positive definite matrix; LAPACK itself, as this is most of a small
+    step's overhead."""
     solution: np.ndarray = dposv(mass, force)[1]
     return solution
 

@@ -1,7 +1,9 @@
-"""The link's angles as the paper counts them, from the prototype's chain of hinges, exactly and with rates.
+"""The link's angles as the paper counts them, from the prototype's chain of hinges, exactly and
+with rates.
 
-The prototype's link hangs on the turning spline: Rz(theta) Ry(b) Rx(a) Rz(delta). The paper's (3) tilts first:
-Ry(q_y) Rx(q_x) Rz(q). Both describe one rotation; angles and rates are converted without small-angle shortcuts.
+The prototype's link hangs on the turning spline: Rz(theta) Ry(b) Rx(a) Rz(delta). The paper's (3)
+tilts first: Ry(q_y) Rx(q_x) Rz(q). Both describe one rotation; angles and rates are converted
+without small-angle shortcuts.
 """
 
 from collections.abc import Sequence
@@ -44,7 +46,8 @@ def chain(
 def link_coordinates(
     theta: Sequence[np.ndarray], bushing: Sequence[np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the paper's angles of one joint and their two derivatives, columns (q_y, q_x, q), each (N, 3)."""
+    """Return the paper's angles of one joint and their two derivatives, columns (q_y, q_x, q), each
+    (N, 3)."""
     stacked = [np.column_stack([turn, rest]) for turn, rest in zip(theta, bushing, strict=True)]
     whole, omega, alpha, _ = chain((Z, Y, X, Z), *stacked)
     q_x = np.arcsin(-whole[:, 1, 2])
