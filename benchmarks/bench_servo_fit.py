@@ -1,7 +1,9 @@
 """Diagnosis of servo arms in MuJoCo beside a fit by CMA-ES as PACE has it: armature, damping,
 friction, bias, a delay.
 
-    python -m benchmarks.bench_servo_fit --evaluations 600     # with `pip install cma`; else differential evolution
+    python -m benchmarks.bench_servo_fit --evaluations 600
+
+It uses CMA-ES after `pip install cma`, and differential evolution without it.
 
 Each arm is built ordinarily off its description and has one thing more: friction, late commands, an
 elastic drive, or play. Both start from the same recording of commands and positions. What is

@@ -41,8 +41,8 @@ DECLARED, SURE, INSIDE, LEAST = 0.05, 0.9, 1.96, 1e-3
 ANY = "any"  # joint of a truth that may be named anywhere
 UNKNOWN, NONE, REFUSED, FAILED = "unknown", "none", "refused", "failed"
 COLUMNS = (
-    "level", "arm", "kind", "truth", "verdict", "causes", "right", "false_causes", "z", "off", "told", "shrink",
-    "cpu_seconds", "error",
+    "level", "arm", "kind", "truth", "verdict", "causes", "right", "false_causes", "z", "off",
+    "told", "shrink", "cpu_seconds", "error",
 )  # fmt: skip
 
 
@@ -76,7 +76,7 @@ class Arm:
 
 
 # --- What is drawn
-# -------------------------------------------------------------------------------------------------
+# --------------------------------------------------------------------------------------------------
 
 SEEDS = {"laboratory": 720101, "workshop": 720102, "field": 720103}
 CLEAN = {"laboratory": 8, "workshop": 4, "field": 3}
@@ -90,9 +90,9 @@ FOREIGN = {"field": ("cogging_cable", "worn_zone")}  # all that the level has wh
 # do.
 WITHHELD = {
     "laboratory": (
-        "backlash", "base_tilt", "coulomb_friction", "encoder_eccentricity", "hysteresis", "joint_torque_gain",
-        "load_dependent_friction", "motor_torque_gain", "nonlinear_stiffness", "stribeck_friction", "torque_ripple",
-        "transmission_error", "viscous_friction",
+        "backlash", "base_tilt", "coulomb_friction", "encoder_eccentricity", "hysteresis",
+        "joint_torque_gain", "load_dependent_friction", "motor_torque_gain", "nonlinear_stiffness",
+        "stribeck_friction", "torque_ripple", "transmission_error", "viscous_friction",
     ),
     "workshop": ("hysteresis", "torque_ripple", "transmission_error"),
     "field": ("torque_ripple",),
@@ -323,8 +323,9 @@ def reports(data: Path) -> list[Arm]:
     ]
     return [
         Arm(
-            f"report_{name}", "reports", kind, [f"{folder}/{stem}_1.csv"], [f"{folder}/{stem}_2.csv"], truth,
-            verdicts=verdicts, robot=f"{folder}/{robot}.urdf", imported=f"{folder}/{robot.split('_')[0]}.yaml",
+            f"report_{name}", "reports", kind, [f"{folder}/{stem}_1.csv"],
+            [f"{folder}/{stem}_2.csv"], truth, verdicts=verdicts, robot=f"{folder}/{robot}.urdf",
+            imported=f"{folder}/{robot.split('_')[0]}.yaml",
         )
         for name, stem, robot, truth, verdicts, kind in plan
     ]  # fmt: skip
@@ -548,11 +549,11 @@ def _text(one: Mapping[str, Any]) -> str:
 
 
 # --- The summary
-# ---------------------------------------------------------------------------------------------------
+# --------------------------------------------------------------------------------------------------
 
 HEADINGS = (
-    "level", "kind", "right", "false cause at 0.9", "sizes cover", "within 10 % or 2 deviations", "Brier", "log score",
-    "cpu s, longest",
+    "level", "kind", "right", "false cause at 0.9", "sizes cover", "within 10 % or 2 deviations",
+    "Brier", "log score", "cpu s, longest",
 )  # fmt: skip
 
 
@@ -626,7 +627,7 @@ def share(outcomes: Iterable[bool]) -> str:
 
 
 # --- The command
-# ---------------------------------------------------------------------------------------------------
+# --------------------------------------------------------------------------------------------------
 
 
 def judge(arms: Sequence[Arm], folder: Path, out: Path, jobs: int) -> list[dict[str, str]]:

@@ -86,7 +86,8 @@ def main() -> int:
             shutil.rmtree(bag)
             published[:-1] = []
     print(
-        f"{'lost of ' + str(len(lost)) + ' kills, s':32}{'median':>9}{'95 %':>9}{'most':>9}{f'above {LIMIT}':>11}"
+        f"{'lost of ' + str(len(lost)) + ' kills, s':32}"
+        f"{'median':>9}{'95 %':>9}{'most':>9}{f'above {LIMIT}':>11}"
     )
     for what, seconds in zip(
         ("before the kill", "of what the arm had published"), np.array(lost).T, strict=True

@@ -84,4 +84,5 @@ def csv_text(columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> str:
 
 def yaml_text(content: Any, **options: Any) -> str:
     """Return YAML that :mod:`elastic_arm.input_files` refuses where its end is missing."""
-    return f"{WHOLE_FROM}\n{yaml.safe_dump(content, sort_keys=False, width=120, **options)}{WHOLE_TO}\n"
+    text = yaml.safe_dump(content, sort_keys=False, width=120, **options)
+    return f"{WHOLE_FROM}\n{text}{WHOLE_TO}\n"

@@ -58,8 +58,9 @@ PATIENCE, ABANDONED = (
 )  # s that nodes may take to end; and where the user does not wait for them
 # Effects of which one is drawn, of a size that is clearly seen on an industrial arm.
 EFFECTS = (
-    "coulomb_friction:{}:torque=13", "viscous_friction:{}:coefficient=20", "hysteresis:{}:torque=12,width=0.0005",
-    "stiffness_mismatch:{}:stiffness=0.8", "joint_torque_offset:{}:offset=5", "joint_zero:{}:offset=0.05",
+    "coulomb_friction:{}:torque=13", "viscous_friction:{}:coefficient=20",
+    "hysteresis:{}:torque=12,width=0.0005", "stiffness_mismatch:{}:stiffness=0.8",
+    "joint_torque_offset:{}:offset=5", "joint_zero:{}:offset=0.05",
     "transmission_error:{}:amplitude=5e-5,phase=1", "joint_spring:{}:stiffness=120",
 )  # fmt: skip
 
@@ -141,10 +142,16 @@ def _excite(nominal: Robot, seed: int) -> ExcitationResult:
     limits = MotionLimits.of(nominal, workspace=Workspace.of(nominal))
     with err.status("pattern search") as status:
         found = optimise(
-            model, limits, base_of(model).columns, rng=np.random.default_rng(seed), shape=SHAPE,
+            model,
+            limits,
+            base_of(model).columns,
+            rng=np.random.default_rng(seed),
+            shape=SHAPE,
             evaluations=EVALUATIONS,
-            progress=lambda k, best: status.update(f"pattern search, {k}/{EVALUATIONS}: condition number {best:.2f}"),
-        )  # fmt: skip
+            progress=lambda k, best: status.update(
+                f"pattern search, {k}/{EVALUATIONS}: condition number {best:.2f}"
+            ),
+        )
     out.print(
         f"condition number of the base regressor: {found.condition_after:.2f}; random motions"
         f" within the same limits: {np.median(found.random):.2f} (median)"
@@ -313,8 +320,9 @@ def _compare(offline: Identification, live: dict[str, Any], truth: np.ndarray) -
         " parameter"
     )
     for k, e in enumerate(offline.estimates):
-        numbers = f"{e.nominal:10.4g}{truth[k]:11.4g}{values[k]:11.4g}{on[k]:+7.1f}{e.value:11.4g}{off[k]:+7.1f}"
-        out.print(f"{numbers}  {escape(e.short)}")
+        live_value = f"{values[k]:11.4g}{on[k]:+7.1f}"
+        batch_value = f"{e.value:11.4g}{off[k]:+7.1f}"
+        out.print(f"{e.nominal:10.4g}{truth[k]:11.4g}{live_value}{batch_value}  {escape(e.short)}")
     out.print(
         f"true value within two standard deviations: online {int((np.abs(on) < 2).sum())}, "
         f"offline {int((np.abs(off) < 2).sum())} of {len(truth)} base parameters"

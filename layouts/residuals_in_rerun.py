@@ -1,7 +1,9 @@
 """Show a bag of `elastic-arm diagnose --mcap BAG` in rerun (pip install rerun-sdk): the arm beside
 its residuals.
 
-python layouts/residuals_in_rerun.py BAG [FILE.rrd]     with a file: for `rerun FILE.rrd`, later or elsewhere
+    python layouts/residuals_in_rerun.py BAG [FILE.rrd]
+
+With a file it is written for `rerun FILE.rrd`, later or elsewhere.
 """
 
 import sys

@@ -136,11 +136,13 @@ Robot arms with elastic joints: where a model and a real arm differ, and why. Fo
 
   diagnose  which effect the model lacks, and how far the gap shrinks with it
       elastic-arm diagnose run_1 --out diagnosis
-      of your own arm, from a table:  elastic-arm bag import run.csv --guess --robot arm.urdf --out import.yaml
+      a table of your own arm is read after
+      elastic-arm bag import run.csv --guess --robot arm.urdf --out import.yaml
 
   live      the same in a running ROS 2 graph (docs/ros.md)
       ros2 launch elastic_arm identify.launch.py
-      without ros2:  simulator & identifier & trajectory_generator --ros-args -p trajectory:=config/excitation.yaml
+      without ros2:  simulator & identifier &
+      trajectory_generator --ros-args -p trajectory:=config/excitation.yaml
 
 `--help` lists all commands, and behind a command its options."""
 

@@ -185,7 +185,8 @@ def _lane_expression(program: Program, k: int, uniform: np.ndarray, names: dict[
     operation, operands = NAMES[program.op[k]], _operands(program, k)
     if operation in INFIX or operation == "neg":
         return scalar_expression(operation, [names[v] for v in operands])
-    return f"lane_{operation}({', '.join(f'splat({names[v]})' if uniform[v] else names[v] for v in operands)})"
+    lanes = [f"splat({names[v]})" if uniform[v] else names[v] for v in operands]
+    return f"lane_{operation}({', '.join(lanes)})"
 
 
 def _tables(program: Program, shared: Sequence[str]) -> list[str]:

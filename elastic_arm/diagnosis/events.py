@@ -5,7 +5,9 @@ What effects and numbers leave of a residual, whitened by its sensors' noise, is
 n values with squares s. Its power ordinarily varies from block to block, as what a model misses
 does,
 
-    p(s) = Gamma(n/2 + a) / Gamma(a) b^a / (b + s/2)^(n/2 + a)        a, b most probable, b >= a (sensors' noise)
+    p(s) = Gamma(n/2 + a) / Gamma(a) b^a / (b + s/2)^(n/2 + a)
+
+    a, b most probable, b >= a (sensors' noise)
 
 An event is a run of blocks of one power p, any that is larger: p(s) = integral of p^(-n/2)
 exp(-s/2p) dln p. It pays the odds that there is one, at one of so many places, and of so many runs.

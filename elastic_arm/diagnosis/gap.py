@@ -1,7 +1,7 @@
 """How large the gap is, and how far it shrinks: power over the sensors' noise, by joint, side and
 octave.
 
-    e = max(P - noise, 0)    over the octaves in which P is more than the noise by more than chance before
+    e = max(P - noise, 0)    over the octaves in which P is above the noise by more than chance
     shrink = 1 - sum e(after) / sum e(before)
 
 A slow effect drowns in the noise of a wide band and is plain in its own octave, so that no band has

@@ -17,7 +17,8 @@ level a, which may step to b after recording m. Two things besides noise set siz
 R, the largest distance of a size from that of no effect x_0, is the range of levels and of what is
 wrong:
 
-    p(x_k | a, t) = (1 - q_k) N(x_k; a, v_k) + q_k N(x_k; a, v_k + (w_k R)²)    a, b ~ N(x_0, R²), independent
+    a, b ~ N(x_0, R²), independent
+    p(x_k | a, t) = (1 - q_k) N(x_k; a, v_k) + q_k N(x_k; a, v_k + (w_k R)²)
     p(x | no step) = ∫dt e⁻ᵗ ∫da p(a) Π_k p(x_k | a, t)
     p(x | m) = ∫dt e⁻ᵗ [∫da p(a) Π_{k ≤ m} p(x_k | a, t)] [∫db p(b) Π_{k > m} p(x_k | b, t)]
 

@@ -406,13 +406,27 @@ class Diagnosis(Result):
         """Return "causes", a row a parameter; "gap", a row a residual; "parameters", and
         "residuals" over time."""
         causes = [
-            {"effect": c.effect, "joint": c.joint, "sides": "+".join(c.sides), "probability": c.confidence,
-             "share_of_gap": c.shrink, "parameter": name, "value": e.value, "std": e.std, "unit": e.unit}
+            {
+                "effect": c.effect,
+                "joint": c.joint,
+                "sides": "+".join(c.sides),
+                "probability": c.confidence,
+                "share_of_gap": c.shrink,
+                "parameter": name,
+                "value": e.value,
+                "std": e.std,
+                "unit": e.unit,
+            }
             for c in self.causes
             for name, e in (c.parameters or {"": ParameterEstimate(None, None, "")}).items()
-        ]  # fmt: skip
-        sizes = {"rmse_before": self.before.rmse, "rmse_after": self.after.rmse, "max_before": self.before.peak,
-                 "max_after": self.after.peak, "own_gap_gone": self.shrink_by_place}  # fmt: skip
+        ]
+        sizes = {
+            "rmse_before": self.before.rmse,
+            "rmse_after": self.after.rmse,
+            "max_before": self.before.peak,
+            "max_after": self.after.peak,
+            "own_gap_gone": self.shrink_by_place,
+        }
         gap = [
             {
                 "joint": joint,

@@ -13,11 +13,8 @@ SHORTEST = 2.5  # s of either part
 HOLE = 1.0  # s between samples from which on nothing was recorded between them
 RATE = 50.0  # Hz at which motions are compared; above the motions' own frequencies
 REPEATED = 0.02  # difference over spread below which a motion counts as a repetition
-ROWS, SHARED = (
-    200,
-    0.2,
-    # of a judging recording, looked for in what is fitted; share that may be found: noise repeats none
-)
+ROWS = 200  # rows of a judging recording that are looked for in what is fitted
+SHARED = 0.2  # share of them that may be found; noise repeats none
 
 
 def split(

@@ -48,7 +48,7 @@ def phase() -> Parameter:
 
 
 __all__ = [
-    "Choice", "Confusion", "Contribution", "ControllerEffect", "Effect", "Law", "Numbers", "Parameter",
-    "Plant", "Role", "Scope", "SensorEffect", "StructuralEffect", "SymbolicMotion", "amount", "no_controller", "phase",
-    "ratio", "searched", "signed",
+    "Choice", "Confusion", "Contribution", "ControllerEffect", "Effect", "Law", "Numbers",
+    "Parameter", "Plant", "Role", "Scope", "SensorEffect", "StructuralEffect", "SymbolicMotion",
+    "amount", "no_controller", "phase", "ratio", "searched", "signed",
 ]  # fmt: skip

@@ -33,8 +33,8 @@ Law = Callable[[SymbolicMotion, int, Mapping[str, Any]], Contribution]
 MODELS = ("mod1", "mod2", "mod3")
 SIDES = ("link", "drive", "motor")
 REGIMES = (
-    "always", "velocity_reversal", "low_speed", "high_speed", "acceleration", "load", "position", "rotor_angle",
-    "wave_generator_angle", "frequency", "start", "drift",
+    "always", "velocity_reversal", "low_speed", "high_speed", "acceleration", "load", "position",
+    "rotor_angle", "wave_generator_angle", "frequency", "start", "drift",
 )  # fmt: skip
 
 
@@ -150,7 +150,8 @@ class Effect:
         ]:
             yield f"its {missing[0]} is empty", "Write it in a sentence: the reports show it."
         for what, given, known in (
-            ("sides", self.sides, SIDES), ("regime", (self.regime,), REGIMES), ("lacked_by", self.lacked_by, MODELS),
+            ("sides", self.sides, SIDES), ("regime", (self.regime,), REGIMES),
+            ("lacked_by", self.lacked_by, MODELS),
             ("magnitude", self.magnitude, tuple(p.name for p in self.parameters)),
         ):  # fmt: skip
             if unknown := [value for value in given if value not in known]:

@@ -31,9 +31,8 @@ from elastic_arm.estimation.motion import CompletedMotion, rates_of
 from elastic_arm.estimation.smoother import Smoother
 
 INPUTS = (
-    "x", "dx", "ddx", "tau_J", "tau_m", "dtau_J", "dtau_m",
-    "progress", "elapsed", "friction_link", "friction_motor", "wound", "loaded", "r", "dr", "kp", "kd", "fed",
-    "sign_link", "sign_motor",
+    "x", "dx", "ddx", "tau_J", "tau_m", "dtau_J", "dtau_m", "progress", "elapsed", "friction_link",
+    "friction_motor", "wound", "loaded", "r", "dr", "kp", "kd", "fed", "sign_link", "sign_motor",
 )  # fmt: skip
 
 

@@ -166,7 +166,9 @@ class FreeTorque:
 class FreeTorques:
     """What is removed of the rows of a stretch: torques that no law states at certain times.
 
-        y' = y - B (B' C^-1 B)^-1 B' C^-1 y        B what they can be, C the covariance of the row's noise
+        y' = y - B (B' C^-1 B)^-1 B' C^-1 y
+
+    B is what they can be, C the covariance of the row's noise.
 
     While a joint sticks, its dry friction takes any value. While an encoder hardly moves, it holds
     one code, and its error is no noise but one value, which turns up in the torques of spring and

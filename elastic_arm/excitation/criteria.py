@@ -5,9 +5,10 @@ row divided by the noise of its equation and each column by a `scale`: its lengt
 motion. (Columns divided by their own length would reward a joint that hardly moves.)
 
 ``condition``  condition number of W: how far errors of one parameter leak into others.
-``d_optimal``  -log10 det(W'W) / (2 B): mean logarithm of the parameters' standard deviations along the axes of their
-               confidence ellipsoid.
-``a_optimal``  log10 of the parameters' root mean square standard deviation, each in units of its scale.
+``d_optimal``  -log10 det(W'W) / (2 B): mean logarithm of the parameters' standard deviations along
+               the axes of their confidence ellipsoid.
+``a_optimal``  log10 of the parameters' root mean square standard deviation, each in units of its
+               scale.
 """
 
 from collections.abc import Callable, Sequence

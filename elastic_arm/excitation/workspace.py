@@ -21,10 +21,8 @@ class Workspace:
 
     robot: Robot  # its kinematics
     radius: float  # of the capsules, m
-    floor: (
-        float | None
-        # height of the floor above the ground frame's origin, against gravity, m; None without a floor
-    )
+    # height of the floor above the ground frame's origin, against gravity, m; None without a floor
+    floor: float | None
     # indices of the link ends (:func:`elastic_arm.robot.kinematics.link_points`) that must stay
     # above the floor
     heights: NDArray[np.intp]

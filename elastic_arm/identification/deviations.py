@@ -1,6 +1,7 @@
 """Standard deviations that hold for errors of any colour.
 
-    cov(Psi) = H S H',    H = (Phi'Phi)^-1,    S = sum of s s' over blocks,    s = Phi'(y - Phi Psi) of a block
+    cov(Psi) = H S H',    H = (Phi'Phi)^-1
+    S = sum of s s' over blocks,    s = Phi'(y - Phi Psi) of a block
 
 the sandwich, clustered by blocks that are longer than errors last: blocks whose scores s resemble
 their neighbours' are joined (D. Andrews, Econometrica 59 (1991) 817). Where blocks are few, S is

@@ -1,7 +1,9 @@
 """A commanded arm in closed loop: MuJoCo's own servos follow the recorded commands from the state
 that was recorded.
 
-    e(t_k) = q(t_k; x_0, r) - q_k,    t_k stamps of the positions q_k, r commands, held until the next
+    e(t_k) = q(t_k; x_0, r) - q_k
+
+    t_k stamps of the positions q_k, r commands, held until the next
 
 The state x_0 is that of the recording where it begins to be played: angles, and their rates by a
 polynomial through the samples around; the commands that are on their way to an actuator that takes

@@ -1,7 +1,8 @@
 """The numbers of a corrected servo arm, refined by an output error: what is played back is what is
 minimised.
 
-    min over x of  sum over joints and samples of |q(t_k; x) - q_k|² / s_j²  +  sum of 5 log(1 + ((x - m) / p)² / 4)
+    min over x of  sum over joints and samples of |q(t_k; x) - q_k|² / s_j²
+                   + sum of 5 log(1 + ((x - m) / p)² / 4)
 
 x are numbers of the arm, m and p their posterior means and deviations (with the tails of Student's
 t, as causes may have been missed), q the angles that MuJoCo's servos reach under the commands of

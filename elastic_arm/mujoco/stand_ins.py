@@ -1,6 +1,7 @@
 """Dry and viscous friction in the place of a friction law that a file has no number for.
 
-    min over c, d of  sum over t of (F(t) - c sign(w(t)) - d w(t))²,    friction loss + c >= 0, d >= 0
+    min over c, d of  sum over t of (F(t) - c sign(w(t)) - d w(t))²
+    with              friction loss + c >= 0, d >= 0
 
 F is the torque of the laws over a motion: of the recording where one is known, else the swing of
 :mod:`elastic_arm.mujoco.left_out`. Damping is never taken away, as friction would fall beyond the

@@ -251,10 +251,16 @@ def _numbers(determined: Sequence[Imperfection]) -> list[Block]:
         " the causes."
     )
     rows = [
-        [one.joint, _number(one), *map(Written, rounded(one.value, one.std)), one.unit.replace("1", ""),
-         one.prior_std, one.ordinary]
+        [
+            one.joint,
+            _number(one),
+            *map(Written, rounded(one.value, one.std)),
+            one.unit.replace("1", ""),
+            one.prior_std,
+            one.ordinary,
+        ]
         for one in determined
-    ]  # fmt: skip
+    ]
     header = ["joint", "number", "value", "± std", "unit", "prior std", "usual"]
     return [Text(text), Table(header, rows, digits=2)]
 

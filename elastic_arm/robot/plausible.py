@@ -85,7 +85,8 @@ WEIGHT = Range("mass of all links", "kg", 0.005, 5e3, "tonnes taken as kg?", "gr
 GRAVITY = Range("gravity", "m/s²", 0.5, 30.0, "in units of 9.81 m/s²?", "mm/s² taken as m/s²?")
 # In the order in which a description states them.
 TABLE = (
-    POSITION, SPAN, SPEED, TORQUE, TRAVEL, WAY, PACE, FORCE, MASS, CENTRE, LENGTH, ARMATURE, WEIGHT, REACH, GRAVITY,
+    POSITION, SPAN, SPEED, TORQUE, TRAVEL, WAY, PACE, FORCE, MASS, CENTRE, LENGTH, ARMATURE, WEIGHT,
+    REACH, GRAVITY,
 )  # fmt: skip
 
 

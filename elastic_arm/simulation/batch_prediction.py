@@ -24,6 +24,7 @@ from elastic_arm.simulation.integrator import runge_kutta_step
 from elastic_arm.simulation.simulator import sign_speed
 
 LONGEST_STEP = 1e-3  # s
+FIXED_POINT_STEPS = 12
 GAMMA = 1.0 - np.sqrt(0.5)  # of the scheme ROS2, which is L-stable with it
 
 
@@ -98,11 +99,8 @@ class BatchPrediction:
         self._prepare(len(begins), x[begins[0]], motion.tau_m[begins[0]])
         y = np.hstack([values[begins] for values in (x, dx, self._internal_states(motion, x, dx))])
         if self._system.dof > self._system.n:
-            for _ in range(
-                12
-                # 12 steps of a fixed point that contracts as true over nominal stiffness comes near to
-                # one
-            ):
+            # A fixed point, slow where true over nominal stiffness is near one.
+            for _ in range(FIXED_POINT_STEPS):
                 excess = self._evaluate(y, motion.tau_m[begins])[2] - motion.tau_J[begins]
                 y[:, : self._system.n] += excess / self._K
         return y

@@ -66,8 +66,8 @@ def test_friction_of_a_linear_axis_is_diagnosed(folder: Path) -> None:
     causes, no bent law in their place; sizes are within their deviations, which the gain that
     scales them all makes large."""
     told = run(
-        "diagnose", folder / "fit", "--validate", folder / "judge", "--robot", folder / "axis.yaml", "--refit",
-        "--out", folder / "diagnosed",
+        "diagnose", folder / "fit", "--validate", folder / "judge", "--robot", folder / "axis.yaml",
+        "--refit", "--out", folder / "diagnosed",
     )  # fmt: skip
     assert "residuals in N below" in told and "Nm" not in told
     found = json.loads((folder / "diagnosed" / "diagnosis.json").read_text())

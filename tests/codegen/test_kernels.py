@@ -42,12 +42,15 @@ def every_operation() -> ca.Function:
     x, p = ca.SX.sym("x", 3), ca.SX.sym("p", 2)
     a, b, c = x[0], x[1], x[2]
     parts = [
-        ca.sin(a), ca.cos(b), ca.tan(c), ca.exp(a), ca.log(ca.fabs(b) + 1), ca.sqrt(ca.fabs(c)), ca.tanh(a * p[0]),
-        ca.sinh(a), ca.cosh(b), ca.atan(c), ca.atan2(a, b), ca.asin(ca.tanh(a)), ca.acos(ca.tanh(b)), ca.sign(c),
-        ca.fabs(a), ca.floor(b), ca.ceil(c), ca.fmin(a, b), ca.fmax(b, p[1]), ca.fmod(a, 0.7), ca.if_else(a > b, c, -c),
-        ca.if_else(ca.logic_and(a > 0, b > 0), 1, 2), ca.if_else(ca.logic_or(a > 0, b > 0), c, p[0]),
-        ca.logic_not(a > 0), a**3, ca.fabs(a) ** 1.5, a / b, 1 / c, 2 * a, a * a, ca.erf(a), ca.log1p(ca.fabs(a)),
-        ca.expm1(b), ca.hypot(a, b), ca.copysign(a, b), ca.asinh(a), p[0] * p[1], p[0] + 1, ca.SX(0), a, a >= b, a == a,
+        ca.sin(a), ca.cos(b), ca.tan(c), ca.exp(a), ca.log(ca.fabs(b) + 1), ca.sqrt(ca.fabs(c)),
+        ca.tanh(a * p[0]), ca.sinh(a), ca.cosh(b), ca.atan(c), ca.atan2(a, b), ca.asin(ca.tanh(a)),
+        ca.acos(ca.tanh(b)), ca.sign(c), ca.fabs(a), ca.floor(b), ca.ceil(c), ca.fmin(a, b),
+        ca.fmax(b, p[1]), ca.fmod(a, 0.7), ca.if_else(a > b, c, -c),
+        ca.if_else(ca.logic_and(a > 0, b > 0), 1, 2),
+        ca.if_else(ca.logic_or(a > 0, b > 0), c, p[0]), ca.logic_not(a > 0), a**3,
+        ca.fabs(a) ** 1.5, a / b, 1 / c, 2 * a, a * a, ca.erf(a), ca.log1p(ca.fabs(a)), ca.expm1(b),
+        ca.hypot(a, b), ca.copysign(a, b), ca.asinh(a), p[0] * p[1], p[0] + 1, ca.SX(0), a, a >= b,
+        a == a,
     ]  # fmt: skip
     return ca.Function(
         "law",

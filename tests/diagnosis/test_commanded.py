@@ -47,14 +47,29 @@ def test_a_clean_arm_has_no_cause(nominal: MjcfArm) -> None:
 @pytest.mark.parametrize(
     ("changes", "late", "wanted", "recorded"),
     [
-        ({ELBOW: ELBOW.replace('loss="0.05"', 'loss="0.12"')}, 0, ("coulomb_friction", "elbow", "torque", 0.12), SLOW),
-        ({ELBOW: ELBOW.replace('ing="0.05', 'ing="0.15')}, 0, ("viscous_friction", "elbow", "coefficient", 0.15), SLOW),
-        ({STATED: STATED.replace("17.8", "23")}, 0, ("position_gain", "lift", "gain", 23 / 17.8), FAST),
+        (
+            {ELBOW: ELBOW.replace('loss="0.05"', 'loss="0.12"')},
+            0,
+            ("coulomb_friction", "elbow", "torque", 0.12),
+            SLOW,
+        ),
+        (
+            {ELBOW: ELBOW.replace('ing="0.05', 'ing="0.15')},
+            0,
+            ("viscous_friction", "elbow", "coefficient", 0.15),
+            SLOW,
+        ),
+        (
+            {STATED: STATED.replace("17.8", "23")},
+            0,
+            ("position_gain", "lift", "gain", 23 / 17.8),
+            FAST,
+        ),
         ({}, 1, ("command_delay", None, "delay", None), SLOW),
         ({LIMIT: LIMIT.replace("4", "1.2")}, 0, ("torque_saturation", "lift", "torque", 1.2), FAST),
     ],
     ids=["dry", "viscous", "kp", "delay", "saturation"],
-)  # fmt: skip
+)
 def test_what_is_withheld_is_named(
     nominal: MjcfArm,
     changes: dict[str, str],

@@ -34,19 +34,22 @@ ONE_URDF = """<robot name="one"><link name="base"/>
  <inertia ixx="0.02" iyy="0.02" izz="0.003" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
 # Axes at right angles: the zero of a joint behind a parallel one is another centre of mass.
 TWO_URDF = f"""{ONE_URDF}
-<joint name="j2" type="revolute"><origin xyz="0 0 0.3"/><parent link="l1"/><child link="l2"/><axis xyz="1 0 0"/>
+<joint name="j2" type="revolute"><origin xyz="0 0 0.3"/><parent link="l1"/><child link="l2"/>
+ <axis xyz="1 0 0"/>
  <limit lower="-2" upper="2" effort="20" velocity="3"/></joint>
 <link name="l2"><inertial><origin xyz="0.01 0 0.1"/><mass value="1"/>
  <inertia ixx="0.006" iyy="0.006" izz="0.001" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
 TWO_MJCF = """<mujoco><compiler angle="radian" autolimits="true"/><option timestep="0.001"/>
-<worldbody><body name="base"><geom type="box" size=".05 .05 .05" mass="1"/><body name="l1" pos="0 0 0.1">
+<worldbody><body name="base"><geom type="box" size=".05 .05 .05" mass="1"/>
+<body name="l1" pos="0 0 0.1">
 <joint name="j1" axis="0 1 0" range="-2 2" armature="0.05"/>
 <inertial pos="0 0 0.15" mass="2" diaginertia="0.02 0.02 0.003"/>
 <body name="l2" pos="0 0 0.3">
 <joint name="j2" axis="0 1 0" range="-2 2" armature="0.02"/>
 <inertial pos="0.01 0 0.1" mass="1" diaginertia="0.006 0.006 0.001"/>
 </body></body></body></worldbody>
-<actuator><motor joint="j1" ctrlrange="-50 50"/><motor joint="j2" ctrlrange="-20 20"/></actuator></mujoco>"""
+<actuator><motor joint="j1" ctrlrange="-50 50"/><motor joint="j2" ctrlrange="-20 20"/></actuator>
+</mujoco>"""
 FILES = {"two.urdf": f"{TWO_URDF}</robot>", "two.xml": TWO_MJCF}
 ARMS = [
     (

@@ -109,8 +109,11 @@ def test_the_live_diagnosis_is_that_of_the_recording(moved: Recording) -> None:
 
 def friction(value: float, std: float = 0.1) -> dict[str, object]:
     size = {"value": value, "std": std, "unit": "Nm"}
-    cause = {"effect": "coulomb_friction", "joint": "joint_2", "parameters": {"torque": size, "side": {"value": "motor",
-             "std": None, "unit": ""}}}  # fmt: skip
+    cause = {
+        "effect": "coulomb_friction",
+        "joint": "joint_2",
+        "parameters": {"torque": size, "side": {"value": "motor", "std": None, "unit": ""}},
+    }
     return {"causes": [cause], "known": []}
 
 

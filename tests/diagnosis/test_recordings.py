@@ -113,9 +113,7 @@ def test_two_effects_at_once_are_told_apart() -> None:
     assert_size(found, "transmission_error", "joint_1", amplitude=3e-5, phase=0.7)
 
 
-def test_friction_that_a_description_states_ten_times_too_large_goes_from_its_number_to_the_true_one() -> (
-    None
-):
+def test_friction_stated_ten_times_too_large_goes_from_its_number_to_the_true_one() -> None:
     """Stated 60 Nm, true 6: the cause is that number of the description, from 60 to 6."""
     stated = ROBOT.with_(
         effects=(

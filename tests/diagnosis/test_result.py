@@ -108,9 +108,9 @@ def test_the_file_is_the_contracts(tmp_path: Path) -> None:
     data = json.loads(diagnosis(cause()).save(tmp_path / "new" / "diagnosis.json").read_text())
     assert data["schema"] == "elastic_arm/diagnosis/2"
     assert set(data) == {
-        "schema", "model", "robot", "recordings", "band_hz", "trust", "verdict", "noise", "gap", "shrink",
-        "shrink_interval", "causes", "shrink_by_place", "imperfections", "changes", "unexplained", "known", "events",
-        "notes", "not_confirmed", "prediction", "next_motion",
+        "schema", "model", "robot", "recordings", "band_hz", "trust", "verdict", "noise", "gap",
+        "shrink", "shrink_interval", "causes", "shrink_by_place", "imperfections", "changes",
+        "unexplained", "known", "events", "notes", "not_confirmed", "prediction", "next_motion",
     }  # fmt: skip
     assert set(data["recordings"]) == {"identify", "validate", "independent_motion", "judged_s"}
     assert data["gap"]["before"]["joint_2"] == {
@@ -124,8 +124,8 @@ def test_the_file_is_the_contracts(tmp_path: Path) -> None:
     )
     (one,) = data["causes"]
     assert set(one) == {
-        "effect", "joint", "sides", "regime", "parameters", "shrink", "confidence", "from", "to", "held_as",
-        "alternatives", "shrink_without",
+        "effect", "joint", "sides", "regime", "parameters", "shrink", "confidence", "from", "to",
+        "held_as", "alternatives", "shrink_without",
     }  # fmt: skip
     assert (
         one["parameters"]["torque"]["std"] == pytest.approx(0.1234568, abs=1e-9)

@@ -178,9 +178,15 @@ def test_the_other_criteria_improve_too(
     """Whatever the criterion, its value falls, and every evaluation is told."""
     told: list[int] = []
     result = optimise(
-        mod3, limits, columns, rng=np.random.default_rng(4), evaluations=80, random=4, criterion=criterion,
+        mod3,
+        limits,
+        columns,
+        rng=np.random.default_rng(4),
+        evaluations=80,
+        random=4,
+        criterion=criterion,
         progress=lambda count, best: told.append(count),
-    )  # fmt: skip
+    )
     assert result.value_after < result.value_before
     assert told == list(range(1, 81))
 

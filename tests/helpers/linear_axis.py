@@ -9,8 +9,8 @@ import scipy.io
 AXIS = """
 name: linear_axis
 joints:
-  - {name: axis, type: prismatic, dh: {a: 0.0, d: 0.0, alpha: 0.0}, link: {mass: 80.0, com: [0, 0, 0],
-     inertia: {xx: 1.0, yy: 1.0, zz: 1.0}}}
+  - {name: axis, type: prismatic, dh: {a: 0.0, d: 0.0, alpha: 0.0},
+     link: {mass: 80.0, com: [0, 0, 0], inertia: {xx: 1.0, yy: 1.0, zz: 1.0}}}
 base: {placement: [[0, 0, 1, 0], [0, 1, 0, 0], [-1, 0, 0, 0], [0, 0, 0, 1]]}
 """
 MAPPING = """

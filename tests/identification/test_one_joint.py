@@ -21,9 +21,11 @@ from elastic_arm.robot import Robot, parse_urdf
 
 RATE = 250.0
 T = np.arange(round(20 * RATE)) / RATE
-URDF = """<robot name="one"><link name="base"/><joint name="j" type="revolute"><parent link="base"/><child link="l"/>
-<axis xyz="0 {y} {z}"/><limit lower="-7" upper="7" effort="100" velocity="9"/>{dynamics}</joint><link name="l">
-<inertial><origin xyz="0 0 {c}"/><mass value="2"/><inertia ixx="{I}" iyy="{I}" izz="{I}" ixy="0" ixz="0" iyz="0"/>
+URDF = """<robot name="one"><link name="base"/><joint name="j" type="revolute">
+<parent link="base"/><child link="l"/><axis xyz="0 {y} {z}"/>
+<limit lower="-7" upper="7" effort="100" velocity="9"/>{dynamics}</joint><link name="l">
+<inertial><origin xyz="0 0 {c}"/><mass value="2"/>
+<inertia ixx="{I}" iyy="{I}" izz="{I}" ixy="0" ixz="0" iyz="0"/>
 </inertial></link></robot>"""
 LAWS = ("viscous_friction", "coulomb_friction")
 VISCOUS, DRY, INERTIA, MOMENT = 0.2, 0.3, 0.065, 0.3

@@ -130,7 +130,9 @@ SCENE = """<mujoco>
   <asset><model name="cobot" file="arm.xml"/></asset>
   <worldbody>
     <frame pos="1 0 0"><attach model="cobot" body="pedestal" prefix="left/"/></frame>
-    <replicate count="3" offset="0 0.2 0"><body name="brick"><geom size="0.05" mass="1"/></body></replicate>
+    <replicate count="3" offset="0 0.2 0">
+      <body name="brick"><geom size="0.05" mass="1"/></body>
+    </replicate>
   </worldbody>
 </mujoco>
 """

@@ -70,17 +70,38 @@ def test_samples_of_equal_stamp_are_paired_in_order() -> None:
 
 PAIRED: dict[str, tuple[int, list[tuple[list[int], list[int]]], list[int], dict[str, int]]] = {
     # window, batches of link and motor, stamps that are handed out in all, and what is counted
-    "overtaken within the window": (10, [([1, 3, 2, 4], [1, 2, 3, 4])], [1, 2, 3, 4], {"reordered": 1}),
-    "repeated, in another batch too": (10, [([1, 2, 2], [1, 2]), ([2, 3], [3])], [1, 2, 3], {"repeated": 2}),
-    "older than what was handed out": (0, [([1, 3], [1, 3]), ([2, 4], [2, 4])], [1, 3, 4], {"late": 2, "reordered": 2}),
+    "overtaken within the window": (
+        10,
+        [([1, 3, 2, 4], [1, 2, 3, 4])],
+        [1, 2, 3, 4],
+        {"reordered": 1},
+    ),
+    "repeated, in another batch too": (
+        10,
+        [([1, 2, 2], [1, 2]), ([2, 3], [3])],
+        [1, 2, 3],
+        {"repeated": 2},
+    ),
+    "older than what was handed out": (
+        0,
+        [([1, 3], [1, 3]), ([2, 4], [2, 4])],
+        [1, 3, 4],
+        {"late": 2, "reordered": 2},
+    ),
     "without a partner": (5, [([1, 2, 3], [1, 3]), ([9], [9])], [1, 3, 9], {"unmatched": 1}),
     "before the other topic was found": (
-        5, [([1, 2, 3, 4, 5], [3, 5]), ([11], [11])], [3, 5, 11], {"early": 2, "unmatched": 1},
+        5,
+        [([1, 2, 3, 4, 5], [3, 5]), ([11], [11])],
+        [3, 5, 11],
+        {"early": 2, "unmatched": 1},
     ),
     "of a clock set back": (
-        0, [([5_000 * MS],) * 2, ([1 * MS, 2 * MS],) * 2], [5_000 * MS, 1 * MS, 2 * MS], {"restarts": 1},
+        0,
+        [([5_000 * MS],) * 2, ([1 * MS, 2 * MS],) * 2],
+        [5_000 * MS, 1 * MS, 2 * MS],
+        {"restarts": 1},
     ),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("what", PAIRED)

@@ -159,10 +159,12 @@ def test_commands_of_any_topic_are_the_reference(tmp_path: Path) -> None:
         for k, t in enumerate(stamps(30))
     ]
     joints = {
-        JOINTS[k]: {"motor": {"position": {"topic": "/joint_states", "name": JOINTS[k]}},
-                    "command": {"position": {"topic": "/targets", "name": "xy"[k], "unit": "deg"}}}
+        JOINTS[k]: {
+            "motor": {"position": {"topic": "/joint_states", "name": JOINTS[k]}},
+            "command": {"position": {"topic": "/targets", "name": "xy"[k], "unit": "deg"}},
+        }
         for k in range(2)
-    }  # fmt: skip
+    }
     bag = write_foreign(tmp_path / "bag", sorted(messages, key=lambda message: message[2]))
     recording = read_recording(bag, write_yaml(tmp_path / "map.yaml", {"joints": joints}))
     np.testing.assert_allclose(
@@ -292,9 +294,13 @@ def test_a_channel_map_has_the_same_coupling() -> None:
 
 @pytest.mark.parametrize(
     ("coupling", "words"),
-    [({"d": {"a": 1.0}}, "no joint d"), ({"b": {"e": 1.0}}, "no joint e"), ({"b": {"a": 1.0}}, "cannot move"),
-     ({"b": {"b": float("nan")}}, "not finite")],
-)  # fmt: skip
+    [
+        ({"d": {"a": 1.0}}, "no joint d"),
+        ({"b": {"e": 1.0}}, "no joint e"),
+        ({"b": {"a": 1.0}}, "cannot move"),
+        ({"b": {"b": float("nan")}}, "not finite"),
+    ],
+)
 def test_what_is_no_coupling_is_refused(
     coupling: dict[str, dict[str, float]], words: str, tmp_path: Path
 ) -> None:

@@ -45,8 +45,12 @@ def test_messages_with_fewer_numbers_than_joints_are_looked_into(tmp_path: Path)
         stamp,
         joint_state(stamp, JOINTS, [1.0, 2.0], [1.0] * 3, [1.0] * 3),
     )
-    messages[50] = ("/joint_states", JOINT_STATE, stamp - 50_000_000, joint_state(stamp - 50_000_000, JOINTS,
-                    [np.nan, 1.0, 2.0], [1.0] * 3, [1.0] * 3))  # fmt: skip
+    messages[50] = (
+        "/joint_states",
+        JOINT_STATE,
+        stamp - 50_000_000,
+        joint_state(stamp - 50_000_000, JOINTS, [np.nan, 1.0, 2.0], [1.0] * 3, [1.0] * 3),
+    )
     report = check_bag(write_foreign(tmp_path / "bag", messages))
     assert not report.ok
     assert any("position" in finding.message for finding in report.findings)

@@ -79,8 +79,17 @@ def test_report_shows_verdict_map_causes_and_prediction_in_a_browser(
     # residuals.
     assert (page.count("<svg"), page.count("<canvas")) == (4, 2 + 9)
     assert len(page.encode()) < 3e6 and not re.findall(r'(?:src|href)="http', page)
-    for words in ("velocity [rad/s]", "wave generator angle", "frequency [Hz]", "ahead [ms]", "Trust in the",
-                  "time [s]", "Nm/√Hz", "prediction error [µrad]", "residual, Nm"):  # fmt: skip
+    for words in (
+        "velocity [rad/s]",
+        "wave generator angle",
+        "frequency [Hz]",
+        "ahead [ms]",
+        "Trust in the",
+        "time [s]",
+        "Nm/√Hz",
+        "prediction error [µrad]",
+        "residual, Nm",
+    ):
         assert words in page
 
 
@@ -244,8 +253,12 @@ def test_causes_are_readable_on_a_narrow_screen(
     lines = shown(found, Path("diagnosis"), monkeypatch, width=80, force_terminal=True)
     assert max(map(len, lines)) <= 80
     told = "\n".join(lines)
-    for words in ("joint_torque_offset +lwr_0_joint +offset -0.666 ± 0.026 Nm", "base_tilt +whole arm",
-                  "x -0.0167 ± 0.0012 rad", "y -0.0071 ± 0.0014 rad"):  # fmt: skip
+    for words in (
+        "joint_torque_offset +lwr_0_joint +offset -0.666 ± 0.026 Nm",
+        "base_tilt +whole arm",
+        "x -0.0167 ± 0.0012 rad",
+        "y -0.0071 ± 0.0014 rad",
+    ):
         assert re.search(words, told), told
     assert "…" not in told
 
@@ -303,9 +316,24 @@ def test_files_of_an_earlier_diagnosis_do_not_stay(two_causes: Diagnosis, tmp_pa
 def test_help_says_what_is_written_and_how_it_ends() -> None:
     """`diagnose --help` names the files, the exit status and every option of the contract."""
     words = " ".join(re.sub(r"[│╭╮╰╯─]", " ", run("diagnose", "--help").output).split())
-    for word in ("diagnosis.json", "report.html", "robot.yaml", SEPARATING, "Exit status 0", "--validate", "--model",
-                 "--robot", "--channels", "--with", "--refit", "--out", "--priors", "--against",
-                 "--json", "--no-propose"):  # fmt: skip
+    for word in (
+        "diagnosis.json",
+        "report.html",
+        "robot.yaml",
+        SEPARATING,
+        "Exit status 0",
+        "--validate",
+        "--model",
+        "--robot",
+        "--channels",
+        "--with",
+        "--refit",
+        "--out",
+        "--priors",
+        "--against",
+        "--json",
+        "--no-propose",
+    ):
         assert word in words
 
 

@@ -117,59 +117,133 @@ def joint(content: dict[str, Any]) -> dict[str, Any]:
 
 
 BAD: dict[str, tuple[Edit, str]] = {
-    "missing field": (lambda c: joint(c)["link"].pop("mass"), r"joints\[1\]\.link\.mass: missing field.*Add mass"),
+    "missing field": (
+        lambda c: joint(c)["link"].pop("mass"),
+        r"joints\[1\]\.link\.mass: missing field.*Add mass",
+    ),
     "missing part": (lambda c: joint(c).pop("link"), r"joints\[1\]\.link: missing field"),
-    "half a transmission": (lambda c: joint(c).pop("stiffness"), r"joints\[1\]\.stiffness: missing field"),
-    "text for a number": (lambda c: joint(c)["link"].update(mass="heavy"), r"link\.mass: is the text 'heavy'"),
+    "half a transmission": (
+        lambda c: joint(c).pop("stiffness"),
+        r"joints\[1\]\.stiffness: missing field",
+    ),
+    "text for a number": (
+        lambda c: joint(c)["link"].update(mass="heavy"),
+        r"link\.mass: is the text 'heavy'",
+    ),
     "yes for a number": (lambda c: joint(c)["link"].update(mass=True), r"link\.mass: is yes or no"),
     "number for a part": (lambda c: joint(c).update(rotor=3.0), r"joints\[1\]\.rotor"),
     "too short a vector": (lambda c: joint(c)["link"].update(com=[1.0, 2.0]), r"link\.com"),
-    "unknown key": (lambda c: joint(c)["link"].update(mas=3.0), r"link\.mas: unknown key.*Remove mas"),
+    "unknown key": (
+        lambda c: joint(c)["link"].update(mas=3.0),
+        r"link\.mas: unknown key.*Remove mas",
+    ),
     "unknown key at the top": (lambda c: c.update(gravitation=9.81), r"gravitation: unknown key"),
-    "negative mass": (lambda c: joint(c)["link"].update(mass=-3.0), r"joints\[1\]\.link\.mass is -3"),
-    "negative rotor mass": (lambda c: joint(c)["rotor"].update(mass=-1.0), r"joints\[1\]\.rotor\.mass is -1"),
+    "negative mass": (
+        lambda c: joint(c)["link"].update(mass=-3.0),
+        r"joints\[1\]\.link\.mass is -3",
+    ),
+    "negative rotor mass": (
+        lambda c: joint(c)["rotor"].update(mass=-1.0),
+        r"joints\[1\]\.rotor\.mass is -1",
+    ),
     "triangle inequality": (
-        lambda c: joint(c)["link"]["inertia"].update(xx=30.0), r"joints\[1\]\.link\.inertia violates the triangle",
+        lambda c: joint(c)["link"]["inertia"].update(xx=30.0),
+        r"joints\[1\]\.link\.inertia violates the triangle",
     ),
     "triangle inequality of a rotor": (
-        lambda c: joint(c)["rotor"].update(izz=1.0), r"joints\[1\]\.rotor\.inertia violates the triangle",
+        lambda c: joint(c)["rotor"].update(izz=1.0),
+        r"joints\[1\]\.rotor\.inertia violates the triangle",
     ),
     "indefinite inertia": (
-        lambda c: joint(c)["link"]["inertia"].update(xy=30.0), r"link\.inertia is not positive definite",
+        lambda c: joint(c)["link"]["inertia"].update(xy=30.0),
+        r"link\.inertia is not positive definite",
     ),
-    "zero stiffness": (lambda c: joint(c).update(stiffness=0.0), r"joints\[1\]\.stiffness is 0, but must be positive"),
-    "negative stiffness": (lambda c: joint(c).update(stiffness=-2.0), r"joints\[1\]\.stiffness is -2"),
-    "zero bearing stiffness": (lambda c: joint(c)["bearing"].update(stiffness=0), r"joints\[1\]\.bearing\.stiffness"),
+    "zero stiffness": (
+        lambda c: joint(c).update(stiffness=0.0),
+        r"joints\[1\]\.stiffness is 0, but must be positive",
+    ),
+    "negative stiffness": (
+        lambda c: joint(c).update(stiffness=-2.0),
+        r"joints\[1\]\.stiffness is -2",
+    ),
+    "zero bearing stiffness": (
+        lambda c: joint(c)["bearing"].update(stiffness=0),
+        r"joints\[1\]\.bearing\.stiffness",
+    ),
     "negative damping": (lambda c: joint(c).update(damping=-1.0), r"joints\[1\]\.damping is -1"),
     "zero ratio": (lambda c: joint(c).update(belt_ratio=0), r"joints\[1\]\.belt_ratio is 0"),
-    "zero studied ratio": (lambda c: c.update(total_ratios_studied={5: [0.0, 5.0]}), r"total_ratios_studied\[5\]"),
-    "unknown carrier": (lambda c: joint(c)["rotor"].update(carrier="link_9"), r"rotor\.carrier is 'link_9'.*link_1"),
-    "carrier too far": (lambda c: joint(c)["rotor"].update(carrier="base"), r"rotor\.carrier is 'base'"),
-    "same joint name": (lambda c: joint(c).update(name="joint_1"), "two joints are named 'joint_1'"),
-    "not a number": (lambda c: c.update(gravity=[0.0, 0.0, float("nan")]), r"gravity\[2\]: nan is not a finite"),
+    "zero studied ratio": (
+        lambda c: c.update(total_ratios_studied={5: [0.0, 5.0]}),
+        r"total_ratios_studied\[5\]",
+    ),
+    "unknown carrier": (
+        lambda c: joint(c)["rotor"].update(carrier="link_9"),
+        r"rotor\.carrier is 'link_9'.*link_1",
+    ),
+    "carrier too far": (
+        lambda c: joint(c)["rotor"].update(carrier="base"),
+        r"rotor\.carrier is 'base'",
+    ),
+    "same joint name": (
+        lambda c: joint(c).update(name="joint_1"),
+        "two joints are named 'joint_1'",
+    ),
+    "not a number": (
+        lambda c: c.update(gravity=[0.0, 0.0, float("nan")]),
+        r"gravity\[2\]: nan is not a finite",
+    ),
     "infinite": (lambda c: joint(c)["dh"].update(a=float("inf")), r"dh\.a: inf is not a finite"),
     "no list of joints": (lambda c: c.update(joints="three"), "joints: is 'three', not a list"),
-    "gravity of two numbers": (lambda c: c.update(gravity=[0.0, -9.81]), r"gravity\[2\]: missing entry.*all entries"),
-    "a joint that is no block": (lambda c: c.update(joints=[3]), r"joints\[0\]: is 3, not a block of fields"),
+    "gravity of two numbers": (
+        lambda c: c.update(gravity=[0.0, -9.81]),
+        r"gravity\[2\]: missing entry.*all entries",
+    ),
+    "a joint that is no block": (
+        lambda c: c.update(joints=[3]),
+        r"joints\[0\]: is 3, not a block of fields",
+    ),
     "no joints": (lambda c: c.update(joints=[]), r"joints: has 0 entries"),
     "unplaced joint": (lambda c: joint(c).pop("dh"), r"joints\[1\]\.dh: missing field"),
-    "joint placed twice": (lambda c: joint(c).update(before=np.eye(4).tolist()), "so is before or after"),
+    "joint placed twice": (
+        lambda c: joint(c).update(before=np.eye(4).tolist()),
+        "so is before or after",
+    ),
     "skew placement": (
-        lambda c: (joint(c).pop("dh"), joint(c).update(after=np.diag([2.0, 1.0, 1.0, 1.0]).tolist())),
+        lambda c: (
+            joint(c).pop("dh"),
+            joint(c).update(after=np.diag([2.0, 1.0, 1.0, 1.0]).tolist()),
+        ),
         r"joints\[1\]\.after is not a rigid placement",
     ),
-    "mass of no arm": (lambda c: joint(c)["link"].update(mass=1e200), r"link\.mass is 1e\+200, which is of no arm"),
-    "stiffness of no arm": (lambda c: joint(c).update(stiffness=1e-300), r"\.stiffness is 1e-300, which is of no arm"),
-    "damping of no arm": (lambda c: joint(c).update(damping=1e300), r"\.damping is 1e\+300, which is of no arm"),
+    "mass of no arm": (
+        lambda c: joint(c)["link"].update(mass=1e200),
+        r"link\.mass is 1e\+200, which is of no arm",
+    ),
+    "stiffness of no arm": (
+        lambda c: joint(c).update(stiffness=1e-300),
+        r"\.stiffness is 1e-300, which is of no arm",
+    ),
+    "damping of no arm": (
+        lambda c: joint(c).update(damping=1e300),
+        r"\.damping is 1e\+300, which is of no arm",
+    ),
     "ratio of no arm": (
-        lambda c: joint(c).update(harmonic_drive_ratio=1e12), r"drive_ratio is 1e\+12, which is of no transmission",
+        lambda c: joint(c).update(harmonic_drive_ratio=1e12),
+        r"drive_ratio is 1e\+12, which is of no transmission",
     ),
-    "length of no arm": (lambda c: joint(c)["dh"].update(a=1e200), r"offset holds 1e\+200, which is of no arm"),
-    "gravity of no arm": (lambda c: c.update(gravity=[0, 0, -1e200]), r"gravity holds 1e\+200, which is of no arm"),
+    "length of no arm": (
+        lambda c: joint(c)["dh"].update(a=1e200),
+        r"offset holds 1e\+200, which is of no arm",
+    ),
+    "gravity of no arm": (
+        lambda c: c.update(gravity=[0, 0, -1e200]),
+        r"gravity holds 1e\+200, which is of no arm",
+    ),
     "limits crossed": (
-        lambda c: joint(c).update(limits={"position_min": 1.0, "position_max": -1.0}), r"joints\[1\]\.limits\.position",
+        lambda c: joint(c).update(limits={"position_min": 1.0, "position_max": -1.0}),
+        r"joints\[1\]\.limits\.position",
     ),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("what", BAD)

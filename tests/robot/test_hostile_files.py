@@ -150,14 +150,21 @@ URDFS: dict[str, bytes] = {
     "a wide encoding that is none": b"<?xml version='1.0' encoding='utf-32'?><robot name='r'/>",
     "UTF-32": to_urdf(load_robot()).replace("utf-8", "utf-32").encode("utf-32"),
     "entities": f"<!DOCTYPE r [<!ENTITY e0 'x'>{ENTITIES}]><robot name='&e12;'/>".encode(),
-    "an external entity": b"<!DOCTYPE r [<!ENTITY e SYSTEM 'file:///etc/passwd'>]><robot name='r'>&e;</robot>",
+    "an external entity": (
+        b"<!DOCTYPE r [<!ENTITY e SYSTEM 'file:///etc/passwd'>]><robot name='r'>&e;</robot>"
+    ),
     "deep elements": b"<robot name='r'>" + b"<a>" * 100_000 + b"</a>" * 100_000 + b"</robot>",
     "nothing": b"",
     "a NUL": b"<robot name='\0'/>",
-    "numbers that overflow": chain(1).replace("<link name='l0'/>", "<link name='l0'><inertial><mass value='1e999'/>"
-                                              "<inertia ixx='1' ixy='0' ixz='0' iyy='1' iyz='0' izz='1'/></inertial>"
-                                              "</link>").encode(),
-}  # fmt: skip
+    "numbers that overflow": chain(1)
+    .replace(
+        "<link name='l0'/>",
+        "<link name='l0'><inertial><mass value='1e999'/>"
+        "<inertia ixx='1' ixy='0' ixz='0' iyy='1' iyz='0' izz='1'/></inertial>"
+        "</link>",
+    )
+    .encode(),
+}
 
 
 @pytest.mark.parametrize("name", URDFS)

@@ -78,14 +78,19 @@ if PUBLIC.is_dir():
 
 
 RAIL = """<mujoco><worldbody><body name="carriage" pos="0.2 0.1 0.3" euler="10 20 -30">
-  <joint name="rail" type="slide" axis="1 0.3 0" ref="0.4" damping="7" armature="3" stiffness="20" springref="0.1"/>
+  <joint name="rail" type="slide" axis="1 0.3 0" ref="0.4" damping="7" armature="3" stiffness="20"
+         springref="0.1"/>
   <geom size=".1" pos="0.02 0.05 0" mass="5"/>
   <body name="arm" pos="0 0.1 0.3"><joint name="shoulder" axis="0 1 0.2" ref="0.2"/>
     <geom type="capsule" fromto="0 0 0 0.1 0.05 0.4" size=".04" mass="3"/>
-    <body name="quill" pos="0.1 0 0.4"><joint name="quill" type="slide" axis="0 0.2 1" pos="0.1 0 0" ref="-0.1"/>
+    <body name="quill" pos="0.1 0 0.4">
+      <joint name="quill" type="slide" axis="0 0.2 1" pos="0.1 0 0" ref="-0.1"/>
       <geom size=".05" pos="0 0.03 0.1" mass="1"/>
-      <body name="flange" pos="0 0 0.2"><joint name="roll" axis="0 0 1"/><geom size=".05 .1 .02" type="box" mass="1"/>
-        <body name="finger" pos="0.05 0 0.1"><joint name="finger" type="slide"/><geom size=".02" mass="0.1"/></body>
+      <body name="flange" pos="0 0 0.2">
+        <joint name="roll" axis="0 0 1"/><geom size=".05 .1 .02" type="box" mass="1"/>
+        <body name="finger" pos="0.05 0 0.1">
+          <joint name="finger" type="slide"/><geom size=".02" mass="0.1"/>
+        </body>
 </body></body></body></body></worldbody></mujoco>"""
 
 
@@ -255,7 +260,8 @@ def test_an_arm_file_keeps_armatures_and_effects(tmp_path: Path) -> None:
         replace(load_robot().joints[0], armature=0.1)
 
 
-ARM = """<mujoco><worldbody><body name="b"><joint name="{name}" axis="0 0 1"/><geom size=".1" mass="1"/>{inside}</body>
+ARM = """<mujoco><worldbody><body name="b">
+<joint name="{name}" axis="0 0 1"/><geom size=".1" mass="1"/>{inside}</body>
 </worldbody>{more}</mujoco>"""
 HOSTILE = {
     "a pipe": ("j", "", '<include file="pipe.xml"/>', "pipe or a device"),
@@ -437,9 +443,10 @@ def test_friction_of_a_dc_motor_is_friction_of_its_joint(tmp_path: Path) -> None
 
 
 SERVOS = {
-    '<position joint="{0}" kp="50" kv="4" gear="2" forcerange="-10 10" delay="0.004" nsample="9"/>': JointController(
-        "position", kp=200.0, kd=16.0, torque=20.0, delay=0.004
-    ),
+    (
+        '<position joint="{0}" kp="50" kv="4" gear="2" forcerange="-10 10" delay="0.004"'
+        ' nsample="9"/>'
+    ): JointController("position", kp=200.0, kd=16.0, torque=20.0, delay=0.004),
     '<velocity joint="{0}" kv="7"/>': JointController("velocity", kd=7.0),
     '<general joint="{0}" gainprm="60" biastype="affine" biasprm="0 -60 -3"/>': JointController(
         kp=60.0, kd=3.0

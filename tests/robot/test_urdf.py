@@ -216,9 +216,12 @@ def test_a_fixed_link_is_part_of_its_parent_and_said() -> None:
 def test_continuous_joints_and_unstated_limits_are_said() -> None:
     """A continuous joint has no range, a limit of 0 counts as unknown, and both leave a note."""
     text = urdf(
-        link("foot"), link("a"), link("b"), joint("one", "foot", "a", "continuous", ""),
+        link("foot"),
+        link("a"),
+        link("b"),
+        joint("one", "foot", "a", "continuous", ""),
         joint("two", "a", "b", inside='<limit lower="-1" upper="1" velocity="0" effort="0"/>'),
-    )  # fmt: skip
+    )
     robot = parse_urdf(text)
     assert robot.joints[0].limits.position_min is None
     assert robot.joints[1].limits.velocity is None
@@ -249,12 +252,19 @@ def with_gripper(kind: str = "revolute") -> str:
     first."""
     finger = joint("left", "palm", "left_finger", kind)
     return two_joints(
-        link("flange", ""), joint("mount", "b", "flange", "fixed", ""),
-        link("palm"), joint("hand", "flange", "palm", "fixed", ""),
-        link("left_finger"), link("right_finger"), link("tip"), finger,
-        joint("right", "palm", "right_finger", kind, '<mimic joint="left" multiplier="-1"/>' + LIMIT),
+        link("flange", ""),
+        joint("mount", "b", "flange", "fixed", ""),
+        link("palm"),
+        joint("hand", "flange", "palm", "fixed", ""),
+        link("left_finger"),
+        link("right_finger"),
+        link("tip"),
+        finger,
+        joint(
+            "right", "palm", "right_finger", kind, '<mimic joint="left" multiplier="-1"/>' + LIMIT
+        ),
         joint("tips", "left_finger", "tip", kind, '<mimic joint="left"/>' + LIMIT),
-    )  # fmt: skip
+    )
 
 
 @pytest.mark.parametrize("kind", ["revolute", "prismatic"])
@@ -327,11 +337,18 @@ def test_a_chain_leaves_out_other_branches_and_keeps_gravity() -> None:
     """One arm of two on a tilted torso: its dynamics are those of Pinocchio with the torso and the
     other arm fixed."""
     text = urdf(
-        link("foot"), link("torso"), link("a"), link("b"), link("c"), link("camera"),
+        link("foot"),
+        link("torso"),
+        link("a"),
+        link("b"),
+        link("c"),
+        link("camera"),
         joint("mast", "foot", "torso", "fixed", "", '<origin xyz="0 0 1" rpy="0.4 0.3 -0.2"/>'),
-        joint("one", "torso", "a"), joint("two", "a", "b"), joint("other", "torso", "c"),
+        joint("one", "torso", "a"),
+        joint("two", "a", "b"),
+        joint("other", "torso", "c"),
         joint("eye", "a", "camera", "fixed", ""),
-    )  # fmt: skip
+    )
     robot = parse_urdf(text, ("torso", "b"))
     assert robot.joint_names == ("one", "two")
     assert_same_dynamics(robot, text.replace('"other" type="revolute"', '"other" type="fixed"'))
@@ -563,8 +580,8 @@ def test_an_axis_of_any_length_is_a_direction(length: str) -> None:
 MOTOR = """<robot name="one" xmlns:drake="https://drake.mit.edu/"><link name="base"/>
 <joint name="j" type="revolute"><parent link="base"/><child link="l"/><axis xyz="0 1 0"/>
 <limit lower="-1" upper="1" effort="5" velocity="2"/></joint>
-<link name="l"><inertial><mass value="1"/><inertia ixx=".1" iyy=".1" izz=".1" ixy="0" ixz="0" iyz="0"/>
-</inertial></link>{}</robot>"""
+<link name="l"><inertial><mass value="1"/>
+<inertia ixx=".1" iyy=".1" izz=".1" ixy="0" ixz="0" iyz="0"/></inertial></link>{}</robot>"""
 DRAKE = (
     '<transmission name="t"><joint name="j"/><actuator name="m"><drake:gear_ratio value="100"/>'
     '<drake:rotor_inertia value="6e-5"/></actuator></transmission>'
@@ -575,8 +592,8 @@ ROS_1 = (
 )
 ROS_2 = (
     '<ros2_control name="h" type="system"><transmission name="t"><actuator name="m"/>'
-    "<joint"
-    ' name="j"><mechanical_reduction>50</mechanical_reduction></joint></transmission></ros2_control>'
+    '<joint name="j"><mechanical_reduction>50</mechanical_reduction></joint>'
+    "</transmission></ros2_control>"
 )
 
 

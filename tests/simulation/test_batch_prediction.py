@@ -25,7 +25,10 @@ gravity: [0, 0, -9.81]
 joints:
 - name: a
   dh: {{a: 0, d: 0, alpha: 0, offset: 0}}
-  link: {{mass: 1.0e-3, com: [0, 0, 0], inertia: {{xx: {inertia}, yy: {inertia}, zz: {inertia}, xy: 0, xz: 0, yz: 0}}}}
+  link:
+    mass: 1.0e-3
+    com: [0, 0, 0]
+    inertia: {{xx: {inertia}, yy: {inertia}, zz: {inertia}, xy: 0, xz: 0, yz: 0}}
 """
 
 

@@ -121,7 +121,8 @@ from elastic_arm.effects import Effect, Parameter, Role
 def law(motion, i, p):
     return motion.at(i, link=p["stiffness"] * ca.fmax(motion.q[i] - p["contact"], 0.0))
 EFFECT = Effect(
-    id="buffer", formula="k max(q - q0, 0)", description="A buffer.", signature="A bend over the angle.", law=law,
+    id="buffer", formula="k max(q - q0, 0)", description="A buffer.",
+    signature="A bend over the angle.", law=law,
     parameters=(
         Parameter("stiffness", "Nm/rad", 1.0, 500.0, neutral=0.0, least=0.0, meaning="k"),
         Parameter("contact", "rad", {low}, {high}, role=Role.SEARCHED, meaning="q0"),
@@ -158,7 +159,8 @@ def test_small_campaign_is_made_resumed_answered_and_scored(tmp_path: Path) -> N
     """What is made and answered stays, clean arms are called none, a withheld effect is not named,
     all is scored."""
     settings = campaign.ChallengeSettings(
-        seed=3, per_effect=1, clean=1, pairs=0, seconds=(5.0, 4.0), ratio=(60.0, 200.0), effects=("viscous_friction",),
+        seed=3, per_effect=1, clean=1, pairs=0, seconds=(5.0, 4.0), ratio=(60.0, 200.0),
+        effects=("viscous_friction",),
     )  # fmt: skip
     digest = campaign.create(tmp_path, settings)
     stamps = {p: p.stat().st_mtime_ns for p in tmp_path.glob("bags/*/*.mcap")}
@@ -262,10 +264,20 @@ def _entry(**changes: Any) -> dict[str, Any]:
         "channels": [],
     }
     entry = {
-        "name": "a", "model": "mod3", "level": "laboratory", "joints": JOINTS, "foreign": [], "conditions": [],
-        "ordinary": [], "numbers": [["stiffness", 1, 1.05]], "multiple": [20.0], "bound": [0.1], "share": [1.0],
-        "sensors": {"sides": "both"}, "visible": True,
-    }  # fmt: skip
+        "name": "a",
+        "model": "mod3",
+        "level": "laboratory",
+        "joints": JOINTS,
+        "foreign": [],
+        "conditions": [],
+        "ordinary": [],
+        "numbers": [["stiffness", 1, 1.05]],
+        "multiple": [20.0],
+        "bound": [0.1],
+        "share": [1.0],
+        "sensors": {"sides": "both"},
+        "visible": True,
+    }
     own = {k: v for k, v in changes.items() if k in fault}
     return entry | {"faults": [fault | own]} | {k: v for k, v in changes.items() if k not in own}
 
@@ -369,7 +381,8 @@ def test_a_false_cause_counts_by_its_confidence_and_a_condition_of_the_level_is_
     said = [
         score_answer(entry, _answer(_cause(effect, joint, confidence=confidence)))
         for effect, joint, confidence in (
-            ("backlash", "joint_1", 0.95), ("backlash", "joint_1", 0.6), ("torque_drift", "joint_3", 0.99),
+            ("backlash", "joint_1", 0.95), ("backlash", "joint_1", 0.6),
+            ("torque_drift", "joint_3", 0.99),
         )
     ]  # fmt: skip
     assert [x["accused"] for x in said] == [True, False, False]

@@ -49,9 +49,7 @@ ANSWERING = sorted(
 )
 
 
-def test_what_makes_a_hidden_arm_knows_neither_catalogue_nor_models_and_no_diagnosis_looks_into_the_challenge() -> (
-    None
-):
+def test_hidden_arms_and_the_diagnosis_share_no_code() -> None:
     """No law, dynamics or part of the diagnosis stands behind a hidden recording, and no truth
     behind answers."""
     assert len(HIDDEN) >= 7 and len(ANSWERING) > 40

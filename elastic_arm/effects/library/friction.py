@@ -21,8 +21,11 @@ DRY = "coulomb_friction"
 PLAIN = ("viscous_friction", DRY)  # what every joint has, in the first place
 SIDE = Choice("side", ("motor", "link"), "motor")
 ON_A_SIDE: dict[str, Any] = {
-    "choices": (SIDE,), "sides": ("motor", "link"), "sides_of": lambda p: (p["side"],), "needs_motion": True
-}  # fmt: skip
+    "choices": (SIDE,),
+    "sides": ("motor", "link"),
+    "sides_of": lambda p: (p["side"],),
+    "needs_motion": True,
+}
 
 
 def friction(id: str, torque: Callable[[ca.SX, ca.SX, Numbers], ca.SX], **words: Any) -> Effect:

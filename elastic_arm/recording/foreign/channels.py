@@ -19,8 +19,8 @@ SideName = Literal["link", "motor", "command"]
 SIDE_NAMES: tuple[SideName, ...] = ("link", "motor", "command")
 ChannelName = Literal["position", "velocity", "effort", "acceleration"]
 Unit = Literal[
-    "rad", "deg", "turns", "rad/s", "deg/s", "turns/s", "rpm", "Nm", "Nm_motor", "A", "m", "mm", "m/s", "mm/s", "N",
-    "rad/s^2", "deg/s^2", "m/s^2",
+    "rad", "deg", "turns", "rad/s", "deg/s", "turns/s", "rpm", "Nm", "Nm_motor", "A", "m", "mm",
+    "m/s", "mm/s", "N", "rad/s^2", "deg/s^2", "m/s^2",
 ]  # fmt: skip
 # Of motors that move several joints at once, as in a wrist: joint -> motor -> how much the joint
 # turns for one turn of the motor, both at the joint's output.

@@ -67,7 +67,10 @@ _WORDS = {
     "position": r"pos|winkel|ang|theta|(?<![a-z])q(?=_|\d|$)|joint_state|(?<![a-z])state$",
 }
 # What the arm was told; without a further word its positions, as a dataset's `action`.
-_COMMAND = r"target|goal|demand|soll|desired|des(?=_|\d|$)|ref(?!l)|cmd|command(ed)?|set_?point|(?<![a-z])action(?![a-z])"
+_COMMAND = (
+    r"target|goal|demand|soll|desired|des(?=_|\d|$)|ref(?!l)|cmd|command(ed)?|set_?point"
+    r"|(?<![a-z])action(?![a-z])"
+)
 # Read in this order: a sensor of a motor's torque is rarer than a torque sensor.
 _SIDE_WORDS: dict[SideName, str] = {
     "command": _COMMAND,

@@ -169,20 +169,22 @@ FIELD = replace(
     asked={**_ASKED, "priors": {"sensors": {"motor_torque_gain": 0.15}}},
 )
 _SERVOS = (
-    "coulomb_friction", "viscous_friction", "payload", "position_gain", "velocity_gain", "command_delay",
-    "torque_saturation", "position_dead_band", "integral_gain", "rotor_inertia_mismatch", "joint_spring",
+    "coulomb_friction", "viscous_friction", "payload", "position_gain", "velocity_gain",
+    "command_delay", "torque_saturation", "position_dead_band", "integral_gain",
+    "rotor_inertia_mismatch", "joint_spring",
 )  # fmt: skip
 SERVO = Level(
-    "servo", _SERVOS, rates=(30.0, 50.0, 100.0), foreign=("dress_pack",), seconds=(20.0, 12.0), asked={"refit": True},
-    bits=12,
+    "servo", _SERVOS, rates=(30.0, 50.0, 100.0), foreign=("dress_pack",), seconds=(20.0, 12.0),
+    asked={"refit": True}, bits=12,
 )  # fmt: skip
 POSITION = replace(SERVO, name="position", rates=(250.0, 500.0), bits=17)
 HISTORY = replace(
     WORKSHOP,
     name="history",
     effects=(
-        *CHANGE_FLOORS, "payload", "motor_torque_offset", "joint_torque_offset", "motor_torque_gain", "joint_zero",
-        "time_delay", "backlash", "stiffness_mismatch", "joint_spring",
+        *CHANGE_FLOORS, "payload", "motor_torque_offset", "joint_torque_offset",
+        "motor_torque_gain", "joint_zero", "time_delay", "backlash", "stiffness_mismatch",
+        "joint_spring",
     ),
     joints=(3,),
     points=0.0,

@@ -612,8 +612,8 @@ def tracking(result: StudyResult) -> Section:
             ax.margins(y=0.15)
     rows: list[Row] = [astuple(t)[:-1] for t in result.tracking]
     header = (
-        "feed-forward", "r_tot", "tool, rms [mm]", "tool, largest [mm]", "joints' part, rms [mm]", "q, rms [mrad]",
-        "feedback torque, rms [Nm]",
+        "feed-forward", "r_tot", "tool, rms [mm]", "tool, largest [mm]", "joints' part, rms [mm]",
+        "q, rms [mrad]", "feedback torque, rms [Nm]",
     )  # fmt: skip
     caption = (
         f"Motions that no identification saw, feedback of natural frequency {FEEDBACK_FREQUENCY:g}"
@@ -668,6 +668,6 @@ READINGS = Section(
 )
 
 SECTIONS = (
-    figures_1_and_2, prototype, figure_3, figure_4a, figure_4b, figure_4c, coupling, excitation, figure_5, noise,
-    tracking,
+    figures_1_and_2, prototype, figure_3, figure_4a, figure_4b, figure_4c, coupling, excitation,
+    figure_5, noise, tracking,
 )  # fmt: skip

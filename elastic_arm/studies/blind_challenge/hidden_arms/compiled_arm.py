@@ -43,9 +43,10 @@ static void stage(double* in, const double* y, const double* slope, double h, do
   rate(in, out);
 }}
 
-void run(long samples, long substeps, double h, const double* parameters, const double* feed_forward,
-         const double* position, const double* velocity, const double* Kp, const double* Kd, double* y,
-         double* states, double* commands, double* torques) {{
+void run(long samples, long substeps, double h, const double* parameters,
+         const double* feed_forward, const double* position, const double* velocity,
+         const double* Kp, const double* Kd, double* y, double* states, double* commands,
+         double* torques) {{
   double in[INPUTS], k1[OUTPUTS], k2[OUTPUTS], k3[OUTPUTS], k4[OUTPUTS];
   memcpy(in + STATES + JOINTS, parameters, (INPUTS - STATES - JOINTS) * sizeof(double));
   for (long k = 0; k < samples; k++) {{
@@ -53,7 +54,8 @@ void run(long samples, long substeps, double h, const double* parameters, const 
     double* u = in + STATES;
     for (int i = 0; i < JOINTS; i++) {{
       long at = k * JOINTS + i;
-      u[i] = feed_forward[at] + Kp[i] * (position[at] - y[MOTOR + i]) + Kd[i] * (velocity[at] - y[MOTOR_SPEED + i]);
+      u[i] = feed_forward[at] + Kp[i] * (position[at] - y[MOTOR + i])
+             + Kd[i] * (velocity[at] - y[MOTOR_SPEED + i]);
       commands[at] = u[i];
     }}
     for (long s = 0; s < substeps; s++) {{

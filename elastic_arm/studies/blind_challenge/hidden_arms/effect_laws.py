@@ -13,9 +13,9 @@ import casadi as ca
 import numpy as np
 
 SENSOR_EFFECTS = frozenset({
-    "motor_torque_gain", "joint_torque_gain", "motor_torque_offset", "joint_torque_offset", "encoder_offset",
-    "encoder_eccentricity", "time_delay", "torque_drift", "torque_lowpass", "sensor_crosstalk", "joint_zero",
-    "gravity_compensation",
+    "motor_torque_gain", "joint_torque_gain", "motor_torque_offset", "joint_torque_offset",
+    "encoder_offset", "encoder_eccentricity", "time_delay", "torque_drift", "torque_lowpass",
+    "sensor_crosstalk", "joint_zero", "gravity_compensation",
 })  # fmt: skip
 # Numbers of a joint that effects of the contract are, by their parameters.
 _NAMES = {
@@ -32,8 +32,9 @@ _NAMES = {
 }
 # Ids of all effects that this engine has; the suite's own simulator moves arms with others.
 KNOWN = SENSOR_EFFECTS | set(_NAMES) | {
-    "bearing_compliance", "payload", "load", "base_tilt", "link_inertia_mismatch", "rotor_inertia_mismatch",
-    "stiffness_mismatch", "damping_mismatch", "spline_inertia", "inertia_coupling", "joint_spring", "thermal_friction",
+    "bearing_compliance", "payload", "load", "base_tilt", "link_inertia_mismatch",
+    "rotor_inertia_mismatch", "stiffness_mismatch", "damping_mismatch", "spline_inertia",
+    "inertia_coupling", "joint_spring", "thermal_friction",
 }  # fmt: skip
 FRICTION = ("viscous", "coulomb", "stribeck", "stribeck_speed", "load", "asymmetry")
 # Numbers of a joint, in the order in which the laws take them; what is not there has its value of

@@ -32,10 +32,11 @@ FOREIGN = {
 # Numbers of a joint with their values of no effect.
 NEUTRAL = {
     "spring": 0.0, "spring_rest": 0.0, "thermal_link": 0.0, "thermal_motor": 0.0, "duration": 1.0,
-    "pack": 0.0, "pack_rest": 0.0, "pack_slack": 0.0, "periodic": 0.0, "periodic_rate": 1.0, "periodic_phase": 0.0,
-    "loose": 0.0, "loose_phase": 0.0, "relaxation": 1.0, "cable": 0.0, "cable_rate": 1.0, "cable_phase": 0.0,
-    "limit": 1e12, "creep": 0.0, "worn": 0.0, "worn_place": 0.0, "worn_width": 1.0, "drag": 0.0,
-    "brake": 0.0, "brake_on": 0.0, "brake_off": 1.0,
+    "pack": 0.0, "pack_rest": 0.0, "pack_slack": 0.0, "periodic": 0.0, "periodic_rate": 1.0,
+    "periodic_phase": 0.0, "loose": 0.0, "loose_phase": 0.0, "relaxation": 1.0, "cable": 0.0,
+    "cable_rate": 1.0, "cable_phase": 0.0, "limit": 1e12, "creep": 0.0, "worn": 0.0,
+    "worn_place": 0.0, "worn_width": 1.0, "drag": 0.0, "brake": 0.0, "brake_on": 0.0,
+    "brake_off": 1.0,
 }  # fmt: skip
 _NAMES = {
     "joint_spring": {"stiffness": "spring", "rest": "spring_rest"},
