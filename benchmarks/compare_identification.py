@@ -15,10 +15,10 @@ arrays).
 
 import argparse
 import tempfile
-import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
+from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio

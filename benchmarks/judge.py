@@ -426,8 +426,9 @@ def answer(arm: Arm, arms: Path) -> dict[str, Any]:
             if arm.imported:
                 for k, files in enumerate(paths):
                     for i, file in enumerate(files):
-                        paths[k][i] = Path(folder, f"{k}_{i}")
-                        _import(file, arm.imported, paths[k][i])
+                        bag = Path(folder, f"{k}_{i}")
+                        _import(file, arm.imported, bag)
+                        paths[k][i] = bag
             channels = None if arm.channels is None else load_channels(arms / arm.channels)
             fit, judge = ([read_recording(path, channels) for path in files] for files in paths)
         robot = load_robot(None if arm.robot is None else arms / arm.robot)

@@ -239,10 +239,8 @@ def closed_loop_sentences(found: Diagnosis) -> list[str]:
         written = "No correction is written"
     else:
         written = f"The correction of {listed(found.taken_back)} is not written"
-    return [
-        f"With all that was found the arm errs more under the recorded commands: {listed(moved)}."
-        f" {written}."
-    ]
+    errs = "With all that was found the arm errs more under the recorded commands"
+    return [f"{errs}: {listed(moved)}. {written}."]
 
 
 def closed_loop_sentence(found: Diagnosis) -> str:

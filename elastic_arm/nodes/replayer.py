@@ -174,10 +174,8 @@ class Replayer(ArmNode):
     def _status(self) -> tuple[list[str], dict[str, Any]]:
         problems = [] if self._listened() else ["nobody listens"]
         if problems and not self._begun:
-            problems = [
-                "nobody listens: waiting for a subscriber (with wait:=false, the bag is played to"
-                " nobody)"
-            ]
+            waiting = "waiting for a subscriber (with wait:=false, the bag is played to nobody)"
+            problems = [f"nobody listens: {waiting}"]
         return problems, {"messages": self._sent, "rate": self._rate, "rounds": self._rounds}
 
 

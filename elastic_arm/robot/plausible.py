@@ -160,11 +160,9 @@ def _inertia(whose: str, mass: float, moments: np.ndarray, robot: Robot) -> str 
         for joint in robot.joints
         for part in (joint.before, joint.after)
     ]
+    centres = [float(np.linalg.norm(joint.link.com)) for joint in robot.joints]
     # 0.5 m beyond the longest link: a cover, a counterweight
-    longest = (
-        max(max(distances), max(float(np.linalg.norm(joint.link.com)) for joint in robot.joints))
-        + 0.5
-    )
+    longest = max(*distances, *centres) + 0.5
     said = f"{whose}: inertia of {largest:.4g} kg m² at {mass:.4g} kg"
     if radius > 2.0 * longest:
         return (

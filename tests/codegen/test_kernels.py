@@ -50,7 +50,7 @@ def every_operation() -> ca.Function:
         ca.if_else(ca.logic_or(a > 0, b > 0), c, p[0]), ca.logic_not(a > 0), a**3,
         ca.fabs(a) ** 1.5, a / b, 1 / c, 2 * a, a * a, ca.erf(a), ca.log1p(ca.fabs(a)), ca.expm1(b),
         ca.hypot(a, b), ca.copysign(a, b), ca.asinh(a), p[0] * p[1], p[0] + 1, ca.SX(0), a, a >= b,
-        a == a,
+        a == a,  # noqa: PLR0124
     ]  # fmt: skip
     return ca.Function(
         "law",

@@ -142,7 +142,7 @@ def _parquet(path: str, most: int) -> Iterator[tuple[str, np.ndarray]]:
 
 
 def _has_numbers(kind: Any) -> bool:
-    import pyarrow.types as types
+    from pyarrow import types
 
     if types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind):
         kind = kind.value_type

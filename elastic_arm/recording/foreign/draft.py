@@ -54,11 +54,9 @@ class Draft:
     def to_yaml(self) -> str:
         """Return the text of the mapping file, with the reasons as comments."""
         lines = [
-            "# Draft of an array mapping, guessed from the numbers and names of the arrays: read"
-            " every line and"
-        ]
-        lines += [
-            "# correct it (docs/channel_maps.md). Signs and zeros of the joints cannot be guessed."
+            "# Draft of an array mapping, guessed from the numbers and names of the arrays: read",
+            "# every line and correct it (docs/channel_maps.md). Signs and zeros of the joints",
+            "# cannot be guessed.",
         ]
         if self.times is None:
             lines += ["# No array looks like times: give the sample rate, Hz.", "times: {rate: }"]
@@ -67,10 +65,8 @@ class Draft:
             lines += [f"times: {times}          # {self.times.rate:.6g} Hz"]
         if self.runs is not None:
             key, count = self.runs
-            lines += [
-                f"rows: {_inline({'key': key})}          # {count} runs, a bag each; value: N"
-                " takes one"
-            ]
+            comment = f"# {count} runs, a bag each; value: N takes one"
+            lines += [f"rows: {_inline({'key': key})}          {comment}"]
         if self.decimal != ".":
             lines += [f"decimal: {_inline(self.decimal)}"]
         lines += [f"joints: {_inline(list(self.joints))}"]
