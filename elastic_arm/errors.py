@@ -29,7 +29,8 @@ class ElasticArmError(Exception):
     """
 
     def __init__(self, problem: str, remedy: str = "") -> None:
-        self.problem, self.remedy = one_line(problem), one_line(remedy)
+        self.problem = one_line(problem)
+        self.remedy = one_line(remedy)
         super().__init__(" ".join(_sentence(part) for part in (self.problem, self.remedy) if part))
 
 

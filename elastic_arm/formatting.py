@@ -16,7 +16,8 @@ def rounded(value: float, std: float) -> tuple[str, str]:
     """
     if not (math.isfinite(value) and math.isfinite(std) and std > 0.0):
         return f"{value:.4g}", f"{std:.2g}"
-    place, plain = _place(float(f"{std:.1e}")) - 1, max(abs(value), std) < LARGEST_PLAIN
+    place = _place(float(f"{std:.1e}")) - 1
+    plain = max(abs(value), std) < LARGEST_PLAIN
     return _to_place(value, place, plain), _to_place(std, place, plain)
 
 

@@ -257,7 +257,8 @@ def _field_path(location: tuple[int | str, ...]) -> str:
 
 
 def _reason(fault: ErrorDetails) -> str:
-    kind, value = fault["type"], fault.get("input")
+    kind = fault["type"]
+    value = fault.get("input")
     if kind in _WANTED:
         return f"is {_shown(value)}, not {_WANTED[kind]}"
     match kind:

@@ -6,7 +6,11 @@ import os
 import sys
 from pathlib import Path
 
-_TRIM_THRESHOLD, _TOP_PAD, _MMAP_MAX, _ARENA_MAX = -1, -2, -4, -8  # of malloc.h
+# of malloc.h
+_TRIM_THRESHOLD = -1
+_TOP_PAD = -2
+_MMAP_MAX = -4
+_ARENA_MAX = -8
 _KEPT = 1 << 30  # bytes at the end of the heap that stay
 _AHEAD = 1 << 26  # bytes that the heap grows by at once
 

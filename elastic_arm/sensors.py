@@ -154,7 +154,8 @@ class SensorBank:
     """Sensors at work: true samples in, measured samples out, in blocks of any length."""
 
     def __init__(self, sensors: Sensors, n: int, rate: float, rng: np.random.Generator) -> None:
-        self.sensors, self._rate = sensors, rate
+        self.sensors = sensors
+        self._rate = rate
         *own, self._jitter = rng.spawn(7)
         self._link = _encoder(sensors.link_encoder, n, rate, own[0], own[1])
         self._motor = _encoder(sensors.motor_encoder, n, rate, own[2], own[3])
@@ -165,7 +166,8 @@ class SensorBank:
         """Return measured channels for true ones."""
         q, dq = self._link(true["q"], true["dq"])
         theta, dtheta = self._motor(true["theta"], true["dtheta"])
-        tau_J, tau_m = self._joint_torque(true["tau_J"]), self._motor_torque(true["tau_m"])
+        tau_J = self._joint_torque(true["tau_J"])
+        tau_m = self._motor_torque(true["tau_m"])
         return {"q": q, "dq": dq, "tau_J": tau_J, "theta": theta, "dtheta": dtheta, "tau_m": tau_m}
 
     def jitter(self, count: int) -> Array:
@@ -205,11 +207,13 @@ def _rounded(sensor: _Settings, n: int) -> list[Plant]:
 
 
 def _torque(sensor: TorqueSensor, n: int, rate: float, rng: np.random.Generator) -> Plant:
-    gain, offset = sensor.row("gain", n), sensor.row("offset", n)
+    gain = sensor.row("gain", n)
+    offset = sensor.row("offset", n)
     scaled: list[Plant] = (
         [lambda values: gain * values + offset] if offset.any() or (gain != 1).any() else []
     )
-    drift, cutoff = sensor.row("drift", n), sensor.row("cutoff", n)
+    drift = sensor.row("drift", n)
+    cutoff = sensor.row("cutoff", n)
     filtered: list[Plant] = [FirstOrderFilter(cutoff, rate)] if cutoff.any() else []
     moving: list[Plant] = [Drift(drift, rate)] if drift.any() else []
     noisy = _noisy(sensor.row("noise", n), rng)
@@ -234,7 +238,8 @@ def _encoder(
     read_velocity = _through(_noisy(encoder.row("velocity_noise", n), rng_velocity))
 
     def run(angle: Array, velocity: Array) -> tuple[Array, Array]:
-        angle, velocity = late(angle), late_velocity(velocity)
+        angle = late(angle)
+        velocity = late_velocity(velocity)
         if amplitude.any():
             velocity = velocity * (1.0 + amplitude * np.cos(angle + phase))
             angle = angle + amplitude * np.sin(angle + phase)
@@ -247,7 +252,8 @@ class Drift:
     """Moves the zero of each joint's channel at a rate of its own, from the first sample on."""
 
     def __init__(self, drift: Array, rate: float) -> None:
-        self._step, self._seen = drift / rate, 0
+        self._step = drift / rate
+        self._seen = 0
 
     def __call__(self, values: Array) -> Array:
         """Return `values` (N, n) with the zero moved on, continuing the block before."""
@@ -263,7 +269,8 @@ class FirstOrderFilter:
     def __init__(self, cutoff: Array, rate: float) -> None:
         self._on = cutoff > 0
         ratio = np.pi * cutoff / rate
-        self._new, self._old = ratio / (1.0 + ratio), (1.0 - ratio) / (1.0 + ratio)
+        self._new = ratio / (1.0 + ratio)
+        self._old = (1.0 - ratio) / (1.0 + ratio)
         self._memory: Array | None = None
 
     def __call__(self, values: Array) -> Array:
@@ -272,7 +279,8 @@ class FirstOrderFilter:
             self._memory = (1.0 - self._new) * values[0]
         out = values.copy()
         for j in np.flatnonzero(self._on):
-            new, memory = self._new[j], self._memory[j : j + 1]
+            new = self._new[j]
+            memory = self._memory[j : j + 1]
             out[:, j], (self._memory[j],) = scipy.signal.lfilter(
                 [new, new], [1.0, -self._old[j]], values[:, j], zi=memory
             )

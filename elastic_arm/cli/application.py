@@ -33,7 +33,9 @@ def spelled_out(args: Sequence[str], params: Sequence[object]) -> list[str]:
     """Return the arguments with the option repeated before each of its values."""
     options = {name: p for p in params if isinstance(p, TyperOption) for name in p.opts}
     found: list[str] = []
-    current, wanted, argued = "", 0, False
+    current = ""
+    wanted = 0
+    argued = False
     for position, token in enumerate(args):
         if token == "--":
             return [*found, *args[position:]]
@@ -46,7 +48,8 @@ def spelled_out(args: Sequence[str], params: Sequence[object]) -> list[str]:
         elif current and argued:
             found.append(current)
         else:
-            current, argued = "", True
+            current = ""
+            argued = True
         found.append(token)
     return found
 
@@ -193,7 +196,8 @@ class Application(TyperGroup):
 
     def _named(self, args: Sequence[str]) -> str:
         """Return the command that arguments begin with, as its user writes it."""
-        path, command = [str(self.name)], cast(Any, self)
+        path = [str(self.name)]
+        command = cast(Any, self)
         for word in args:
             command = getattr(command, "commands", {}).get(word)
             if command is None:

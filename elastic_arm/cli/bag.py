@@ -100,7 +100,8 @@ def check(
     arm = None if robot is None else options.load_arm(robot, chain, at)
     mapped = options.channel_map(channels)
     of_bag = partial(check_bag, channels=mapped, robot=arm, namespace=namespace)
-    told, status = [], 0
+    told = []
+    status = 0
     for path in paths:
         try:
             with err.status(f"checking {escape(str(path))}") as shown:

@@ -259,7 +259,8 @@ def read_by_clock(
     # Not every command that takes these options reads a bag.
     from elastic_arm.recording import read_recording
 
-    joints, arrival = robot.joint_names, clock is ClockChoice.arrival
+    joints = robot.joint_names
+    arrival = clock is ClockChoice.arrival
     recording = read_recording(path, channels, joints, arrival=arrival, namespace=namespace)
     return _by_clock(recording, path, robot, clock)
 

@@ -247,7 +247,8 @@ def _print_summary(
         f" {summary['wall_s']:.2f} s"
     )
     for instance in effects:
-        place, words = instance.joint or "the whole arm", instance_text(instance, units)
+        place = instance.joint or "the whole arm"
+        words = instance_text(instance, units)
         out.print(
             f"  [bold]{instance.effect.id}[/] on {escape(place)}:"
             f" {escape(words) or 'no parameters'}"

@@ -142,11 +142,13 @@ class Bodies:
 def moved(parameters: np.ndarray, placement: np.ndarray) -> np.ndarray:
     """Express inertial parameters (10, ...) of a body about the origin of the frame in which it has
     `placement`."""
-    rotation, p = placement[:3, :3], placement[:3, 3]
+    rotation = placement[:3, :3]
+    p = placement[:3, 3]
     columns = parameters.reshape(10, -1)
     result = np.empty_like(columns, dtype=float)
     for k, column in enumerate(columns.T):
-        mass, moment = column[0], rotation @ column[1:4]
+        mass = column[0]
+        moment = rotation @ column[1:4]
         tensor = rotation @ tensor_of(column[4:]) @ rotation.T
         tensor = tensor + 2.0 * (p @ moment) * np.eye(3) - np.outer(p, moment) - np.outer(moment, p)
         tensor = tensor + mass * ((p @ p) * np.eye(3) - np.outer(p, p))

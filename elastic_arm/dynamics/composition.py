@@ -61,12 +61,14 @@ class _Assembly:
     def add_link(self, i: int, tilting: bool) -> None:
         """Add joint i's frames: tilts about y and x where bearings give way, then the turn about
         z."""
-        joint, n = self.robot.joints[i], self.robot.n
+        joint = self.robot.joints[i]
+        n = self.robot.n
         parent = self.link_frames[-1] if self.link_frames else GROUND
         before = joint.before
         for axis, coordinate in ((Y, 3 * n + i), (X, 2 * n + i)) if tilting else ():
             self.frames.append(Frame(parent, before, axis, coordinate, np.eye(4)))
-            parent, before = len(self.frames) - 1, np.eye(4)
+            parent = len(self.frames) - 1
+            before = np.eye(4)
         self.frames.append(Frame(parent, before, Z, i, joint.after, joint.prismatic))
         self.link_frames.append(len(self.frames) - 1)
 

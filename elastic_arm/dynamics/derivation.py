@@ -73,7 +73,8 @@ def terms(bodies: Bodies) -> ca.Function:
     """(x, dx, Psi) -> M, S, B, c, c1, c2, g of (1); springs left out. With bearings the tilts count
     as link side."""
     s = Symbols(bodies)
-    link, motor = list(bodies.link_side), list(bodies.motor_side)
+    link = list(bodies.link_side)
+    motor = list(bodies.motor_side)
     whole = _mass_matrix(bodies, s)
     motor_at_rest = [0.0 if k in motor else s.dx[k] for k in range(bodies.dof)]
     no_gravity = [0.0, 0.0, 0.0]

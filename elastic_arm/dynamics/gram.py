@@ -106,7 +106,8 @@ class Information:
             )
             Phi = result[0] if isinstance(result, tuple) else result
             Phi = Phi.reshape(-1, self.rows, self.columns)
-            hi, lo = [], []
+            hi = []
+            lo = []
             for r, support in enumerate(self._support):
                 whole, rest = gram(np.column_stack([Phi[:, r, support[:-1]], y[part, r]]))
                 index = np.tril_indices(len(support))
@@ -138,7 +139,8 @@ def gram(matrix: np.ndarray) -> Pair:
     multiplication, 2012).
     """
     k = matrix.shape[1]
-    hi, lo = np.zeros((k, k)), np.zeros((k, k))
+    hi = np.zeros((k, k))
+    lo = np.zeros((k, k))
     for start in range(0, len(matrix), _CHUNK):
         slices = _cut(matrix[start : start + _CHUNK])
         for i in reversed(range(_SLICES)):
@@ -151,7 +153,8 @@ def _cut(matrix: np.ndarray) -> list[np.ndarray]:
     """Cut columns into slices, each a multiple of its own power of two with at most 21 bits; they
     sum to the matrix."""
     scale = np.ldexp(1.0, np.frexp(np.abs(matrix).max(axis=0, initial=0.0))[1])
-    slices, rest = [], matrix
+    slices = []
+    rest = matrix
     for k in range(_SLICES):
         unit = scale * 2.0 ** (-_SLICE_BITS * (k + 1))
         part = np.rint(rest / unit) * unit

@@ -147,7 +147,8 @@ class Model:
         x, dx: (N, dof) rad and rad/s; Psi: (P,) parameters; the description's when None.
         """
         values = self._run("terms", x, dx, self._psi(Psi))
-        rows, columns = len(self.bodies.link_side), len(self.bodies.motor_side)
+        rows = len(self.bodies.link_side)
+        columns = len(self.bodies.motor_side)
         shapes = {
             "M": (rows, rows),
             "S": (rows, columns),

@@ -78,10 +78,12 @@ def inverse_dynamics(
     forces: list[Scalar] = [0.0] * bodies.dof
     for spin in bodies.spins:
         speed, acceleration = (_sum([_times(r, d[k]) for k, r in spin.gears]) for d in (dx, ddx))
-        h, dh = Psi[spin.parameter] * speed, Psi[spin.parameter] * acceleration
+        h = Psi[spin.parameter] * speed
+        dh = Psi[spin.parameter] * acceleration
         along = dh
         if spin.frame != GROUND:
-            motion, u = motions[spin.frame], list(spin.axis)
+            motion = motions[spin.frame]
+            u = list(spin.axis)
             wrenches[spin.frame].add([0.0] * 3, _add(_scale(u, dh), _cross(_scale(motion.w, h), u)))
             along = along + Psi[spin.parameter] * _dot(u, motion.dw)
         for k, ratio in spin.gears:
@@ -96,9 +98,11 @@ def spring_forces(
     bearings likewise."""
     forces: list[Scalar] = [0.0] * bodies.dof
     for s in bodies.springs:
-        d, dd = x[s.coordinate], dx[s.coordinate]
+        d = x[s.coordinate]
+        dd = dx[s.coordinate]
         if s.against is not None:
-            d, dd = d - x[s.against], dd - dx[s.against]
+            d = d - x[s.against]
+            dd = dd - dx[s.against]
         force = Psi[s.stiffness] * d + Psi[s.damping] * dd
         forces[s.coordinate] = forces[s.coordinate] + force
         if s.against is not None:
@@ -171,7 +175,8 @@ def _outward(
         w, dw, a = (_matrix_times(rotation, v) for v in (up.w, up.dw, a))
         k = frame.coordinate
         if frame.slides:
-            a, turn = _slid(_FrameMotion(w, dw, a), frame.axis, (x[k], dx[k], ddx[k])), (1.0, 0.0)
+            a = _slid(_FrameMotion(w, dw, a), frame.axis, (x[k], dx[k], ddx[k]))
+            turn = (1.0, 0.0)
         else:
             turn = trig.cos(x[k]), trig.sin(x[k])
             w, dw, a = _turned(_FrameMotion(w, dw, a), frame.axis, turn, (dx[k], ddx[k]))
@@ -189,7 +194,8 @@ def _turned(
     """Motion of a frame that turns about an axis, from that of the frame it turns in."""
     w, dw, a = (_turn_back(v, axis, turn) for v in (up.w, up.dw, up.a))
     rate, acceleration = rates
-    j, k = (axis + 1) % 3, (axis + 2) % 3
+    j = (axis + 1) % 3
+    k = (axis + 2) % 3
     dw[j], dw[k] = dw[j] + w[k] * rate, dw[k] - w[j] * rate
     dw[axis] = dw[axis] + acceleration
     w[axis] = w[axis] + rate
@@ -211,7 +217,9 @@ def _along(axis: int, value: Scalar) -> Vec:
 def _newton_euler(motion: _FrameMotion, inertia: tuple[Scalar, Vec, Vec]) -> tuple[Vec, Vec]:
     """Force and moment about the frame's origin that move what rests in a frame."""
     m, h, tensor = inertia
-    w, dw, a = motion.w, motion.dw, motion.a
+    w = motion.w
+    dw = motion.dw
+    a = motion.a
     f = _add(_scale(a, m), _point_acceleration(w, dw, h))
     n = [_dot(row, tensor) for row in _tensor_regressor(w, dw)]
     return f, _add(n, _cross(h, a))
@@ -245,11 +253,13 @@ def _carry_energy(
     w, v, g, height = up
     for placement, turning in ((frame.before, True), (frame.after, False)):
         p = list(placement[:3, 3])
-        v, height = _add(v, _cross(w, p)), height + _dot(g, p)
+        v = _add(v, _cross(w, p))
+        height = height + _dot(g, p)
         w, v, g = (_matrix_times(placement[:3, :3].T, vector) for vector in (w, v, g))
         if turning and frame.slides:
             p = _along(frame.axis, x[frame.coordinate])
-            v, height = _add(v, _cross(w, p)), height + _dot(g, p)
+            v = _add(v, _cross(w, p))
+            height = height + _dot(g, p)
             v[frame.axis] = v[frame.axis] + dx[frame.coordinate]
         elif turning:
             turn = trig.cos(x[frame.coordinate]), trig.sin(x[frame.coordinate])
@@ -335,7 +345,9 @@ def _point_acceleration(w: Vec, dw: Vec, p: Sequence[Scalar] | np.ndarray) -> Ve
     body."""
     point = [float(c) for c in p] if isinstance(p, np.ndarray) else list(p)
     xx, yy, zz = (_times(c, c) for c in w)
-    xy, xz, yz = _times(w[0], w[1]), _times(w[0], w[2]), _times(w[1], w[2])
+    xy = _times(w[0], w[1])
+    xz = _times(w[0], w[2])
+    yz = _times(w[1], w[2])
     rows = [
         [_times(-1.0, _plus(yy, zz)), _minus(xy, dw[2]), _plus(xz, dw[1])],
         [_plus(xy, dw[2]), _times(-1.0, _plus(xx, zz)), _minus(yz, dw[0])],
@@ -347,7 +359,8 @@ def _point_acceleration(w: Vec, dw: Vec, p: Sequence[Scalar] | np.ndarray) -> Ve
 def _turn(v: Vec, axis: int, turn: tuple[Scalar, Scalar]) -> Vec:
     """Rotate about a coordinate axis by the angle of (cos, sin) `turn`."""
     c, s = turn
-    j, k = (axis + 1) % 3, (axis + 2) % 3
+    j = (axis + 1) % 3
+    k = (axis + 2) % 3
     result = list(v)
     result[j] = _plus(_times(c, v[j]), _times(-1.0, _times(s, v[k])))
     result[k] = _plus(_times(s, v[j]), _times(c, v[k]))
@@ -361,5 +374,6 @@ def _turn_back(v: Vec, axis: int, turn: tuple[Scalar, Scalar]) -> Vec:
 
 def _through(placement: np.ndarray, f: Vec, n: Vec) -> tuple[Vec, Vec]:
     """Express a wrench of a placed frame in the frame it is placed in."""
-    f, n = _matrix_times(placement[:3, :3], f), _matrix_times(placement[:3, :3], n)
+    f = _matrix_times(placement[:3, :3], f)
+    n = _matrix_times(placement[:3, :3], n)
     return f, _add(n, _cross([float(c) for c in placement[:3, 3]], f))

@@ -182,7 +182,8 @@ def _tried(effect: Effect) -> None:
     arm needs it."""
     robot = load_robot(None)
     equations = ArmEquations(robot, effect.lacked_by[-1])
-    n, dof = robot.n, equations.dof
+    n = robot.n
+    dof = equations.dof
     x, dx, ddx = (ca.SX.sym(name, dof) for name in ("x", "dx", "ddx"))
     tau_J, tau_m, dtau_J, dtau_m = (
         ca.SX.sym(name, n) for name in ("tau_J", "tau_m", "dtau_J", "dtau_m")

@@ -79,7 +79,8 @@ class EffectSet:
         Transmission errors come first: the other laws of the joint find them in the deflection.
         Friction comes before what scales it.
         """
-        twist, twist_rate = ca.SX(motion.n, 1), ca.SX(motion.n, 1)
+        twist = ca.SX(motion.n, 1)
+        twist_rate = ca.SX(motion.n, 1)
         for instance, i, values in self._placed:
             if instance.effect.twist is not None:
                 error, rate = instance.effect.twist(motion, i, values)
@@ -90,7 +91,8 @@ class EffectSet:
             motion = replace(
                 motion, elapsed=self._clock[0], progress=self._clock[0] / self._clock[1] - 0.5
             )
-        total, rates = motion.nothing(), []
+        total = motion.nothing()
+        rates = []
         friction = motion.nothing()
         for instance, i, values in self._placed:
             if instance.effect.friction:

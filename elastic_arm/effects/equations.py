@@ -24,7 +24,9 @@ class ArmEquations:
     """Equation (1) of one arm in one model variant."""
 
     def __init__(self, robot: Robot, model: str = "mod3", *, bearings: bool = False) -> None:
-        self.robot, self.model_name, self._bearings = robot, model, bearings
+        self.robot = robot
+        self.model_name = model
+        self._bearings = bearings
         self.bodies: Bodies = compose(robot, model, bearings=bearings)
         self.Psi = SX.sym("Psi", len(self.bodies.parameters))
 

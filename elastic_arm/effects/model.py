@@ -232,7 +232,8 @@ class SensorEffect(Effect):
 
     def added_to(self, plant: Plant, instance: EffectInstance) -> Plant:
         """Return the arm with its sensors changed."""
-        sensors, n = plant.sensors, plant.robot.n
+        sensors = plant.sensors
+        n = plant.robot.n
         for i in instance.joint_indices(plant.robot):
             sensors = self.change(sensors, i, n, instance.parameters)
         return replace(plant, sensors=sensors)
@@ -286,7 +287,8 @@ class EffectInstance:
     parameters: Mapping[str, Value] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        effect, given = self.effect, dict(self.parameters)
+        effect = self.effect
+        given = dict(self.parameters)
         unknown = [name for name in given if name not in effect.names]
         if unknown:
             valid = ", ".join(effect.names) or "none: it has no free parameter"
@@ -316,7 +318,8 @@ class EffectInstance:
 
     def joint_indices(self, robot: Robot) -> tuple[int, ...]:
         """Return the joints it sits on: one, or all for an effect of the whole arm."""
-        scope, names = self.effect.scope, robot.joint_names
+        scope = self.effect.scope
+        names = robot.joint_names
         if self.joint is None:
             if scope in (Scope.ARM, Scope.EACH_OR_ARM):
                 return tuple(range(robot.n))

@@ -158,10 +158,13 @@ class SymbolicMotion:
         read = self.deflection[i]
         if self.wound is None:
             return read
-        d, K, wound = ca.SX.sym("d"), self.K[i], self.wound[i]
+        d = ca.SX.sym("d")
+        K = self.K[i]
+        wound = self.wound[i]
         carried = law(d)
         slope = ca.fmax(1.0 + ca.jacobian(carried, d) / K, LEAST)
-        step, most = (wound - d - carried / K) / slope, ca.fabs(wound) + ca.fabs(read)
+        step = (wound - d - carried / K) / slope
+        most = ca.fabs(wound) + ca.fabs(read)
         found = read
         for _ in range(STEPS):
             # Beyond the fold of a falling law no deflection carries the load.

@@ -67,7 +67,8 @@ class Band:
         ):  # 4 thinning from which products of matrices are faster than a polyphase filter
             full = upfirdn(self.taps, values, up=1, down=self.step, axis=0)
             return full[first : first + self._kept(len(values))]
-        kept, begin = self._kept(len(values)), first * self.step - (length - 1)
+        kept = self._kept(len(values))
+        begin = first * self.step - (length - 1)
         # 60 taps for each sample of thinning from which spectra of the whole are faster than such
         # products
         if length >= 60 * self.step:
@@ -87,7 +88,8 @@ class Band:
         blocks = -(-len(self.taps) // self.step)
         taps = np.zeros(blocks * self.step)
         taps[: len(self.taps)] = self.taps  # symmetric
-        k, rows = values.shape[1], kept + blocks - 1
+        k = values.shape[1]
+        rows = kept + blocks - 1
         samples = np.zeros((k, rows * self.step))
         used = min(len(values), rows * self.step)
         samples[:, :used] = values[:used].T
@@ -122,7 +124,8 @@ class Band:
     def reached(self, piece: slice) -> slice:
         """Return the rows that :meth:`apply` gives which a piece of samples acts on; their end may
         lie beyond all."""
-        length, first = len(self.taps), self._first
+        length = len(self.taps)
+        first = self._first
         start = -(-(piece.start - first - length + 1) // self.step)
         return slice(max(0, start), max(0, (piece.stop - 1 - first) // self.step + 1))
 

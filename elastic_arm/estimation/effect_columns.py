@@ -310,7 +310,8 @@ def _changed_channels(
     effect: SensorEffect, joint: str | None, choices: Mapping[str, Any], n: int
 ) -> set[str]:
     """Return the channels whose sensors an effect changes."""
-    exact, parameters = Sensors.exact(), {p.name: _some_effect(p) for p in effect.parameters}
+    exact = Sensors.exact()
+    parameters = {p.name: _some_effect(p) for p in effect.parameters}
     changed = effect.change(
         exact, 0, n, EffectInstance(effect, joint, {**parameters, **choices}).parameters
     )
@@ -370,11 +371,14 @@ def starting_state(residual: Array, columns: Callable[[float], Array], size: flo
     residual: (N, R) Nm; columns: start -> columns (N, R, k) with all states beginning there; size:
     coefficient of the first column; None for the one that fits best.
     """
-    start, prior = 0.0, 0.0
+    start = 0.0
+    prior = 0.0
     for width in WIDTHS:
-        low, high = max(-1.0, start - width), min(1.0, start + width)
+        low = max(-1.0, start - width)
+        high = min(1.0, start + width)
         lowest, highest = (columns(at)[:, :, 0] for at in (low, high))
-        between, change = 0.5 * (lowest + highest), (highest - lowest) / (high - low)
+        between = 0.5 * (lowest + highest)
+        change = (highest - lowest) / (high - low)
         if size is None:
             size = _scale(residual, between)
         rows = np.flatnonzero(np.abs(change).max(axis=0) > 1e-9 * np.abs(between).max())

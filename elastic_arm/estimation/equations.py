@@ -42,7 +42,10 @@ from elastic_arm.robot.parts import CONTROLLED
 Channels = Collection[str]
 
 SIDES = ("link", "drive", "motor")
-LINK, DRIVE, MOTOR = 0, 1, 2  # position of these equations in a combination
+# position of these equations in a combination
+LINK = 0
+DRIVE = 1
+MOTOR = 2
 TORQUES = ("tau_J", "tau_m")
 # Coefficients of tau_J and tau_m in the rows link, drive, motor.
 _TORQUE_COEFFICIENTS = np.array([[1, 0], [1, 0], [-1, 1]])

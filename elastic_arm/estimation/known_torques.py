@@ -75,12 +75,16 @@ def known_torques(
     that the model predicts instead of the measured ones.
     """
     load, drive = predicted_torques(model, motion)
-    spring, laws, shares = load, np.zeros_like(load), list[tuple[Array, Array]]()
+    spring = load
+    laws = np.zeros_like(load)
+    shares = list[tuple[Array, Array]]()
     signals = signals_of(replace(motion, tau_J=load, tau_m=drive) if predicted else motion)
     if acting:
         for effect in acting:
             link, motor, wound, own = effect.torques(signals)
-            load, drive, laws = load + link, drive + motor, laws + own
+            load = load + link
+            drive = drive + motor
+            laws = laws + own
             shares.append((link, motor))
             # A law that follows the load takes its part of what the drive carries by itself.
             spring = spring + (link if effect.feature.follows_load else wound)
@@ -170,7 +174,8 @@ def true_load(
     finer encoder of each joint, Nm²; 1 is white noise of 1 Nm a sample.
     """
     assert noise is not None
-    motion, load = known.motion, known.load
+    motion = known.motion
+    load = known.load
     K, D = drive_constants(model)
     gain = observation.quiet_gain(f)[:, None] ** 2
     link, motor = (observation.position_spectrum(side, f) * gain for side in ("link", "motor"))
@@ -181,11 +186,9 @@ def true_load(
     predicted = noise * np.maximum(link / np.maximum(observation.quiet_link_spectrum(f), TINY), 1.0)
     both = (K > 0.0) & link.any(axis=0) & motor.any(axis=0)
     share = np.where(both, measured / np.maximum(measured + predicted, TINY), 1.0)
-    left, found, clear = (
-        np.where(both, share * predicted, noise),
-        np.empty_like(load),
-        np.empty_like(load),
-    )
+    left = np.where(both, share * predicted, noise)
+    found = np.empty_like(load)
+    clear = np.empty_like(load)
     for j in range(model.n):
         best = load[:, j]
         if both[j]:
@@ -193,5 +196,6 @@ def true_load(
                 load[:, j] - wound[:, j], observation.rate, f, share[:, j]
             )
         filtered = wiener_filter(best, observation.rate, f, left[:, j])
-        found[:, j], clear[:, j] = filtered(0.0), filtered(CLEAR)
+        found[:, j] = filtered(0.0)
+        clear[:, j] = filtered(CLEAR)
     return found, clear

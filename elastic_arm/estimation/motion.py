@@ -131,7 +131,8 @@ class CompletedMotion(Motion):
     def coordinates(self, rate: str = "", *, elastic: bool = True) -> Array:
         """Return generalized coordinates [q, theta] (N, 2 n) or [q], or their `rate` "d" or
         "dd"."""
-        q, theta = getattr(self, rate + "q"), getattr(self, rate + "theta")
+        q = getattr(self, rate + "q")
+        theta = getattr(self, rate + "theta")
         return np.hstack([q, theta]) if elastic else q
 
 
@@ -145,7 +146,8 @@ def completed(motion: Motion, model: Model, loads: Loads | None = None) -> Compl
     payload; it winds a drive whose deflection no encoder shows.
     """
     K, D = drive_constants(model)
-    link, motor = (motion.q, motion.dq, motion.ddq), (motion.theta, motion.dtheta, motion.ddtheta)
+    link = (motion.q, motion.dq, motion.ddq)
+    motor = (motion.theta, motion.dtheta, motion.ddtheta)
     q, dq, ddq = (own if own is not None else other for own, other in zip(link, motor, strict=True))
     without = {
         name: np.array([name not in motion.recorded_at(j) for j in range(model.n)])
@@ -247,7 +249,9 @@ def wound_by_load(
     stiffness. Made of it, the columns of effects of the drive would hold the errors of both
     encoders, and a drive that carries no torque would fit best (errors in variables, Fuller 1987).
     """
-    theta, dtheta, ddtheta = motion.theta, motion.dtheta, motion.ddtheta
+    theta = motion.theta
+    dtheta = motion.dtheta
+    ddtheta = motion.ddtheta
     motor_side = Motion(
         motion.t, theta=theta, dtheta=dtheta, ddtheta=ddtheta, tau_m=motion.tau_m, r=motion.r
     )

@@ -124,16 +124,20 @@ def estimate_noise(position: Array, velocity: Array | None, rate: float) -> Side
         options={"initial_simplex": simplex, "xatol": 0.05, "fatol": 1},
     )
     z = best.x
-    cutoff, ratio = float(np.exp(np.clip(z[0], lowest, highest))), _ratio(z, v)
+    cutoff = float(np.exp(np.clip(z[0], lowest, highest)))
+    ratio = _ratio(z, v)
     variance = _concentrated(observed, cutoff, ratio)[1]
     std = np.sqrt(variance)
     wide = _liveliest(position, LONGEST_SPECTRUM)
-    position, velocity = position[wide], None if velocity is None else velocity[wide]
+    position = position[wide]
+    velocity = None if velocity is None else velocity[wide]
     spectrum = _spectrum(position, rate)
-    band, white = spectrum.band(std), np.minimum(std, spectrum.white_std())
+    band = spectrum.band(std)
+    white = np.minimum(std, spectrum.white_std())
     velocity_std = white_velocity = None
     if ratio is not None and velocity is not None:
-        velocity_std, of_velocity = std * ratio * rate, _spectrum(velocity, rate)
+        velocity_std = std * ratio * rate
+        of_velocity = _spectrum(velocity, rate)
         band = max(band, of_velocity.band(velocity_std))
         white_velocity = np.minimum(velocity_std, of_velocity.white_std())
     slowest = max(2 * np.pi * LOWEST_CUTOFF_HZ, _quiet(position, std, rate))
@@ -224,7 +228,8 @@ class _Spectrum:
             WHITE[0] * self.rate,
             max(2, round(3 * np.log2(WHITE[0] * self.rate / above)) + 1),
         )
-        power, f = self.power * self.rate / (2.0 * std**2), self.frequency
+        power = self.power * self.rate / (2.0 * std**2)
+        f = self.frequency
         inside = [(f >= low) & (f < high) for low, high in pairwise(edges)]
         inside = [own for own in inside if own.any()]
         if above > edges[-1] or len(inside) < 2:
@@ -350,7 +355,8 @@ def _innovations(y: Array, transition: Array, gain: Array, c: Array) -> Array:
         driven = scipy.signal.lfilter(
             [1.0], [1.0, -value], mode[:, :-1], axis=1, zi=value * start[:, None]
         )[0]
-        mode[:, 0], mode[:, 1:] = start, driven
+        mode[:, 0] = start
+        mode[:, 1:] = driven
     predicted = (shares @ modal.reshape(len(run), -1)).real
     return y - predicted.reshape(y.shape)
 
@@ -383,7 +389,8 @@ def noise_filter(values: Array, rate: float, f: Array, noise: Array) -> Callable
     window = min(len(values), round(WIENER_SECONDS * rate))
     at, power = scipy.signal.welch(values, rate, nperseg=window)
     # 2.0 Hz over which the spectrum of a signal is averaged beside that of its noise
-    known, bins = at <= f[-1], max(1, round(2.0 / at[1]))
+    known = at <= f[-1]
+    bins = max(1, round(2.0 / at[1]))
     mean = scipy.ndimage.uniform_filter1d(power, bins)[known]
     expected = np.interp(at[known], f, noise) * 2.0 / rate
     upper = slice(-max(1, len(mean) // 4), None)
@@ -422,7 +429,8 @@ def wiener_filter(values: Array, rate: float, f: Array, noise: Array) -> Callabl
     half = min(len(values), round(WIENER_SECONDS * rate)) // 2
     at, power = scipy.signal.welch(values, rate, nperseg=2 * half, detrend=without_line)
     expected = np.interp(at, f, noise) * 2.0 / rate
-    share, known = np.clip(1.0 - expected / np.maximum(power, 1e-300), 0.0, 1.0), at <= f[-1]
+    share = np.clip(1.0 - expected / np.maximum(power, 1e-300), 0.0, 1.0)
+    known = at <= f[-1]
 
     def filtered(least: float) -> Array:
         return reduced_to(

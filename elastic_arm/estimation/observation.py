@@ -279,7 +279,8 @@ class Observation:
     def with_filtered_deflection(self, quiet: Motion) -> Motion:
         """Return quiet motion without the noise of the encoders in the deflections."""
         f = self._quiet_frequencies
-        link, motor = self.position_spectrum("link", f), self.position_spectrum("motor", f)
+        link = self.position_spectrum("link", f)
+        motor = self.position_spectrum("motor", f)
         both = link.any(axis=0) & motor.any(axis=0)
         noise = np.where(both, link + motor, 0.0) * self.quiet_gain(f)[:, None] ** 2
         return with_filtered_deflection(quiet, self.rate, f, noise, self._finer_motors)
@@ -325,7 +326,8 @@ def _followed(controller: JointController, motion: Motion, i: int) -> Array:
         motion.r[:, i],
         np.inf if controller.torque is None else controller.torque,
     )
-    of_rate, error = controller.follows_rate * rates_of(motion.t, r) - rate[:, i], r - angle[:, i]
+    of_rate = controller.follows_rate * rates_of(motion.t, r) - rate[:, i]
+    error = r - angle[:, i]
     felt = error - np.clip(error, -controller.dead_band, controller.dead_band)
     return np.asarray(np.clip(kp * felt + kd * of_rate, -limit, limit))
 
@@ -462,7 +464,8 @@ def observe(recording: Recording, band: float | None = None) -> Observation:
         for name, side, position in (("link", link, longest.q), ("motor", motor, longest.theta))
         if side is not None and position is not None
     }
-    cutoff, source = designed.cutoff / (2 * np.pi), recording.source
+    cutoff = designed.cutoff / (2 * np.pi)
+    source = recording.source
     found = Observation(
         pieces,
         quiet,

@@ -246,10 +246,12 @@ class CompiledColumns:
         known = {name: symbol for name, symbol in symbols.items() if not name.startswith("sign")}
         motion = SymbolicMotion(equations, **known, sign=lambda side, i: signs[side][i])
         states = {name: ca.SX.sym(name) for term in terms for name in term.effect.states}
-        argument, state = _stacked(arguments, "searched"), _stacked(states, "state")
+        argument = _stacked(arguments, "searched")
+        state = _stacked(states, "state")
         self._scan: Recursion | None = None
         self._moved_states = False
-        blocks, self.bends = [], False
+        blocks = []
+        self.bends = False
         for term in terms:
             numbers = {
                 p.name: arguments.get(p.name, ca.SX.sym(p.name, p.size))
@@ -294,7 +296,8 @@ class CompiledColumns:
         engine: str | None,
     ) -> None:
         """Compile the entries that are not null, and remember where they belong."""
-        Psi, numbers = self._equations.Psi, ca.DM(self._equations.nominal)
+        Psi = self._equations.Psi
+        numbers = ca.DM(self._equations.nominal)
         known = ca.vec(ca.substitute(columns, Psi, numbers) if engine == "numpy" else columns)
         kept = [int(k) for k in known.sparsity().row() if not known[int(k)].is_zero()]
         flat = ca.vec(ca.cse(columns))
@@ -328,7 +331,8 @@ class CompiledColumns:
 
         start: of all internal states, where the motion before the first sample is not known.
         """
-        N, (rows, count) = len(signals.t), self._shape
+        N = len(signals.t)
+        rows, count = self._shape
         column, row = np.divmod(self.places, rows)
         if self._kernel is None:
             return Entries(np.zeros((N, 0)), row, column, (rows, count))
@@ -393,7 +397,8 @@ def _recursion(
         1.0,
         ca.expm1(stiffness) / (stiffness + (ca.fabs(stiffness) < 1e-8)),
     )
-    arguments, constants = ca.vertcat(*symbols.values()), ca.vertcat(argument, h)
+    arguments = ca.vertcat(*symbols.values())
+    constants = ca.vertcat(argument, h)
     return Recursion(ca.Function("step", [z, arguments, constants], [z + h * factor * rate]))
 
 

@@ -228,7 +228,8 @@ class Placing:
         channels = {
             name: values for name in CHANNELS if (values := getattr(piece, name)) is not None
         }
-        rate, lacking = self.clock.rate, piece.lacking
+        rate = self.clock.rate
+        lacking = piece.lacking
         if self.clock.mode == "stamps":
             t = (self._origin or 0.0) + points / rate
             there = {
@@ -288,7 +289,8 @@ def interpolate(known: Array, values: Array, wanted: Array, step: float) -> Arra
         inside = slice(*np.searchsorted(wanted, known[hole : hole + 2]))
         count = min(missing[hole], SHORTEST)
         near = slice(max(hole + 1 - count, 0), hole + 1 + count)
-        middle, half = known[hole : hole + 2].mean(), np.ptp(known[near]) / 2.0
+        middle = known[hole : hole + 2].mean()
+        half = np.ptp(known[near]) / 2.0
         there, at = (
             legvander((t - middle) / half, POINTS - 1) for t in (known[near], wanted[inside])
         )
@@ -310,7 +312,8 @@ def joined(first: Samples, second: Samples) -> Samples:
     """Return samples with later ones after them; both hold the same channels."""
     kept: dict[str, Any] = {}
     for name in (f.name for f in fields(Samples) if f.name not in _OF_ALL):
-        a, b = getattr(first, name), getattr(second, name)
+        a = getattr(first, name)
+        b = getattr(second, name)
         if (a is None) != (b is None):
             raise IdentificationError(
                 f"{name} is in one part of the samples and not in the other",

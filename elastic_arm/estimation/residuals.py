@@ -36,10 +36,8 @@ STICKING = 0.01  # s; a reversal without sticking is shorter but for acceleratio
 # sticking gave 6.
 FAILS = 4.0
 NO_HOLES = np.empty((0, 2))
-BESIDE, JITTER = (
-    16,
-    1e-9,
-)  # rows beside a time without a law that tell the noise within, share of it; numerical
+BESIDE = 16  # rows beside a time without a law that tell the noise within
+JITTER = 1e-9  # share of that noise, numerical
 AROUND = 0.03  # s before and after, in which the smoothed motion is none of either
 
 
@@ -75,7 +73,8 @@ def armatures(model: Model) -> Array:
 def predicted_torques(model: Model, motion: CompletedMotion) -> tuple[Array, Array]:
     """Return the joint torque and the motor torque (N, n) that the model predicts for a motion,
     Nm."""
-    n, raw = model.n, raw_residuals(model, motion)
+    n = model.n
+    raw = raw_residuals(model, motion)
     load = motion.tau_J - raw[:, :n]
     return load, motion.tau_m - motion.tau_J - raw[:, 2 * n :] + load
 
@@ -209,8 +208,11 @@ class FreeTorques:
         same. Steps and standing are zero for joints that never move; noise: (lags, R)
         autocovariance of the rows' noise, None where it is white.
         """
-        t, dq, dtheta = stretch.quiet.t, stretch.quiet.dq, stretch.quiet.dtheta
-        link, motor = _held(t, dq, band, steps["link"]), _held(t, dtheta, band, steps["motor"])
+        t = stretch.quiet.t
+        dq = stretch.quiet.dq
+        dtheta = stretch.quiet.dtheta
+        link = _held(t, dq, band, steps["link"])
+        motor = _held(t, dtheta, band, steps["motor"])
         stuck = motor | sticking(t, dtheta, standing) if friction else motor
         unknown = (np.searchsorted(holes[:, 0], t) > np.searchsorted(holes[:, 1], t))[:, None]
         times = {LINK: link | unknown, DRIVE: link | motor | unknown, MOTOR: stuck | unknown}
@@ -233,7 +235,9 @@ class FreeTorques:
         for row, instants, _ in places:
             taken[instants, row] = True
         noise = np.ones((1, layout.rows)) if noise is None else noise
-        estimates, before, found = {}, {} if near is None else near.estimates, []
+        estimates = {}
+        before = {} if near is None else near.estimates
+        found = []
         for row, instants, one in places:
             if one is None:
                 found.append(FreeTorque(row, instants))
@@ -341,7 +345,8 @@ def _courses(
     numbered, _ = label(binary_dilation(when, iterations=max(1, round(AROUND / step))))
     found = []
     for pieces, rows in _clusters(find_objects(numbered), band):
-        first, last = max(rows.start, stretch.kept.start), min(rows.stop, stretch.kept.stop)
+        first = max(rows.start, stretch.kept.start)
+        last = min(rows.stop, stretch.kept.stop)
         if first >= last:
             continue
         times = None
@@ -359,7 +364,8 @@ def _courses(
 def _basis(times: FreeTimes, band: Band) -> Array:
     pieces = [slice(*piece) for piece in times.pieces]
     reached = band.reached(pieces[0]).start
-    start, (first, last) = band.samples(slice(reached, reached + 1)).start, times.rows
+    start = band.samples(slice(reached, reached + 1)).start
+    first, last = times.rows
     free = [_polynomials(times.end - start, start, piece, times.step, band) for piece in pieces]
     shown = band.apply(np.concatenate(free, axis=1))[first - reached : last - reached]
     left, singular, _ = np.linalg.svd(shown, False)
@@ -402,7 +408,8 @@ def _clusters(pieces: Sequence[tuple[slice]], band: Band) -> Iterator[tuple[list
             inner = band.reached(slice(piece.start + half, piece.stop - half))
             yield [*group, slice(piece.start, piece.start + half)], slice(first, inner.start)
             yield [], inner
-            group, first = [slice(piece.stop - half, piece.stop)], inner.stop
+            group = [slice(piece.stop - half, piece.stop)]
+            first = inner.stop
         else:
             group.append(piece)
     if group:

@@ -26,16 +26,19 @@ from elastic_arm.robot import Robot
 # s of motion that are taken of one recording of three joints, and less in proportion to more: a
 # diagnosis takes 2 GB beside as much, and an identification two minutes (benchmarks/bench_day.py);
 # deviations fall with its root alone.
-DIAGNOSED, IDENTIFIED = 60.0, 600.0
+DIAGNOSED = 60.0
+IDENTIFIED = 600.0
 SEGMENT = 10.0  # s; several swings of an arm
 RATE = 50.0  # Hz at which a motion is looked at, and s over which its derivatives are taken
 WINDOW = 0.2
 # What numbers of a description are off by, of themselves (evidence/priors.py: masses 0.06, springs
 # 0.15), and the friction of a joint, Nm, at 1 rad/s too.
-USUAL, FRICTION = 0.1, 5.0
+USUAL = 0.1
+FRICTION = 5.0
 # Errors of a torque: noise, Nm, and what the model misses, of the torque itself. A jump of an
 # encoder, whose torque would be absurd, so tells no more than any other sample.
-NOISE, MISSED = 1.0, 0.02
+NOISE = 1.0
+MISSED = 0.02
 
 
 def in_parts(recording: Recording, least: int = 2) -> list[Recording]:
@@ -71,7 +74,8 @@ def _cut(recording: Recording, begins: Sequence[float]) -> list[Recording]:
     """Return the parts of a recording that begin at so many s of it, named by their times."""
     if len(begins) == 1:
         return [recording]
-    edges, end = [*begins, recording.duration + 1.0], recording.duration
+    edges = [*begins, recording.duration + 1.0]
+    end = recording.duration
     return [
         replace(
             recording.between(a, b), source=f"{recording.source}, {a:.0f} to {min(b, end):.0f} s"
@@ -124,7 +128,8 @@ class MostTelling:
 
     def add(self, part: Recording) -> None:
         """Take the next part of the recording."""
-        self._first, self._last = self._first or part, part
+        self._first = self._first or part
+        self._last = part
         self.whole += part.duration
         self.recorded += _recorded_seconds(part)
         stamps = _stamps(part)
@@ -156,7 +161,9 @@ class MostTelling:
 
     def _chosen(self) -> list[Segment]:
         """Return the segments that tell most, one at least, in the order of their times."""
-        left, kept, total = list(range(len(self._segments))), list[int](), 0.0
+        left = list(range(len(self._segments)))
+        kept = list[int]()
+        total = 0.0
         information = np.eye(len(self._segments[0].information))
         while left:
             gains = [
@@ -178,7 +185,8 @@ class MostTelling:
             return self._first  # without motion, as whoever asks for it will say
         chosen = self._chosen()
         found = Recording.joined([one.recording for one in chosen])
-        seconds, source = sum(one.seconds for one in chosen), self._last.source
+        seconds = sum(one.seconds for one in chosen)
+        source = self._last.source
         notes = list(self._last.notes)
         if self.whole - self.recorded > 1.0:
             notes.append(

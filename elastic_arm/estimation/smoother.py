@@ -45,7 +45,9 @@ TOGETHER = 4  # columns filtered at once: what the caches hold
 # twice that. Where this is more than a share `LOST` of the piece, and the joints move there as fast
 # as `MOVING` of their rms speed (at rest they carry any torque up to their dry friction), the piece
 # is continued by its mirror image, of which samples may hold the share `FOREIGN`. Conventions.
-FOREIGN, LOST, MOVING = 1e-4, 0.05, 0.3
+FOREIGN = 1e-4
+LOST = 0.05
+MOVING = 0.3
 
 
 @dataclass(frozen=True)

@@ -144,11 +144,14 @@ def noise_models(
     noise that each equation gets besides, 0 for the noise itself; acting: effects of which loads
     have inertia, too.
     """
-    n, f = equations.n, np.linspace(0.0, band.kept_rate / 2, NOISE_FREQUENCIES)
+    n = equations.n
+    f = np.linspace(0.0, band.kept_rate / 2, NOISE_FREQUENCIES)
     speed2 = (2 * np.pi * f[:, None, None]) ** 2
     K, D = drive_constants(model)
     drive = np.tile(K + 2j * np.pi * f[:, None] * D, 4)
-    one, zero, none = np.eye(n), np.zeros((n, n)), np.zeros((n, 2 * n))
+    one = np.eye(n)
+    zero = np.zeros((n, n))
+    none = np.zeros((n, 2 * n))
     torque = np.hstack([observation.torque_spectrum(c, f, n) for c in ("tau_J", "tau_m")])
     spectrum = np.hstack(
         [torque, *(observation.position_spectrum(side, f) for side in ("link", "motor"))]
@@ -272,8 +275,11 @@ class WhitenedData:
         acting: Sequence[ActingEffect] = (),
         near: WhitenedData | None = None,
     ) -> None:
-        self.layout, self.band, self.sticking_removed = layout, band, sticking_removed
-        self.predicted, self.acting = predicted, tuple(acting)
+        self.layout = layout
+        self.band = band
+        self.sticking_removed = sticking_removed
+        self.predicted = predicted
+        self.acting = tuple(acting)
         self.parts: list[Part] = []
         self.pure: list[NoiseModel] = []
         self._free: list[FreeTorques] = []

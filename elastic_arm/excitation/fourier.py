@@ -23,7 +23,8 @@ from elastic_arm.output_files import write_result, yaml_text
 SCHEMA = "elastic_arm/trajectory/1"
 # Smooth step of degree 9: s(0) = 0, s(1) = 1, derivatives one to four zero at both.
 _STEP = np.polynomial.Polynomial([0, 0, 0, 0, 0, 126, -420, 540, -315, 70])
-_SPEED, _CURVATURE = _STEP.deriv(), _STEP.deriv(2)
+_SPEED = _STEP.deriv()
+_CURVATURE = _STEP.deriv(2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,7 +153,8 @@ class FourierTrajectory:
     def _series(self, t: Array) -> tuple[Array, Array, Array]:
         frequency = self.omega * np.arange(1, self.harmonics + 1)
         phase = t[:, None] * frequency
-        sine, cosine = np.sin(phase), np.cos(phase)
+        sine = np.sin(phase)
+        cosine = np.cos(phase)
         p = sine @ (self.a / frequency).T - cosine @ (self.b / frequency).T
         dp = cosine @ self.a.T + sine @ self.b.T
         ddp = cosine @ (self.b * frequency).T - sine @ (self.a * frequency).T
@@ -181,10 +183,8 @@ def load_trajectory(path: str | Path) -> FourierTrajectory:
         raise ExcitationError(f"{path}: is no trajectory file (no 'schema: {SCHEMA}')", remedy)
     fields = {name: value for name, value in content.items() if name != "schema"}
     wanted = ("omega", "a", "b", "q0", "duration", "ramp")
-    missing, unknown = (
-        [k for k in wanted if k not in fields],
-        [k for k in fields if k not in (*wanted, "joints")],
-    )
+    missing = [k for k in wanted if k not in fields]
+    unknown = [k for k in fields if k not in (*wanted, "joints")]
     if missing or unknown:
         what = (
             f"misses {', '.join(missing)}"

@@ -166,7 +166,8 @@ class MotionLimits:
         """
         q, dq, ddq = trajectory.evaluate(limit_times(trajectory) if t is None else t)
         tau = rigid_torque(model, q, dq, ddq)
-        floor, links = (np.inf, np.inf)
+        floor = np.inf
+        links = np.inf
         if self.workspace is not None:
             floor, links = (float(gap.min()) for gap in self.workspace.clearance(q))
         return LimitUse(

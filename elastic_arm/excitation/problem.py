@@ -14,7 +14,8 @@ from elastic_arm.excitation.fourier import FourierTrajectory, require
 from elastic_arm.excitation.limits import MotionLimits
 
 # More would take memory for what no arm follows; ramps in periods.
-MOST_HARMONICS, LONGEST_RAMP = 100, 100
+MOST_HARMONICS = 100
+LONGEST_RAMP = 100
 # Share of the kinematic limits that the search uses, so that peaks between its samples stay within
 # them.
 SHARE = 0.98
@@ -108,7 +109,10 @@ class Problem:
         shape: Shape,
         criterion: Callable[[Array, Array], float],
     ) -> None:
-        self._model, self._limits, self._regressor, self._shape = model, limits, regressor, shape
+        self._model = model
+        self._limits = limits
+        self._regressor = regressor
+        self._shape = shape
         self._criterion = criterion
         self._scale = np.ones(len(regressor.columns))
 
@@ -117,7 +121,8 @@ class Problem:
         return self._model.n * (2 * self._shape.harmonics + 1)
 
     def trajectory(self, u: Array) -> FourierTrajectory:
-        centres, waves = u[: self._model.n], u[self._model.n :].reshape(2, self._model.n, -1)
+        centres = u[: self._model.n]
+        waves = u[self._model.n :].reshape(2, self._model.n, -1)
         a, b = waves * self._limits.velocity[:, None]
         assert self._shape.ramp is not None
         motion = FourierTrajectory.of_periods(
@@ -134,7 +139,8 @@ class Problem:
     def random(self, rng: np.random.Generator) -> Array:
         """Draw a motion; turn it down, then move it elsewhere, until torque and workspace are
         kept."""
-        best, least = np.zeros(self.size), np.inf
+        best = np.zeros(self.size)
+        least = np.inf
         for u in self._places(rng):
             for factor in SHRINKING:
                 v = self._point(self.trajectory(u).scaled(factor))
@@ -142,7 +148,8 @@ class Problem:
                 if excess <= 0.0:
                     return v
                 if excess < least:
-                    best, least = v, excess
+                    best = v
+                    least = excess
         return best
 
     def _places(self, rng: np.random.Generator) -> Iterator[Array]:

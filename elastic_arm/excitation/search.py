@@ -195,7 +195,8 @@ class _Course:
     def _note(self, u: Array, value: float, excess: Array) -> None:
         self.count += 1
         if excess.max() <= 0.0 and value < self.value:
-            self.value, self._best = value, u
+            self.value = value
+            self._best = u
             self.history.append((self.count, value))
         if self._progress is not None:
             self._progress(self.count, self.value)

@@ -62,7 +62,8 @@ class Workspace:
         Infinite where there is nothing to touch.
         """
         points = link_points(self.robot, q)
-        floor, links = np.full(len(q), np.inf), np.full(len(q), np.inf)
+        floor = np.full(len(q), np.inf)
+        links = np.full(len(q), np.inf)
         if self.floor is not None and len(self.heights):
             heights = points[:, self.heights] @ _upward(self.robot)
             floor = heights.min(axis=1) - self.radius - self.floor
@@ -82,8 +83,11 @@ def _distances(points: Array, pairs: NDArray[np.intp]) -> Array:
     Segment k runs from `points[:, k]` to `points[:, k + 1]`; either may be a point (C. Ericson,
     Real-Time Collision Detection, 5.1.9).
     """
-    p, q = points[:, pairs[:, 0]], points[:, pairs[:, 1]]
-    u, v, w = points[:, pairs[:, 0] + 1] - p, points[:, pairs[:, 1] + 1] - q, p - q
+    p = points[:, pairs[:, 0]]
+    q = points[:, pairs[:, 1]]
+    u = points[:, pairs[:, 0] + 1] - p
+    v = points[:, pairs[:, 1] + 1] - q
+    w = p - q
     uu, vv, uv, uw, vw = (
         np.einsum("npi,npi->np", a, b) for a, b in ((u, u), (v, v), (u, v), (u, w), (v, w))
     )

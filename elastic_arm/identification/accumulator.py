@@ -58,7 +58,8 @@ class Accumulator:
         if self._waiting and self._waiting[-1].noise is not motion.noise:
             self._add_blocks(Motion.joined(self._waiting))
             self._waiting = []
-        waiting, unit = sum(map(len, self._waiting)), _unit(motion)
+        waiting = sum(map(len, self._waiting))
+        unit = _unit(motion)
         if waiting + len(motion) < unit:
             self._waiting.append(motion)
             return
@@ -77,7 +78,8 @@ class Accumulator:
         if self._waiting:
             self._add_to(blocks, Motion.joined(self._waiting), 1)
         # Rows that hold the friction of a joint that sticks are zero.
-        statistics, entries = self.statistics, self.equations.equations.entries
+        statistics = self.statistics
+        entries = self.equations.equations.entries
         stuck = np.broadcast_to(statistics.stuck / max(statistics.samples, 1), (self.equations.n,))
         blocks.share = 1.0 - np.array(
             [stuck[j] * (equation.combination[MOTOR] != 0) for equation, j in entries]
@@ -93,7 +95,8 @@ class Accumulator:
         return found
 
     def _add_blocks(self, motion: Motion) -> None:
-        start, unit = 0, _unit(motion)
+        start = 0
+        unit = _unit(motion)
         while start < len(motion):
             units = max(1, min((len(motion) - start) // unit, self.blocks.room))
             stop = start + units * unit

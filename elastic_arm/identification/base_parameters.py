@@ -66,7 +66,8 @@ def find_base(Phi: Array, names: Sequence[str], units: Sequence[str]) -> BasePar
     for dependent, beta in coefficients.items():
         T[:, dependent] = beta
     by_column = np.argsort(columns)
-    columns, T = columns[by_column], T[by_column]
+    columns = columns[by_column]
+    T = T[by_column]
     texts = tuple(_name(row, c, names) for row, c in zip(T, columns, strict=True))
     return BaseParameters(columns, T, texts, tuple(units[c] for c in columns))
 

@@ -136,7 +136,8 @@ class BaseRegression:
         Rows that hold the friction of a joint that sticks are zero.
         """
         wanted = self.base.columns
-        own, extra = wanted[wanted < self._own], wanted[wanted >= self._own] - self._own
+        own = wanted[wanted < self._own]
+        extra = wanted[wanted >= self._own] - self._own
         rows = self._all_rows(motion, own, extra, beside=1)
         for k, side in enumerate(self.sides):
             rows[k * self.n : (k + 1) * self.n, :, -1] = self._measured(motion, side)
@@ -359,7 +360,8 @@ class BaseRegression:
         own: NDArray[np.intp],
     ) -> None:
         """Add the model's columns to the rows of one equation and some joints."""
-        by_line, (equation, joints) = phi.transpose(1, 0, 2), of
+        by_line = phi.transpose(1, 0, 2)
+        equation, joints = of
         link, motor, spring = equation.lines
         if link:
             block += by_line[: self.n][joints]
@@ -380,7 +382,8 @@ class BaseRegression:
         return motion
 
     def _coordinates(self, motion: Motion, rate: str) -> Array:
-        q, theta = getattr(motion, rate + "q"), getattr(motion, rate + "theta")
+        q = getattr(motion, rate + "q")
+        theta = getattr(motion, rate + "theta")
         return np.hstack([q, theta]) if self.elastic else q
 
     def _random_motion(self) -> Motion:
@@ -394,7 +397,8 @@ class BaseRegression:
         if "link" in self.sides:
             theta = q + 0.1 * rng.standard_normal(shape)
             both = np.isin(np.arange(self.n), self.wound)
-            dtheta, ddtheta = np.where(both, dtheta, dq), np.where(both, ddtheta, ddq)
+            dtheta = np.where(both, dtheta, dq)
+            ddtheta = np.where(both, ddtheta, ddq)
             motion = replace(motion, theta=np.where(both, theta, q), dtheta=dtheta, ddtheta=ddtheta)
         return motion
 

@@ -71,7 +71,8 @@ class Chart:
     def add_link(self, index: list[int], nominal: Array) -> None:
         """Add a link, whose ten parameters are `nominal` without what is folded into it."""
         self.pseudo.append(slice(len(self.start), len(self.start) + 10))
-        own, moments = _link_chart(nominal), np.linalg.eigvalsh(pseudo_inertia(nominal))
+        own = _link_chart(nominal)
+        moments = np.linalg.eigvalsh(pseudo_inertia(nominal))
         if (
             moments[0] < THINNEST * moments[-1]
         ):  # A point counts as thick as its chart, to become thinner.
@@ -87,7 +88,8 @@ class Chart:
     def add_number(self, k: int, nominal: float, law: Column | None, *, physical: bool) -> None:
         """Add parameter k: relative to its nominal value or to what is ordinary of it, if either is
         stated."""
-        place, relative = len(self.start), physical and nominal > 0
+        place = len(self.start)
+        relative = physical and nominal > 0
         # Where masses have to be positive, the zeros of sensors have more to take up than is
         # ordinary.
         ordinary = None if law is None or law.sensor else law.ordinary
@@ -116,8 +118,11 @@ class Chart:
 def chart_of(equations: BaseRegression) -> Chart:
     """Put parameters into coordinates in which the nominal is x0 and every step of size one is as
     bold."""
-    names, nominal, robot = equations.names, equations.nominal, equations.model.robot
-    links, seen = {joint.link_name for joint in robot.joints}, set[int]()
+    names = equations.names
+    nominal = equations.nominal
+    robot = equations.model.robot
+    links = {joint.link_name for joint in robot.joints}
+    seen = set[int]()
     found = Chart(nominal.copy())
     for body in equations.model.bodies.bodies:
         index = list(body.parameters)
@@ -179,7 +184,8 @@ def _solid_chart(nominal: Array) -> Array:
     """Return (4, 3): mass, radial and axial second moment over their nominal -> m, mz, Ixx, Izz; mz
     stays."""
     mass, _, xx, zz = nominal
-    radial, axial = 0.5 * zz, max(xx - 0.5 * zz, THINNEST * xx)
+    radial = 0.5 * zz
+    axial = max(xx - 0.5 * zz, THINNEST * xx)
     # Izz = 2 radial, Ixx = radial + axial.
     return np.array(
         [[mass, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, radial, axial], [0.0, 2.0 * radial, 0.0]]

@@ -165,7 +165,8 @@ def _most_probable_trust(A: Array, b: Array, chart: Chart) -> float:
     likelihood)."""
     shape = chart.variances()
     law = np.zeros(len(shape))
-    law[chart.free], law[chart.held] = LAW_WIDTH**2, 1.0
+    law[chart.free] = LAW_WIDTH**2
+    law[chart.held] = 1.0
     own = np.where(law > 0, 0.0, shape)
 
     def evidence(trust: float) -> float:
@@ -196,7 +197,8 @@ def _solve(A: Array, b: Array, chart: Chart, trust: float) -> tuple[Array, bool]
     for places, width in ((chart.free, LAW_WIDTH), (chart.held, 1.0)):
         if places:
             cost = cost + cp.sum_squares(x[places]) / (2 * width**2)
-    bounded, least = [k for k, _ in chart.bounds], np.array([value for _, value in chart.bounds])
+    bounded = [k for k, _ in chart.bounds]
+    least = np.array([value for _, value in chart.bounds])
     problem = cp.Problem(cp.Minimize(cost), [x[bounded] >= least] if bounded else [])
     try:
         with warnings.catch_warnings():

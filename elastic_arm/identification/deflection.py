@@ -86,7 +86,8 @@ class Deflections:
         """Return the places of springs that the recording does not determine, or that no spring can
         have."""
         places = [*self.stiffness.tolist(), *self.damping.tolist()]
-        Psi, std = found.Psi, found.std
+        Psi = found.Psi
+        std = found.std
         return [
             k
             for k in places
@@ -141,7 +142,8 @@ def _settled(
 
 def zeros(motions: Sequence[Motion], model: Model) -> tuple[Array, Array]:
     """Return the deflection at no load and no speed, and its standard deviation, (n,) rad each."""
-    values, stds = np.zeros(model.n), np.zeros(model.n)
+    values = np.zeros(model.n)
+    stds = np.zeros(model.n)
     runs = [_regressors(motion, model) for motion in motions]
     deflection, speed, load = (np.vstack(parts) for parts in zip(*runs, strict=True))
     for joint in range(model.n):

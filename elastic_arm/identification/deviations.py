@@ -70,7 +70,8 @@ def scattered(
         gram = gram[:-1, :-1]
         each.append((gram, score + back.T @ gram @ back @ pull))
     joined = resembling(np.array([score for _, score in each]) @ to_unit.T)
-    scores, squares = [], np.zeros((len(to_unit),) * 2)
+    scores = []
+    squares = np.zeros((len(to_unit),) * 2)
     for first in range(0, len(each), joined):
         gram, score = (sum(parts) for parts in zip(*each[first : first + joined], strict=True))
         values, vectors = np.linalg.eigh(back.T @ gram @ back)
@@ -110,7 +111,8 @@ def _unit_errors(k: int, known: Array | None) -> tuple[Array, Array]:
         return np.eye(k), np.eye(k)
     shares, axes = np.linalg.eigh(np.eye(k) - known.T @ known)
     shown = shares > LEAST_SHARE
-    size, axes = np.sqrt(shares[shown]), axes[:, shown]
+    size = np.sqrt(shares[shown])
+    axes = axes[:, shown]
     return (axes / size).T, axes * size
 
 
@@ -173,6 +175,7 @@ def largest_terms(r: Array, Psi: Array) -> Array:
 def inflation(robust: Array, white: Array) -> float:
     """Return how many times larger variances are than those of white errors, in the median of what
     is determined."""
-    by_scatter, by_noise = np.diag(robust), np.diag(white)
+    by_scatter = np.diag(robust)
+    by_noise = np.diag(white)
     known = np.isfinite(by_scatter) & np.isfinite(by_noise) & (by_noise > 0)
     return float(np.median(by_scatter[known] / by_noise[known])) if known.any() else 1.0

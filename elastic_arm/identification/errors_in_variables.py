@@ -46,7 +46,9 @@ def noise_sums(equations: BaseRegression, motion: Motion, every: int, first: int
         return None
     rows = equations.rows(_moved(motion[chosen], offsets))
     rows = rows.reshape(rows.shape[0], -1, len(chosen), rows.shape[-1])
-    middle, ahead, behind = rows[:, :1], rows[:, 1::2], rows[:, 2::2]
+    middle = rows[:, :1]
+    ahead = rows[:, 1::2]
+    behind = rows[:, 2::2]
     steps = steps[:, None, None]
     slope = ahead - behind
     slope /= 2.0 * steps

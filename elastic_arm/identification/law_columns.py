@@ -46,14 +46,16 @@ def law_columns(
     }
     found: list[Column] = []
     for instance in instances:
-        place, kind = place_of(instance, robot), {"dry": is_dry(instance)}
+        place = place_of(instance, robot)
+        kind = {"dry": is_dry(instance)}
         kind["sensor"] = isinstance(instance.effect, SensorEffect)
         for p in _linear(instance.effect):
             stated = described.get(place, {}).get(p.name)
             nominal = (
                 np.zeros(p.size) if stated is None else np.atleast_1d(stated) - (p.neutral or 0.0)
             )
-            unit, least = p.unit_at(instance.joint, robot.units), p.least - (p.neutral or 0.0)
+            unit = p.unit_at(instance.joint, robot.units)
+            least = p.least - (p.neutral or 0.0)
             for name, value in zip(p.component_names, nominal.tolist(), strict=True):
                 values = partial(evaluate.column, len(found))
                 found.append(Column(f"{place}.{name}", unit, values, value, least, **kind))
@@ -104,7 +106,8 @@ def on_recorded_side(
     """
     if robot.elastic or motored:
         return tuple(effects), []
-    found, moved = list[EffectInstance](), list[str]()
+    found = list[EffectInstance]()
+    moved = list[str]()
     for instance in effects:
         if SIDE not in instance.effect.choices or set(instance.sides) != {"motor"}:
             found.append(instance)

@@ -211,7 +211,8 @@ def fit(blocks: Blocks, power: float = 1.0, rounds: int = 4, prior: Prior | None
 
     Raises an IdentificationError if there are fewer samples than parameters.
     """
-    P, rows = blocks.width - 1, blocks.samples * blocks.groups
+    P = blocks.width - 1
+    rows = blocks.samples * blocks.groups
     if rows <= P:
         raise IdentificationError(
             f"{rows} equations do not determine {P} parameters", "Record some seconds of motion."
@@ -232,7 +233,8 @@ def fit(blocks: Blocks, power: float = 1.0, rounds: int = 4, prior: Prior | None
     robust, white = _covariances(blocks, (Psi, weights, noise), back, r, prior)
     if prior is not None:
         own = _prior_covariance(known, prior)
-        robust, white = robust + own, white + own
+        robust = robust + own
+        white = white + own
     return Fit(Psi, robust, white, noise, weights, whole, number, undetermined, blocks.samples)
 
 

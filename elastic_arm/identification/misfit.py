@@ -35,8 +35,10 @@ def poor_fits(
 ) -> list[str]:
     """Return in words which joints' torques the fit leaves unexplained, by `noise`, channel -> (n,)
     Nm."""
-    measured, predicted = equations.measured(motion), equations.predict(motion, Psi_base)
-    found, out = [], equations.left_out(motion)
+    measured = equations.measured(motion)
+    predicted = equations.predict(motion, Psi_base)
+    found = []
+    out = equations.left_out(motion)
     for side in equations.sides:
         channel = equations.equations.equation(side).torque
         if channel is None or channel not in noise:
@@ -44,7 +46,8 @@ def poor_fits(
         for j, joint in enumerate(equations.joints):
             kept = ~out[side][:, j]
             torque = measured[side][kept, j]
-            left, size = torque - predicted[side][kept, j], noise[channel][j]
+            left = torque - predicted[side][kept, j]
+            size = noise[channel][j]
             if not torque.any() or np.std(left) <= max(POORLY * np.std(torque), SURE * size):
                 continue
             unit = equations.model.robot.units.at(joint, "Nm")
@@ -78,7 +81,8 @@ def resonance(
 ) -> float | None:
     """Return the frequency, Hz, at which a joint answers its torque most, None where no peak stands
     out."""
-    still, acceleration = {}, None
+    still = {}
+    acceleration = None
     for name in ("ddq", "ddtheta"):
         values = getattr(motion, name)
         if values is not None:

@@ -20,7 +20,8 @@ def judged(
 ) -> tuple[int, Excitation]:
     """Judge a motion that is repeated so many times; where None, as many as make it good, if some
     do."""
-    count, n = round(RATE * trajectory.period), model.n
+    count = round(RATE * trajectory.period)
+    n = model.n
     states = elastic_motion(model, trajectory, count)
     sides = ("q", "dq", "ddq"), ("theta", "dtheta", "ddtheta")
     channels: dict[str, Any] = {

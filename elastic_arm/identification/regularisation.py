@@ -74,7 +74,8 @@ def law_sizes(blocks: Blocks, equations: BaseRegression) -> Array:
     torque as one and the same constant: any two numbers of the right sum would fit.
     """
     squares = np.diagonal(blocks.sums()[0][0], axis1=1, axis2=2)
-    columns, torques = squares[:, :-1], squares[:, -1:]
+    columns = squares[:, :-1]
+    torques = squares[:, -1:]
     whole = np.sum(np.where(columns > 0.0, torques, 0.0), axis=0)
     law = np.array(
         [":" in name and not name.startswith("link_encoder:") for name in equations.base.names]
@@ -101,7 +102,8 @@ def _ordinary(equations: BaseRegression) -> Array:
 def _description_errors(equations: BaseRegression) -> tuple[NDArray[np.intp], Array]:
     """Return which base parameters are the arm's own, and the covariance of their description at a
     relative error 1."""
-    base, scales = equations.base, natural_scales(equations)
+    base = equations.base
+    scales = natural_scales(equations)
     own = np.flatnonzero(np.isfinite(scales))
     held = [0.0] * (len(equations.names) - len(equations.columns)) + [
         c.ordinary or 0.0 for c in equations.columns
@@ -123,7 +125,8 @@ def description_error(fit: Fit, equations: BaseRegression, doubt: float = 0.0) -
     own, covariance = _description_errors(equations)
     seen = np.isfinite(fit.std[own])
     off = (fit.Psi - equations.described)[own][seen]
-    described, noise = np.diag(covariance)[seen], fit.std[own][seen] ** 2
+    described = np.diag(covariance)[seen]
+    noise = fit.std[own][seen] ** 2
     variances = noise + np.square(ERRORS)[:, None] * described
     likelihoods = -0.5 * np.sum(np.log(variances) + off**2 / variances, axis=1)
     best = int(np.argmax(likelihoods))
@@ -148,7 +151,8 @@ def chosen_width(
         _gram(blocks, part, fit.weights)
         for part in np.array_split(np.arange(len(blocks.grams)), FOLDS)
     ]
-    plain, whole = _left_out_errors(parts, loose), np.sum(parts, axis=0)
+    plain = _left_out_errors(parts, loose)
+    whole = np.sum(parts, axis=0)
     solution = np.append(-solved(whole, loose), 1.0)
     if (1.0 - GAIN) * plain.sum() <= solution @ whole @ solution:
         # Nothing predicts left-out parts much better than it fits them.

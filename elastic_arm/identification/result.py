@@ -296,7 +296,8 @@ def result_of(
     methods: tuple[str, ...],
 ) -> Identification:
     """Return the result of a fit."""
-    base, robot = equations.base, equations.model.robot
+    base = equations.base
+    robot = equations.model.robot
     relative = relative_std(equations, fit.Psi, fit.std)
     words = checked(verdicts(relative), fit, equations, judged.one_way)
     motion: dict[str, Any] = {"condition": judged.condition, "poor": judged.poor}

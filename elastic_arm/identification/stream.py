@@ -56,9 +56,11 @@ def smoothed(
     every = smoother.thinning
     if read is not None:
         kept = slice(smoother.lag, -smoother.lag)
-        whole, raw = smoother(grid), grid[kept]
+        whole = smoother(grid)
+        raw = grid[kept]
         if equations.columns:  # runs overlap by what two filters lose
-            whole, raw = whole[kept], raw[kept]
+            whole = whole[kept]
+            raw = raw[kept]
         rows = read_at(whole.t, read)
         some = replace(whole, tau_J=raw.tau_J, tau_m=raw.tau_m)[rows]
         return replace(
@@ -196,8 +198,10 @@ class Identifier:
         averaged: bool = True,
     ) -> None:
         self.model = model
-        self.columns, self.joints = tuple(columns), tuple(joints)
-        self.encoder_columns, self.averaged = encoder_columns, averaged
+        self.columns = tuple(columns)
+        self.joints = tuple(joints)
+        self.encoder_columns = encoder_columns
+        self.averaged = averaged
         self._given = (smoother, clock)
         self.paused = False
         self.reset()

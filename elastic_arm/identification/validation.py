@@ -103,7 +103,8 @@ class HeldOut:
 
         Of equations that hold a torque, where there are such.
         """
-        sides, equations = self.equations.sides, self.equations.equations
+        sides = self.equations.sides
+        equations = self.equations.equations
         torques = [side for side in sides if equations.equation(side).torque is not None] or sides
         return [
             (
@@ -203,24 +204,25 @@ def _pulled(
     A fit that is better than the description on the whole stays as it is, unless fewer joints are
     worse with the prior.
     """
-    tries, error = [], description_error(identifier.fit(), held_out.equations, DOUBT)
+    tries = []
+    error = description_error(identifier.fit(), held_out.equations, DOUBT)
     laws = law_sizes(identifier.linear_blocks(), held_out.equations)
     for width in PULLED:
         prior = prior_of(held_out.equations, width, error, laws, correlated)
         own = identifier.estimate(result.recordings, result.derivatives, identifier.fit(prior))
         tries.append((len(held_out.worse(own.Psi_base)), held_out.ratio(own.Psi_base), width, own))
-    now, worse = held_out.ratio(result.Psi_base), held_out.worse(result.Psi_base)
+    now = held_out.ratio(result.Psi_base)
+    worse = held_out.worse(result.Psi_base)
     refuted = now > EQUAL
     if refuted:
         _, ratio, width, best = min(tries, key=lambda each: each[1])
         alike = not worse and now <= held_out.chance(result.covariance)
-        better, said = (
-            ratio < now,
-            [ALIKE if alike else f"the fit predicts {HELD_OUT} worse than the description does"],
-        )
+        better = ratio < now
+        said = [ALIKE if alike else f"the fit predicts {HELD_OUT} worse than the description does"]
     else:
         count, ratio, width, best = min(tries, key=lambda each: each[:2])
-        better, said = count < len(worse) and ratio <= now + EQUAL, list[str]()
+        better = count < len(worse) and ratio <= now + EQUAL
+        said = list[str]()
     if better:
         said += (
             []
@@ -247,7 +249,8 @@ def _consistent_or_none(
     Where it does, the description is trusted more; laws of the joints in question, and their motor
     inertia where the arm is taken for rigid, stay as described.
     """
-    T, worst = held_out.equations.base.T, list[str]()
+    T = held_out.equations.base.T
+    worst = list[str]()
     kept: list[str] = []
     for trust in (None, *TRUSTS):
         tried = result if trust is None else consistent(trust)

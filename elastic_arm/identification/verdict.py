@@ -93,14 +93,16 @@ class MotionStatistics:
         that move."""
         if not self.samples or not np.any(self.speed):
             return 0.0
-        speed, acceleration = np.atleast_1d(self.speed), np.atleast_1d(self.acceleration)
+        speed = np.atleast_1d(self.speed)
+        acceleration = np.atleast_1d(self.acceleration)
         moves = speed > STANDS**2 * speed.max()
         return float(np.sqrt(np.max(acceleration[moves] / speed[moves])) / (2 * np.pi))
 
     @property
     def one_way(self) -> NDArray[np.intp]:
         """Joints that move, and never the other way."""
-        speed, forward = np.atleast_1d(self.speed), np.atleast_1d(self.forward)
+        speed = np.atleast_1d(self.speed)
+        forward = np.atleast_1d(self.forward)
         return np.flatnonzero(np.minimum(forward, speed - forward) < STANDS**2 * speed)
 
     @property
@@ -293,7 +295,8 @@ def _encoders(fit: Fit, equations: BaseRegression) -> list[str]:
     place = {name: k for k, name in enumerate(equations.base.names)}
     found = []
     for j, (K, _) in zip(equations.wound, equations.drive_columns, strict=True):
-        joint, parts = equations.joints[j], []
+        joint = equations.joints[j]
+        parts = []
         for what, words, unit in (("delay", "lags by", "ms"), ("offset", "offset", "mrad")):
             k = place.get(f"link_encoder:{joint}.K_{what}")
             if k is not None and abs(fit.Psi[k]) > 5.0 * fit.std[k]:

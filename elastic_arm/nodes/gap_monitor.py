@@ -27,7 +27,8 @@ from elastic_arm.robot import load_robot
 
 # Shorter recordings are not diagnosed; where no sample comes for so long, the data are over. Both
 # s.
-LEAST, QUIET = 8.0, 2.0
+LEAST = 8.0
+QUIET = 2.0
 
 PARAMETERS = {
     "robot": ROBOT,
@@ -91,7 +92,9 @@ class GapMonitorNode(SamplingNode):
         # no longer matters.
         self._asked: tuple[int, float] | None = None
         self._found: dict[str, Any] | None = None
-        self._sizes, self._changes, self._said = Sizes(), list[str](), ""
+        self._sizes = Sizes()
+        self._changes = list[str]()
+        self._said = ""
         self._diagnosis_due = time.monotonic()
 
     def work(self, now: float) -> None:

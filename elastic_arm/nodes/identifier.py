@@ -155,7 +155,8 @@ class IdentifierNode(SamplingNode):
 
     def status(self) -> tuple[list[str], dict[str, Any]]:
         """Return what is wrong, in words, and figures."""
-        progress, absurd = self._identifier.progress, self._screen.left_out
+        progress = self._identifier.progress
+        absurd = self._screen.left_out
         figures: dict[str, Any] = {
             "samples received": progress.received,
             "samples used": progress.samples,

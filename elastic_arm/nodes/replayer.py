@@ -58,7 +58,8 @@ class Playback:
     def take(self) -> Message:
         """Return the next message and go on to the one behind it."""
         assert self.next is not None, "there is no next message"
-        taken, self.next = self.next, next(self._messages, None)
+        taken = self.next
+        self.next = next(self._messages, None)
         return taken
 
 
@@ -68,7 +69,9 @@ class Replayer(ArmNode):
     def __init__(self) -> None:
         super().__init__("replayer")
         wanted = declared(self, PARAMETERS)
-        self._bag, self._wait, self._rate = wanted.bag, wanted.wait, wanted.rate
+        self._bag = wanted.bag
+        self._wait = wanted.wait
+        self._rate = wanted.rate
         if not self._bag:
             raise GraphError("parameter bag is empty", "Name a bag: -p bag:=FOLDER.")
         self._outputs = self._make_publishers(set(wanted.topics))

@@ -99,7 +99,8 @@ class Pace:
     """
 
     def __init__(self, rate: float, factor: float = 1.0, patience: float = 0.5) -> None:
-        self.rate, self.patience = rate, patience
+        self.rate = rate
+        self.patience = patience
         self.slipped = 0.0
         self._interval = 1.0 / (rate * factor)
         self._due: float | None = None
@@ -113,7 +114,8 @@ class Pace:
     def wait(self, now: float) -> float:
         """Return the seconds until the next step is due; zero or less when it is."""
         if self._due is None:
-            self._due, self._window = now, (now, 0)
+            self._due = now
+            self._window = (now, 0)
         return self._due - now
 
     def stepped(self, now: float) -> None:
@@ -199,7 +201,8 @@ class SimulatorNode(ArmNode):
         std = array("d", [self._wanted.torque_noise] * len(names))
         torques = JointTorques(header=header, name=names, motor_torque=zeros, motor_torque_std=std)
         if self._arm.robot.elastic:
-            torques.joint_torque, torques.joint_torque_std = zeros, std
+            torques.joint_torque = zeros
+            torques.joint_torque_std = std
         self._forms: dict[str, Form] = {}
         self._outputs: dict[str, Publisher] = {}
         for topic, example in (
@@ -378,7 +381,8 @@ class SimulatorNode(ArmNode):
             problems.append(f"samples come {behind:.3g} s after their time, as the machine is busy")
         reference = self._reference.stream
         counts = Counter(skipped=self._skipped, starved=reference.starved, refused=self._refused)
-        new, self._told = counts - self._told, counts
+        new = counts - self._told
+        self._told = counts
         if new["skipped"]:
             problems.append(f"{new['skipped']} samples skipped, as the process was held up")
         delay = reference.delay / self._arm.rate

@@ -67,7 +67,8 @@ class Plan:
     def __init__(
         self, trajectory: FourierTrajectory, position: Array, repeat: int = 1, speed: float = 0.3
     ) -> None:
-        self._trajectory, self._repeat = trajectory, repeat
+        self._trajectory = trajectory
+        self._repeat = repeat
         first = np.array([values[0] for values in trajectory.evaluate(np.zeros(1))])
         distance = float(np.max(np.abs(first[0] - position)))
         self.approach = max(
@@ -115,7 +116,8 @@ class TrajectoryGenerator(ArmNode):
                 "Make one by `elastic-arm excite --out FILE`, and name it: -p trajectory:=FILE.",
             )
         self._trajectory = load_trajectory(Path(wanted.trajectory))
-        self._repeat, self._speed = wanted.repeat, wanted.approach_speed
+        self._repeat = wanted.repeat
+        self._speed = wanted.approach_speed
         self._step_ns = round(NANOSECONDS / wanted.rate)
         self._publisher = self.output(topics.REFERENCE, JointTrajectory)
         self._wait()
@@ -164,7 +166,8 @@ class TrajectoryGenerator(ArmNode):
             return
         self._trouble = self._wrong_clock(message) or self._no_position(message)
         if self._trouble is None:
-            self._names, self._position = list(message.name), np.array(message.position)
+            self._names = list(message.name)
+            self._position = np.array(message.position)
 
     def _wrong_clock(self, message: JointState) -> GraphError | None:
         """Return what is wrong where the arm and this node do not go by the same clock."""
@@ -184,7 +187,8 @@ class TrajectoryGenerator(ArmNode):
 
     def _no_position(self, message: JointState) -> GraphError | None:
         """Return what is wrong where a message does not say where each joint stands."""
-        said, joints = f"{graph.resolved(self, topics.MOTOR_STATES)} holds", len(message.name)
+        said = f"{graph.resolved(self, topics.MOTOR_STATES)} holds"
+        joints = len(message.name)
         remedy = "Look at it with `ros2 topic echo`: the motion begins where the arm stands."
         if len(message.position) != joints:
             return GraphError(

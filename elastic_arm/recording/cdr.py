@@ -136,7 +136,8 @@ class Layouts:
     """The layouts met so far among the messages of one type."""
 
     def __init__(self, type_name: str, types: Typesdict) -> None:
-        self.type_name, self.types = type_name, types
+        self.type_name = type_name
+        self.types = types
         self.known: dict[int, list[Layout]] = {}
         self._latest: Layout | None = None
         self._walked = 0
@@ -184,7 +185,9 @@ class _Walker:
     """Walks one message by its type and notes where things lie."""
 
     def __init__(self, data: memoryview, types: Typesdict, order: Literal["<", ">"]) -> None:
-        self.data, self.types, self.order = data, types, order
+        self.data = data
+        self.types = types
+        self.order = order
         self.at = _ORIGIN
         self.walked = 0
         self.layout = Layout(len(data), fixed=[(0, 2)])
@@ -243,7 +246,8 @@ class _Walker:
 
     def string(self) -> tuple[int, int]:
         size = self.length()
-        begin, self.at = self.at, self.at + size
+        begin = self.at
+        self.at = self.at + size
         return begin, self.at
 
     def length(self) -> int:

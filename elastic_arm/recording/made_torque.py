@@ -24,7 +24,8 @@ FEWEST = 12  # samples and commands of which anything is made
 
 def is_commanded(recording: Recording) -> bool:
     """Whether a recording holds positions and commands, and no torque."""
-    measured, reference = recording.measured().values(), recording.reference
+    measured = recording.measured().values()
+    reference = recording.reference
     if (
         reference is None
         or len(reference) < FEWEST
@@ -48,10 +49,8 @@ def with_made_torque(recording: Recording, robot: Robot) -> Recording:
         if recording.motor is not None and recording.motor.position is not None
         else recording.link
     )
-    reference, stated = (
-        recording.reference,
-        {joint.name: joint.controller for joint in robot.joints},
-    )
+    reference = recording.reference
+    stated = {joint.name: joint.controller for joint in robot.joints}
     if not is_commanded(recording) or reference is None or side is None or side.position is None:
         return recording
     there = joints_with(side.position)
@@ -70,7 +69,9 @@ def with_made_torque(recording: Recording, robot: Robot) -> Recording:
     known = (t >= max(c.delay for c in made.values()) + float(np.median(np.diff(given)))) & (
         t <= given[-1]
     )
-    t, angles, stamps = t[known], side.position[known], side.stamp_ns[known]
+    t = t[known]
+    angles = side.position[known]
+    stamps = side.stamp_ns[known]
     r, torque = np.full((2, *angles.shape), np.nan)
     columns = {recording.joints.index(name): controller for name, controller in made.items()}
     commands = {
@@ -126,15 +127,17 @@ class _Command:
             there = values is not None and not np.isnan(values[:, i]).any()
             return CubicSpline(given, values[:, i]) if there and values is not None else None
 
-        angle, rate = spline(reference.position), spline(reference.velocity)
-        self._delay, self._interval = controller.delay, float(np.median(np.diff(given)))
-        self._held, self._begin = controller.between == "held", 0.0
+        angle = spline(reference.position)
+        rate = spline(reference.velocity)
+        self._delay = controller.delay
+        self._interval = float(np.median(np.diff(given)))
+        self._held = controller.between == "held"
+        self._begin = 0.0
         if controller.mode == "velocity":
             assert rate is not None
-            angle, self._begin = (
-                rate.antiderivative(),
-                start,
-            )  # the integral of the error begins with none
+            # the integral of the error begins with none
+            angle = rate.antiderivative()
+            self._begin = start
         assert angle is not None
         self._splines = angle, angle.derivative() if rate is None else rate
 
@@ -159,7 +162,8 @@ def _torque(
         controller.gains,
         np.inf if controller.torque is None else controller.torque,
     )
-    q, step = CubicSpline(t, angle), float(np.median(np.diff(t)))
+    q = CubicSpline(t, angle)
+    step = float(np.median(np.diff(t)))
     at = t[:, None] + step * ((np.arange(FINER) + 0.5) / FINER - 0.5)
     r, dr = command(at)
     error = r - q(at)
@@ -178,7 +182,8 @@ def _fed_forward(
     found = {"none": np.zeros_like(r)}
     if all(controller.feedforward == "none" for controller in controllers):
         return found
-    model, spline = build_model(robot), CubicSpline(t, r)
+    model = build_model(robot)
+    spline = CubicSpline(t, r)
     for name, share in (("gravity", 0.0), ("model", 1.0)):
         motion = (r, share * spline(t, 1), share * spline(t, 2))
         sides = model.inverse_dynamics(*(np.hstack([x, x]) if robot.elastic else x for x in motion))

@@ -251,7 +251,8 @@ def recording_of(
 ) -> tuple[Recording, list[Finding]]:
     """Return the recording that decoded topics hold, and what had to be assumed or mended; its
     notes say so, too."""
-    source, series = content.source, content.series
+    source = content.source
+    series = content.series
     if arrival or (channels is not None and channels.time != "header"):
         series = {topic: each.by_arrival() for topic, each in series.items()}
     found: list[Finding] = []
@@ -274,7 +275,8 @@ def _mapped_recording(
     series: Mapping[str, Series], content: Content, channels: ChannelMap, found: list[Finding]
 ) -> Recording:
     link, motor, command = (mapped_side(channels, side, series, found) for side in SIDE_NAMES)
-    joints, urdf = tuple(channels.joints), content.robot_description
+    joints = tuple(channels.joints)
+    urdf = content.robot_description
     return Recording(
         joints, link, motor, command, robot_description=urdf, currents=channels.currents()
     )

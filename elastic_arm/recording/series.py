@@ -20,7 +20,8 @@ from elastic_arm.recording.storage.metadata import Topic
 from elastic_arm.recording.timebase.ordering import in_order
 
 Rows = NDArray[np.intp]
-_SECONDS, _NANOSECONDS = "header.stamp.sec", "header.stamp.nanosec"
+_SECONDS = "header.stamp.sec"
+_NANOSECONDS = "header.stamp.nanosec"
 _FIRST = 1024  # messages that a table holds at first, when nothing is known
 
 
@@ -86,7 +87,8 @@ class Series:
         for piece in self.pieces:
             own = frozenset(piece.names) & set(joints)
             counts[own] = counts.get(own, 0) + len(piece.rows)
-        left, found = set(joints), []
+        left = set(joints)
+        found = []
         for own in sorted(counts, key=lambda own: (len(own), counts[own]), reverse=True):
             if taken := own & left:
                 part = self.keep(lambda piece, own=own: own <= set(piece.names))  # type: ignore[misc]
@@ -147,7 +149,8 @@ class Series:
         order = np.lexsort((np.arange(len(rows)), empty, stamp_ns))
         first = np.diff(stamp_ns[order], prepend=stamp_ns[0] - 1) > 0
         other = np.flatnonzero(~first)
-        one, two = table[order[other - 1]], table[order[other]]
+        one = table[order[other - 1]]
+        two = table[order[other]]
         differ = ~((one == two) | (np.isnan(one) & np.isnan(two))).all(axis=1)
         at = moment(stamp_ns, int(order[other[0]]))
         words = f"{self.topic} repeats a stamp {len(other)} times, first that of {at}"
@@ -289,14 +292,16 @@ class Decoder:
     """Decodes the messages of one topic."""
 
     def __init__(self, topic: str, type_name: str) -> None:
-        self.topic, self.type_name = topic, type_name
+        self.topic = topic
+        self.type_name = type_name
         self._count = 0
         self._layouts: dict[str, cdr.Layouts] = {}
         self._tables: dict[int, _DecodedColumns] = {}
 
     def add(self, file: BagFile, channel: int, block: McapBlock) -> None:
         """Decode the messages of one channel in a block."""
-        spans, log_ns = block.spans(channel).in_a_row(), block.log_ns(channel)
+        spans = block.spans(channel).in_a_row()
+        log_ns = block.log_ns(channel)
         rows = np.arange(self._count, self._count + len(log_ns))
         expected = file.expected(channel)
         try:
@@ -363,7 +368,8 @@ class _DecodedColumns:
     """The numbers of all messages of one layout; grows as they come."""
 
     def __init__(self, layout: cdr.Layout, capacity: int) -> None:
-        self.layout, self.count = layout, 0
+        self.layout = layout
+        self.count = 0
         self.columns: dict[str, NDArray] = {
             name: np.empty(capacity, np.int64) for name in ("rows", "log_ns")
         }
@@ -384,7 +390,8 @@ class _DecodedColumns:
         """Decode messages; `rows` are their places among the topic's messages."""
         spot = slice(self.count, self.count + len(rows))
         self._reserve(spot.stop)
-        self.columns["rows"][spot], self.columns["log_ns"][spot] = rows, log_ns
+        self.columns["rows"][spot] = rows
+        self.columns["log_ns"][spot] = log_ns
         if "stamp_ns" in self.columns:
             stamps = self.columns["stamp_ns"][spot]
             np.multiply(
@@ -398,7 +405,8 @@ class _DecodedColumns:
     def piece(self) -> Piece:
         """Return the messages as arrays, without a copy where they have the machine's own byte
         order."""
-        rows, log_ns = self.columns["rows"][: self.count], self.columns["log_ns"][: self.count]
+        rows = self.columns["rows"][: self.count]
+        log_ns = self.columns["log_ns"][: self.count]
         stamp_ns = self.columns["stamp_ns"][: self.count] if "stamp_ns" in self.columns else None
         names = tuple(next(iter(self.layout.strings.values()), []))
         values = {

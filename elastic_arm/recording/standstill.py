@@ -65,7 +65,8 @@ def within(recording: Recording, spans: Stamps) -> Recording:
 
 def _moving(side: Side) -> Stamps:
     """Return from when to when any joint moves, (k, 2) ns, with what is kept around."""
-    stamps, position = side.stamp_ns, side.position
+    stamps = side.stamp_ns
+    position = side.position
     assert position is not None
     length = max(
         1,

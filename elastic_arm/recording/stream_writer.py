@@ -43,8 +43,10 @@ class StreamWriter(AbstractContextManager["StreamWriter"]):
                 f"{self.path} exists already", "Choose another name; nothing is overwritten."
             )
         self._sink = McapSink(self.path / f"{self.path.name}_0.mcap", compression)
-        self._flush_every, self._sync_every = flush_every, sync_every
-        self._chunk_bytes, self._clock = chunk_bytes, clock
+        self._flush_every = flush_every
+        self._sync_every = sync_every
+        self._chunk_bytes = chunk_bytes
+        self._clock = clock
         self._ids: dict[str, int] = {}
         self.counts: dict[str, int] = {}  # messages taken so far, by topic
         self._syncer = ThreadPoolExecutor(1)

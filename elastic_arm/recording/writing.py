@@ -226,11 +226,13 @@ def _drawn(robot: Robot, recording: Recording, further: Mapping[str, Side]) -> l
     seen = side.at(slice(None, None, max(int(rate / _DRAWN), 1)))
     assert seen.position is not None
     types = message_types.typestore().types
-    vector, quaternion = types["geometry_msgs/msg/Vector3"], types["geometry_msgs/msg/Quaternion"]
+    vector = types["geometry_msgs/msg/Vector3"]
+    quaternion = types["geometry_msgs/msg/Quaternion"]
     still = types["geometry_msgs/msg/Transform"](
         vector(0.0, 0.0, 0.0), quaternion(0.0, 0.0, 0.0, 1.0)
     )
-    stamped, values = [], {}
+    stamped = []
+    values = {}
     for k, (parent, child, placement) in enumerate(urdf_placements(robot, seen.position)):
         stamped.append(types["geometry_msgs/msg/TransformStamped"](_header(parent), child, still))
         turn = Rotation.from_matrix(

@@ -20,7 +20,9 @@ from elastic_arm.report.html import Figure, Plot
 from elastic_arm.report.style import BLUE, CYCLE, GREY, VERMILION, drawing
 
 # The same colours mean the same throughout.
-BEFORE, CAUSE, AFTER = GREY, VERMILION, BLUE
+BEFORE = GREY
+CAUSE = VERMILION
+AFTER = BLUE
 POINTS = 1500  # of a cloud
 BRIGHTEST = 100.0  # residual over noise at which the map's colour ends
 
@@ -95,12 +97,15 @@ def residual_blocks(
     angle of the rotor.
     """
     n = len(found.joints)
-    side, i = context.validate.layout.sides[row // n], row % n
+    side = context.validate.layout.sides[row // n]
+    i = row % n
     part = max(range(len(left)), key=lambda k: len(left[k]))
     stretch = context.validate.parts[part].stretch
-    before, rest = context.before[part][:, row], left[part][:, row]
+    before = context.before[part][:, row]
+    rest = left[part][:, row]
     added = None if cause is None else before - rest
-    t, motion = stretch.t, stretch.motion
+    t = stretch.t
+    motion = stretch.motion
     moving = "link" if side == "link" else "motor"
     joint = found.joints[i]
     unit = partial(found.units.at, joint)
@@ -167,7 +172,8 @@ def angle_within_turn(
 def before_and_after(found: Diagnosis, context: DiagnosisContext) -> list[Plot]:
     """Return every residual over time, before and after, on the longest stretch."""
     part = max(range(len(context.before)), key=lambda k: len(context.before[k]))
-    t, shown = context.validate.parts[part].stretch.t, []
+    t = context.validate.parts[part].stretch.t
+    shown = []
     for row, (side, joint) in enumerate(product(context.validate.layout.sides, found.joints)):
         if (joint, side) in found.noise:
             unit = found.units.at(joint, "Nm")
@@ -180,7 +186,8 @@ def before_and_after(found: Diagnosis, context: DiagnosisContext) -> list[Plot]:
 
 def horizons(prediction: Prediction, joints: Sequence[str], unit: str) -> MplFigure:
     """Draw prediction errors over the horizon, a joint a panel."""
-    before, after = prediction.before or {}, prediction.after or {}
+    before = prediction.before or {}
+    after = prediction.after or {}
     ms = 1e3 * np.array(prediction.horizons)
     drawn = [(before, BEFORE, 2.6, "before"), (after, AFTER, 1.0, "after")][
         : 1 if after == before else 2

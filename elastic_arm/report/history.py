@@ -45,7 +45,8 @@ def write_history_report(
 def drawn(one: Course, dates: Sequence[str]) -> MplFigure:
     """Draw a number over the recordings, in their order, with its levels before and after a
     change."""
-    sized, k = one.sized, np.arange(len(dates))
+    sized = one.sized
+    k = np.arange(len(dates))
     with drawing(size=(8.4, 2.6)) as (figure, axes):
         ax = axes[0, 0]
         ax.errorbar(k, sized.values, 1.96 * sized.stds, fmt="o", color=BLUE, capsize=3)

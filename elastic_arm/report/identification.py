@@ -98,13 +98,15 @@ def torques(equations: BaseRegression, motion: Motion, result: Identification) -
 def _predicted(equations: BaseRegression, motion: Motion, Psi_base: Array) -> dict[str, Array]:
     """Return what base parameters predict, side -> (N, n) Nm, with a gap where a joint sticks: no
     law states that."""
-    predicted, left_out = equations.predict(motion, Psi_base), equations.left_out(motion)
+    predicted = equations.predict(motion, Psi_base)
+    left_out = equations.left_out(motion)
     return {side: np.where(left_out[side], np.nan, values) for side, values in predicted.items()}
 
 
 def residuals(equations: BaseRegression, motion: Motion, result: Identification) -> MplFigure:
     """Draw what the identified arm leaves, per joint and equation."""
-    measured, found = equations.measured(motion), _predicted(equations, motion, result.Psi_base)
+    measured = equations.measured(motion)
+    found = _predicted(equations, motion, result.Psi_base)
     with drawing(equations.n, 1, size=(8.4, 1.35 * equations.n), sharex=True) as (figure, axes):
         for i, joint in enumerate(equations.joints):
             for side, colour in zip(equations.sides, (BLUE, VERMILION, GREEN), strict=False):

@@ -80,7 +80,8 @@ def _overlay(found: Sequence[Replay], recorded: str, model: str, unit: str) -> M
     joints = found[0].joints
     with drawing(len(joints), 1, size=(8.4, 1.5 * len(joints)), sharex=True) as (figure, axes):
         for i, joint in enumerate(joints):
-            ax, course = axes[i, 0], found[0].course
+            ax = axes[i, 0]
+            course = found[0].course
             kept = course.t <= course.t[0] + SHOWN_SECONDS
             values = getattr(course, recorded)[kept, i]
             draw_signal(ax, course.t[kept], values, color=GREY, lw=2.6, alpha=0.6, label="recorded")

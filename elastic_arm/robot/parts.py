@@ -18,7 +18,8 @@ from elastic_arm.errors import RobotError
 _INERTIA_TOLERANCE = 1e-9
 # Sizes of an arm's numbers, SI units, zero apart; products of several beyond leave the range of
 # floating-point numbers.
-_SMALLEST, _LARGEST = 1e-30, 1e30
+_SMALLEST = 1e-30
+_LARGEST = 1e30
 # A stage of a transmission. Two that are larger leave no trace of the stiffness beside the motor's
 # inertia.
 _RATIO = 1e4
@@ -107,7 +108,8 @@ def placed(rotation: Any = None, position: Any = 0.0) -> np.ndarray:
 def moved_joint(by: float, prismatic: bool) -> np.ndarray:
     """Return the placement (4, 4) after a joint that has turned about z, rad, or slid along it,
     m."""
-    c, s = np.cos(by), np.sin(by)
+    c = np.cos(by)
+    s = np.sin(by)
     return (
         placed(position=[0.0, 0.0, by])
         if prismatic
@@ -385,8 +387,10 @@ class DH:
     @property
     def placement(self) -> np.ndarray:
         """4x4, the row's transform at q = 0, right angles exact."""
-        c, s = np.cos(self.offset), np.sin(self.offset)
-        ca, sa = np.cos(self.alpha), np.sin(self.alpha)
+        c = np.cos(self.offset)
+        s = np.sin(self.offset)
+        ca = np.cos(self.alpha)
+        sa = np.sin(self.alpha)
         rotation = snap(np.array([[c, -s * ca, s * sa], [s, c * ca, -c * sa], [0.0, sa, ca]]))
         return placed(rotation, [self.a * rotation[0, 0], self.a * rotation[1, 0], self.d])
 

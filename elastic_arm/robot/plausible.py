@@ -109,7 +109,8 @@ def doubtful(robot: Robot) -> list[str]:
 
 
 def _of_joint(joint: Joint, robot: Robot) -> Iterator[str]:
-    limits, slides = joint.limits, joint.prismatic
+    limits = joint.limits
+    slides = joint.prismatic
     ends = [end for end in (limits.position_min, limits.position_max) if end is not None]
     furthest = max(ends, key=abs, default=0.0)
     # Some state no limit by a number beyond all.
@@ -127,7 +128,8 @@ def _of_joint(joint: Joint, robot: Robot) -> Iterator[str]:
     for each, value in stated:
         if (words := each.doubts(f"joint {joint.name!r}", value)) is not None:
             yield words
-    body, first = joint.link, joint is robot.joints[0]
+    body = joint.link
+    first = joint is robot.joints[0]
     whose = f"link {joint.link_name!r}"
     lengths = [float(np.linalg.norm(part[:3, 3])) for part in (joint.before, joint.after)]
     numbers = [(MASS, body.mass), (CENTRE, float(np.linalg.norm(body.com)) if body.mass else 0.0)]

@@ -133,9 +133,11 @@ class _Reading:
     def _rigid(self, link: str, placement: Array) -> tuple[Inertia, list[tuple[ET.Element, Array]]]:
         """Gather a link at `placement` and all that is fixed to it; return also the moving joints
         it carries."""
-        bodies, onward = [self._inertia(link, placement)], []
+        bodies = [self._inertia(link, placement)]
+        onward = []
         for element in self._tree.children[link]:
-            name, child = str(element.get("name")), self._moves(element)
+            name = str(element.get("name"))
+            child = self._moves(element)
             if name in self._tree.left_out:
                 continue
             if self._tree.moves(name):
@@ -164,7 +166,8 @@ class _Reading:
     def _joint(
         self, element: ET.Element, carried: Array
     ) -> tuple[Joint, list[tuple[ET.Element, Array]]]:
-        name, child = str(element.get("name")), self._moves(element)
+        name = str(element.get("name"))
+        child = self._moves(element)
         kind = element.get("type")
         if kind not in MOVING:
             raise RobotError(
@@ -229,7 +232,8 @@ class _Reading:
             k: None if v is None else number(v, f"joint {name!r}: limit {k}")
             for k, v in stated.items()
         }
-        lower, upper = given.get("lower", 0.0), given.get("upper", 0.0)
+        lower = given.get("lower", 0.0)
+        upper = given.get("upper", 0.0)
         bounded = element.get("type") != "continuous" and lower != upper
         if element.get("type") == "continuous":
             self._notes.append(f"joint {name!r} is continuous: it has no position limits")

@@ -95,7 +95,8 @@ class UrdfTree:
 
     def _connect(self) -> None:
         for name, element in self.joints.items():
-            parent, child = self.parent_of(name), self.child_of(name)
+            parent = self.parent_of(name)
+            child = self.child_of(name)
             for link in (parent, child):
                 if link not in self.links:
                     raise RobotError(

@@ -27,13 +27,16 @@ def varied(robot: Robot, rng: np.random.Generator, spread: float = 0.15) -> Robo
 
     joints = []
     for joint in robot.joints:
-        link, drive, scale = joint.link, joint.transmission, factor()
+        link = joint.link
+        drive = joint.transmission
+        scale = factor()
         com = link.com * rng.uniform(1.0 - spread, 1.0 + spread, size=3)
         if drive is not None:
             bodies: dict[str, Any] = {
                 name: body(part) for name, (part, _) in drive.components.items()
             }
-            K, D = drive.stiffness * factor(), drive.damping * factor()
+            K = drive.stiffness * factor()
+            D = drive.damping * factor()
             drive = replace(drive, stiffness=K, damping=D, **bodies)
         joints.append(
             replace(

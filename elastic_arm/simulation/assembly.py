@@ -77,10 +77,8 @@ def assemble(
     equations: ArmEquations, instances: Sequence[EffectInstance], duration: float | None = None
 ) -> System:
     """Put an arm and effects together, or find a system of the same shape."""
-    shape, effect_set = (
-        _shape(equations, instances),
-        EffectSet(instances, equations.robot, duration),
-    )
+    shape = _shape(equations, instances)
+    effect_set = EffectSet(instances, equations.robot, duration)
     if shape not in _known:
         # On disk an arm of its own is worth keeping; every arm with effects and numbers of its own
         # would fill it.
@@ -125,9 +123,13 @@ def _derive(equations: ArmEquations, effect_set: EffectSet) -> list[ca.Function]
     With tau_J taken from the drive equation, (1) reads `left side + effects = [0; tau_m]`, linear
     in the accelerations also where a law contains them (an added mass).
     """
-    n, dof, Psi = equations.robot.n, equations.dof, equations.Psi
+    n = equations.robot.n
+    dof = equations.dof
+    Psi = equations.Psi
     x, dx, ddx = (SX.sym(name, dof) for name in ("x", "dx", "ddx"))
-    tau_m, tau_J, speed = SX.sym("tau_m", n), SX.sym("tau_J", n), SX.sym("speed", 2 * n)
+    tau_m = SX.sym("tau_m", n)
+    tau_J = SX.sym("tau_J", n)
+    speed = SX.sym("speed", 2 * n)
     signs = SX.sym("signs", 2 * n)
     unused = SX.zeros(n)
     motion = SymbolicMotion(
@@ -185,12 +187,15 @@ def law_rows(equations: ArmEquations, effect_set: EffectSet) -> ca.Function:
     For engines that are not ours: `speed` (2n,) regularises the signs of the velocities, as in the
     simulator.
     """
-    n, dof = equations.robot.n, equations.dof
+    n = equations.robot.n
+    dof = equations.dof
     x, dx, ddx = (SX.sym(name, dof) for name in ("x", "dx", "ddx"))
-    tau_m, tau_J, speed = SX.sym("tau_m", n), SX.sym("tau_J", n), SX.sym("speed", 2 * n)
-    unused, signs = (
-        SX.zeros(n),
-        ca.tanh(ca.vertcat(dx[:n], dx[n : 2 * n] if equations.robot.elastic else dx[:n]) / speed),
+    tau_m = SX.sym("tau_m", n)
+    tau_J = SX.sym("tau_J", n)
+    speed = SX.sym("speed", 2 * n)
+    unused = SX.zeros(n)
+    signs = ca.tanh(
+        ca.vertcat(dx[:n], dx[n : 2 * n] if equations.robot.elastic else dx[:n]) / speed
     )
     motion = SymbolicMotion(
         equations,
@@ -240,5 +245,6 @@ def _rows(motion: SymbolicMotion, added: Contribution) -> SX:
 
 def _input_rows(motion: SymbolicMotion, tau_m: SX) -> SX:
     """Right side of (1)."""
-    n, dof = motion.n, motion.x.shape[0]
+    n = motion.n
+    dof = motion.x.shape[0]
     return tau_m if not motion.robot.elastic else ca.vertcat(SX(n, 1), tau_m, SX(dof - 2 * n, 1))

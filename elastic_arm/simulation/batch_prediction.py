@@ -69,7 +69,10 @@ class BatchPrediction:
         period: float,
         duration: float | None = None,
     ) -> None:
-        self._equations, self._Psi, self._K, self._period = equations, Psi, stiffness, period
+        self._equations = equations
+        self._Psi = Psi
+        self._K = stiffness
+        self._period = period
         self._system: System = assemble(equations, laws, duration)
         self._substeps = 1
         # Interpreted, the accelerations of all starts at all steps take longer than compiling them.
@@ -84,7 +87,8 @@ class BatchPrediction:
         n = self._system.n
         y = self._start(motion, begins)
         torque = 0.5 * (motion.tau_m[:-1] + motion.tau_m[1:])
-        link, motor = [], []
+        link = []
+        motor = []
         for k in range(1, steps[-1] + 1):
             y = self._advance(y, torque[begins + k - 1])
             if k in steps:
@@ -136,7 +140,8 @@ class BatchPrediction:
         if not system.states:
             return np.zeros((len(x), 0))
         given = [ca.SX.sym(f"given_{k}", *system.accelerations.size_in(k)) for k in (2, 0, 1, 3, 4)]
-        z, rest = given[0], given[1:]
+        z = given[0]
+        rest = given[1:]
         rate = system.accelerations(rest[0], rest[1], z, *rest[2:])[1]
         course = ca.Function("step", given, [z + self._period * rate]).mapaccum(len(x) - 1)
         known = [values[:-1].T for values in (x, dx, motion.tau_m)]
@@ -148,7 +153,8 @@ class BatchPrediction:
 
     def _prepare(self, starts: int, x: Array, torque: Array) -> None:
         """Choose the step, and with it the scheme, by the fastest vibration."""
-        system, z = self._system, np.zeros(self._system.states)
+        system = self._system
+        z = np.zeros(self._system.states)
         fastest = self._fastest(x, z, torque)
         # The fastest eigenvalue times the step is 1.0; Runge-Kutta is stable up to 2.8.
         step = min(LONGEST_STEP, 1.0 / fastest) if fastest > 0.0 else LONGEST_STEP
@@ -201,7 +207,8 @@ class BatchPrediction:
 
     def _advance(self, y: Array, torque: Array) -> Array:
         """Return the states (S, …) a sample later."""
-        dof, h = self._system.dof, self._period / self._substeps
+        dof = self._system.dof
+        h = self._period / self._substeps
 
         def rate(at: Array) -> Array:
             ddx, dz, _ = self._evaluate(at, torque)

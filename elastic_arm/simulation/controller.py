@@ -98,10 +98,8 @@ def controller_of(robot: Robot, *, model: str = "mod3", rate: float = 1000.0) ->
         return own
     names = ("kp", "kd", "ki", "delay", "limit", "speed", "dead_band")
     values = {name: np.array(getattr(own, name)) for name in names}
-    held, moved = (
-        np.ones(robot.n),
-        np.ones(robot.n),
-    )  # shares of gravity, and of the rest, that are fed forward
+    held = np.ones(robot.n)  # share of gravity that is fed forward
+    moved = np.ones(robot.n)  # share of the rest that is fed forward
     for i, joint in enumerate(robot.joints):
         if (drive := joint.controller) is None:
             continue
@@ -109,7 +107,8 @@ def controller_of(robot: Robot, *, model: str = "mod3", rate: float = 1000.0) ->
         stated = (kp, kd, ki, drive.delay, limit, drive.follows_rate, drive.dead_band)
         for name, value in zip(names, stated, strict=True):
             values[name][i] = value
-        held[i], moved[i] = drive.feedforward != "none", drive.feedforward == "model"
+        held[i] = drive.feedforward != "none"
+        moved[i] = drive.feedforward == "model"
     rigid = RigidFeedforward(ArmEquations(robot, model))
 
     def feedforward(q: Array, dq: Array, ddq: Array) -> Array:
@@ -163,7 +162,8 @@ def _commands(kp: Array, kd: Array, rigid: RigidFeedforward, rate: float) -> int
 
 def fastest_eigenvalue(mass: Array, stiffness: Array, damping: Array) -> float:
     """Return the largest eigenvalue of M x'' + D x' + K x = 0, all (m, m), by size, 1/s."""
-    eye, none = np.eye(len(mass)), np.zeros_like(mass)
+    eye = np.eye(len(mass))
+    none = np.zeros_like(mass)
     below = np.linalg.solve(mass, np.hstack([-stiffness, -damping]))
     return float(np.abs(np.linalg.eigvals(np.vstack([np.hstack([none, eye]), below]))).max())
 
@@ -217,7 +217,8 @@ class RigidFeedforward:
     def inertia(self, q: Array) -> Array:
         """Return the mass matrix (n, n) at a pose (n,), link and motor side turning together."""
         n = len(self._torque)
-        poses, none = np.tile(q, (n + 1, 1)), np.zeros((n + 1, n))
+        poses = np.tile(q, (n + 1, 1))
+        none = np.zeros((n + 1, n))
         torque = self(poses, none, np.vstack([np.zeros(n), np.eye(n)]))
         return np.asarray((torque[1:] - torque[0]).T)
 
@@ -237,7 +238,8 @@ def _together(equations: ArmEquations) -> ca.Function:
 
 
 def _derive_together(equations: ArmEquations) -> ca.Function:
-    n, dof = equations.robot.n, equations.dof
+    n = equations.robot.n
+    dof = equations.dof
     names = ("q", "dq", "ddq")
     q, dq, ddq = (ca.SX.sym(name, n) for name in names)
     x, dx, ddx = (ca.vertcat(*[v] * (dof // n)) for v in (q, dq, ddq))

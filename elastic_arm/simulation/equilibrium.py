@@ -18,12 +18,14 @@ NEARBY = 0.5
 
 def equilibrium(system: System, theta: Array, speed: Array) -> tuple[Array, Array]:
     """Solve for the static deflection under gravity with the motors held at `theta`."""
-    n, dof = system.n, system.dof
+    n = system.n
+    dof = system.dof
     motor = slice(n, 2 * n) if dof > n else slice(0, n)
     free = np.array([k for k in range(dof) if not motor.start <= k < motor.stop], dtype=int)
     x = np.zeros(dof)
     x[:n] = x[motor] = theta
-    rest, z = np.zeros(dof), np.zeros(system.states)
+    rest = np.zeros(dof)
+    z = np.zeros(system.states)
     given = (system.equations.nominal, system.effect_set.numbers(), speed)
     load = np.array(system.balance(x, rest, z, *given)).ravel()[free]
     found = _solved(system, x, free, given)
@@ -51,7 +53,8 @@ def _solved(
 ) -> tuple[Array, Array] | None:
     """Return coordinates and torques (dof,) of an equilibrium by Newton's steps from x (dof,); None
     where none is."""
-    rest, z = np.zeros(system.dof), np.zeros(system.states)
+    rest = np.zeros(system.dof)
+    z = np.zeros(system.states)
     torque = np.array(system.balance(x, rest, z, *given)).ravel()
     for _ in range(ITERATIONS):
         if np.abs(torque[free]).max(initial=0.0) < TOLERANCE * (1.0 + np.abs(torque).max()):
@@ -67,7 +70,8 @@ def _is_stable(
 ) -> bool:
     """Whether an arm stays at coordinates x (dof,), which are near those of the motors, held
     (dof,)."""
-    rest, z = np.zeros(system.dof), np.zeros(system.states)
+    rest = np.zeros(system.dof)
+    z = np.zeros(system.states)
     slope = np.array(system.stiffness_of_balance(x, rest, z, *given))[np.ix_(free, free)]
     return bool(
         np.abs(x - held).max() < NEARBY and np.linalg.eigvalsh(0.5 * (slope + slope.T)).min() > 0.0
@@ -83,7 +87,8 @@ def _descend(
     given: tuple[Array, Array, Array],
 ) -> tuple[Array, Array]:
     """Take the longest of the halved Newton steps that makes the residual smaller."""
-    rest, z = np.zeros(system.dof), np.zeros(system.states)
+    rest = np.zeros(system.dof)
+    z = np.zeros(system.states)
     size = np.abs(torque[free]).max()
     for halvings in range(20):
         trial = x.copy()

@@ -111,7 +111,8 @@ class CompiledIntegrator:
     name = "c"
 
     def __init__(self, system: System) -> None:
-        self._n, self._ode = system.n, 2 * system.dof + system.states
+        self._n = system.n
+        self._ode = 2 * system.dof + system.states
         sizes = {
             "DOF": system.dof,
             "STATES": system.states,
@@ -125,7 +126,9 @@ class CompiledIntegrator:
 
     def run(self, loop: ClosedLoop, reference: Array, state: IntegratorState) -> Solution:
         """See :meth:`Integrator.run`."""
-        ode, n, samples = self._ode, self._n, len(reference) // loop.commands
+        ode = self._ode
+        n = self._n
+        samples = len(reference) // loop.commands
         passed = np.concatenate(
             [state.y, state.half_J, state.half_m, state.command, state.integral]
         )
@@ -136,7 +139,8 @@ class CompiledIntegrator:
         ]
         addresses = [a.ctypes.data for a in (*arrays, out)]
         done = self._rollout(samples, loop.half_steps, loop.commands, loop.period, *addresses)
-        state.y, rest = arrays[-1][:ode], arrays[-1][ode:].reshape(4, n)
+        state.y = arrays[-1][:ode]
+        rest = arrays[-1][ode:].reshape(4, n)
         state.half_J, state.half_m, state.command, state.integral = rest
         return _solution(out[:done], ode, n)
 
@@ -165,13 +169,18 @@ class CasadiIntegrator:
     name = "casadi"
 
     def __init__(self, system: System) -> None:
-        self._n, self._dof, self._ode = system.n, system.dof, 2 * system.dof + system.states
-        y, h = ca.SX.sym("y", self._ode + self._n), ca.SX.sym("h")
+        self._n = system.n
+        self._dof = system.dof
+        self._ode = 2 * system.dof + system.states
+        y = ca.SX.sym("y", self._ode + self._n)
+        h = ca.SX.sym("h")
         command = ca.SX.sym("command", self._n)
         constants = ca.SX.sym("constants", system.constants.numel_out(0))
 
         def rate(at: ca.SX) -> ca.SX:
-            x, dx, z = at[: self._dof], at[self._dof : 2 * self._dof], at[2 * self._dof : self._ode]
+            x = at[: self._dof]
+            dx = at[self._dof : 2 * self._dof]
+            z = at[2 * self._dof : self._ode]
             return ca.vertcat(dx, *system.accelerations(x, dx, z, command, constants))
 
         step = ca.Function("step", [y, command, constants, h], [runge_kutta_step(rate, y, h)])
@@ -180,7 +189,8 @@ class CasadiIntegrator:
 
     def run(self, loop: ClosedLoop, reference: Array, state: IntegratorState) -> Solution:
         """See :meth:`Integrator.run`."""
-        n, ode = self._n, self._ode
+        n = self._n
+        ode = self._ode
         motor = n if self._dof > n else 0
         parts = max(2, loop.commands)
         steps = 2 * loop.half_steps // parts
@@ -189,9 +199,11 @@ class CasadiIntegrator:
         kp, kd, ki, limit, dead_band = loop.gains
         rows: list[Array] = []
         given = iter(reference.reshape(len(reference), 3, n))
-        command, integral = state.command, state.integral.copy()
+        command = state.command
+        integral = state.integral.copy()
         for _ in range(len(reference) // loop.commands):
-            y, held = np.append(state.y, np.zeros(n)), np.zeros(n)
+            y = np.append(state.y, np.zeros(n))
+            held = np.zeros(n)
             for part in range(parts):
                 if part * loop.commands % parts == 0:
                     theta, dtheta, forward = next(given)
@@ -209,15 +221,14 @@ class CasadiIntegrator:
                 held = held + command / parts
                 if 2 * (part + 1) == parts:
                     means = [(state.half_J + y[ode:]) / loop.period, state.half_m + held]
-                    y[ode:], held = 0.0, np.zeros(n)
+                    y[ode:] = 0.0
+                    held = np.zeros(n)
             if not np.isfinite(y).all():
                 break
             rows.append(np.concatenate([state.y, *means, first]))
-            state.y, state.half_J, state.half_m, state.command, state.integral = (
-                y[:ode],
-                y[ode:],
-                held,
-                command,
-                integral,
-            )
+            state.y = y[:ode]
+            state.half_J = y[ode:]
+            state.half_m = held
+            state.command = command
+            state.integral = integral
         return _solution(np.array(rows).reshape(-1, ode + 3 * n), ode, n)

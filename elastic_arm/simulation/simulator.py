@@ -98,12 +98,10 @@ class Simulator:
         _check_steps(settings.rate, settings.substeps)
         self.nominal = robot if settings.nominal is None else settings.nominal
         check_same_joints(robot, self.nominal)
-        self.robot, self.rate, self._settings, self._duration = (
-            robot,
-            float(settings.rate),
-            settings,
-            duration,
-        )
+        self.robot = robot
+        self.rate = float(settings.rate)
+        self._settings = settings
+        self._duration = duration
         self._rng = np.random.default_rng() if rng is None else rng
         self._samples = 0
         self._build(settings.effects)
@@ -152,7 +150,8 @@ class Simulator:
                     "Give one per joint, rad or rad/s.",
                 )
         x, hold = equilibrium(self.system, q0, np.full(2 * n, SIGN_SPEED))
-        z, controller = np.zeros(self.system.states), self.controller
+        z = np.zeros(self.system.states)
+        controller = self.controller
         steps = self._steps(x, hold)
         self.sign_speed = sign_speed(
             self.system, self.system.equations.nominal, x, z, hold, 1.0 / (self.rate * steps)
@@ -171,17 +170,17 @@ class Simulator:
     def _steps(self, x: Array, hold: Array) -> int:
         """Return the integration steps a sample: none longer than the time constant of the arm's
         fastest eigenvalue."""
-        system, rest, z = self.system, np.zeros_like(x), np.zeros(self.system.states)
+        system = self.system
+        rest = np.zeros_like(x)
+        z = np.zeros(self.system.states)
         given = (
             system.equations.nominal,
             system.effect_set.numbers(),
             np.full(2 * system.n, SIGN_SPEED),
         )
         stiffness = np.array(system.stiffness_of_balance(x, rest, z, *given))
-        mass, damping = (
-            np.array(system.friction(x, rest, z, hold, *given)[1]),
-            np.zeros_like(stiffness),
-        )
+        mass = np.array(system.friction(x, rest, z, hold, *given)[1])
+        damping = np.zeros_like(stiffness)
         for spring in system.equations.bodies.springs:
             ends = np.zeros(len(x))
             ends[spring.coordinate] = 1.0
@@ -291,13 +290,16 @@ class Simulator:
     def _truth(self, solution: Solution) -> Truth:
         dof = self.system.dof
         t = (self._samples + np.arange(len(solution.y))) / self.rate
-        x, dx, z = solution.y[:, :dof], solution.y[:, dof : 2 * dof], solution.y[:, 2 * dof :]
+        x = solution.y[:, :dof]
+        dx = solution.y[:, dof : 2 * dof]
+        z = solution.y[:, 2 * dof :]
         return Truth(t, x, dx, z, solution.tau_J, solution.tau_m, solution.command, self.robot.n)
 
     def _explain(self, solution: Solution) -> None:
         """Name time and joint of a motion that left the finite numbers."""
         last = solution.y[-1] if len(solution.y) else self.state.y
-        dof, n = self.system.dof, self.robot.n
+        dof = self.system.dof
+        n = self.robot.n
         joint = self.robot.joint_names[
             int(np.nan_to_num(np.abs(last[dof : 2 * dof]), nan=np.inf).argmax()) % n
         ]
@@ -316,7 +318,8 @@ def sign_speed(system: System, Psi: Array, x: Array, z: Array, hold: Array, step
     :data:`SIGN_SPEED`, or more where friction would outrun an integrator of this step (s):
     `friction step / inertia`.
     """
-    rest, speed = np.zeros_like(x), np.full(2 * system.n, SIGN_SPEED)
+    rest = np.zeros_like(x)
+    speed = np.full(2 * system.n, SIGN_SPEED)
     slope, mass = (
         np.array(m)
         for m in system.friction(x, rest, z, hold, Psi, system.effect_set.numbers(), speed)

@@ -83,7 +83,8 @@ class Correction:
             None  # over which friction stands for laws that the file has no number for
         )
         self._ends = None if chain is None else parse_chain(chain)
-        self._at, self._catalogue = at, catalogue
+        self._at = at
+        self._catalogue = catalogue
         self.mjcf = base is not None and is_mjcf(base)
         self._written = self.mjcf or (base is not None and base.suffix.lower() in (".urdf", ".xml"))
 

@@ -159,10 +159,8 @@ def _played(
     if base is None or not is_mjcf(base):
         raise RobotError("--validate plays an MJCF of yours", "Give it as --base.")
     ends = None if chain is None else parse_chain(chain)
-    before, after = (
-        open_mjcf(base, ends, at),
-        with_controllers(open_mjcf(done.files[0], ends, at), robot),
-    )
+    before = open_mjcf(base, ends, at)
+    after = with_controllers(open_mjcf(done.files[0], ends, at), robot)
     judging = [
         Judging(options.read_by_clock(bag, None, robot, options.ClockChoice.auto)) for bag in bags
     ]

@@ -21,7 +21,8 @@ def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
     Where the load is known, its sign gives the end of the play. What encoders read of it has their
     noise, which the residual holds, too (errors in variables).
     """
-    gap, d = p["half_gap"], motion.deflection[i]
+    gap = p["half_gap"]
+    d = motion.deflection[i]
     if motion.wound is not None:
         d = ca.if_else(motion.loaded > 0.0, SHARP * motion.wound[i], d)
     return motion.at(i, drive=-motion.K[i] * ca.fmax(-gap, ca.fmin(gap, d)))

@@ -15,7 +15,10 @@ from elastic_arm.effects.law import (
 
 def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
     """Gravity turned into the tilted base's axes, R' g with R = Rx(a) Ry(b)."""
-    sa, ca_, sb, cb = ca.sin(p["x"]), ca.cos(p["x"]), ca.sin(p["y"]), ca.cos(p["y"])
+    sa = ca.sin(p["x"])
+    ca_ = ca.cos(p["x"])
+    sb = ca.sin(p["y"])
+    cb = ca.cos(p["y"])
     about_x = ca.vertcat(ca.horzcat(1, 0, 0), ca.horzcat(0, ca_, -sa), ca.horzcat(0, sa, ca_))
     about_y = ca.vertcat(ca.horzcat(cb, 0, sb), ca.horzcat(0, 1, 0), ca.horzcat(-sb, 0, cb))
     gravity = ca.DM(motion.robot.gravity)

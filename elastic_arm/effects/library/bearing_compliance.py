@@ -39,7 +39,8 @@ POSES = 40
 # the same noise is in the residuals, so they are smoothed further where accelerations are good up
 # to a low frequency only. Each step lets through a part of what the steps before have not: after
 # four, half passes at about twice this.
-SMOOTH, SMOOTHER = 12.0, 0.6
+SMOOTH = 12.0
+SMOOTHER = 0.6
 PADDING = 0.5  # s mirrored at both ends, in which the tilts swing in
 RATE = 250.0  # Hz, more than the motion that columns are made of holds
 # of the frequency up to which moments are taken: there rounding is left of them (exp(-32));
@@ -56,7 +57,8 @@ def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
     effect's power is missed. A simulated arm does not need this law: there the tilts are
     coordinates.
     """
-    n, zero = motion.n, ca.SX.zeros(2 * motion.n)
+    n = motion.n
+    zero = ca.SX.zeros(2 * motion.n)
     _check(motion.robot)
     whole = ArmEquations(motion.robot, motion.equations.model_name, bearings=True)
     x, dx, ddx, dddx, ddddx = (
@@ -143,9 +145,11 @@ class TiltRegressor:
 
     def residuals(self, signals: MotionSignals, values: Mapping[str, Any]) -> Array:
         """Return what the tilts add to the residuals, (N, 3 n)."""
-        n, scale = self.equations.robot.n, float(values["stiffness_scale"])
+        n = self.equations.robot.n
+        scale = float(values["stiffness_scale"])
         thin = slice(None, None, max(1, int((1.0 / RATE) / (signals.t[1] - signals.t[0]))))
-        t, motion = signals.t[thin], [signals.values[name][thin] for name in ("x", "dx", "ddx")]
+        t = signals.t[thin]
+        motion = [signals.values[name][thin] for name in ("x", "dx", "ddx")]
         tilts = np.zeros((3, len(t), 2 * n))
         rest = moving = self._left_side(motion, tilts)
         response = self._response(t, motion[0], scale, min(SMOOTH, SMOOTHER * signals.cutoff))

@@ -15,7 +15,8 @@ from elastic_arm.effects.law import (
 
 def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
     """H z added to tau_J, with the Bouc-Wen state z of the deflection."""
-    z, rate = p["z"], motion.deflection_rate[i]
+    z = p["z"]
+    rate = motion.deflection_rate[i]
     z_rate = (rate - ca.fabs(rate) * z / 2 - rate * ca.fabs(z) / 2) / p["width"]
     return motion.at(i, drive=p["torque"] * z, rates={"z": z_rate})
 

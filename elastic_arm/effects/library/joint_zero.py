@@ -8,7 +8,8 @@ from elastic_arm.effects.law import Confusion, Contribution, Effect, Numbers, Sy
 def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
     """The left side of (1) at the angles of the description, q_i and theta_i less the offset,
     instead of those read."""
-    read, n = motion.x, motion.n
+    read = motion.x
+    n = motion.n
     described = ca.SX(read)
     for k in (i, n + i) if motion.robot.elastic else (i,):
         described[k] -= p["offset"]

@@ -32,14 +32,16 @@ POINT = f"{WHAT}; a change that no point mass makes is a mismatch"
 
 def carried(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
     """Weight and inertia of a point mass fixed to link i."""
-    mass, position = p["mass"], p["position"]
+    mass = p["mass"]
+    position = p["position"]
     inertia = mass * (ca.sumsqr(position) * ca.SX.eye(3) - position @ position.T)
     return motion.everywhere(motion.carried_body(i, mass, mass * position, inertia))
 
 
 def relieved(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
     """Minus the weight of a mass that link i carries; its inertia stays."""
-    rest, moment = ca.SX(*motion.x.shape), p["mass"] * p["position"]
+    rest = ca.SX(*motion.x.shape)
+    moment = p["mass"] * p["position"]
     return motion.everywhere(
         motion.equations.carried_body(i, -p["mass"], -moment, ca.SX(3, 3), motion.x, rest, rest)
     )

@@ -110,7 +110,8 @@ def _off_centre(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
     """K and D times the false deflection and its rate."""
     motion.gear(i)
     angle = motion.q[i] + p["phase"]
-    error, rate = p["amplitude"] * ca.sin(angle), p["amplitude"] * ca.cos(angle) * motion.dq[i]
+    error = p["amplitude"] * ca.sin(angle)
+    rate = p["amplitude"] * ca.cos(angle) * motion.dq[i]
     return motion.at(i, drive=motion.K[i] * error + motion.D[i] * rate)
 
 

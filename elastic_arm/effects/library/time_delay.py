@@ -23,7 +23,8 @@ def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
     the difference is the rate of tau_J; in the drive it is as if the link were `delay` times its
     velocity further on.
     """
-    delay, total = p["delay"], motion.nothing()
+    delay = p["delay"]
+    total = motion.nothing()
     if "joint_torque" in p["channels"]:
         late = -delay * motion.dtau_J[i]
         total += motion.at(i, link=late, drive=late, motor=-late)

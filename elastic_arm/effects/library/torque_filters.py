@@ -23,7 +23,8 @@ PADDING = 0.5  # s mirrored at both ends
 AVERAGED = 1.0  # Hz, over which a power spectrum is averaged
 # Times the noise: from there the noise of a torque no longer counts when a filter is undone; and
 # what shows at all, as the power of noise, averaged, stays below. Conventions.
-CLEAR, VISIBLE = 100.0, 3.0
+CLEAR = 100.0
+VISIBLE = 3.0
 CHANNELS = {"joint_torque": "tau_J", "motor_torque": "tau_m"}
 
 
@@ -41,7 +42,8 @@ class FilteredTorques:
 
     def residuals(self, signals: MotionSignals, values: Mapping[str, Any]) -> Array:
         """Return recorded less true torque in link, drive and motor residuals, (N, 3 n)."""
-        n, joints = self.equations.robot.n, list(values["joints"])
+        n = self.equations.robot.n
+        joints = list(values["joints"])
         link, drive, motor = (np.zeros((len(signals.t), n)) for _ in range(3))
         for channel in (c for c in values["channels"] if c in CHANNELS):
             error = self._error(signals, CHANNELS[channel], joints, values)
@@ -71,7 +73,8 @@ class DelayedTorques(FilteredTorques):
         """Return recorded less true torque in link, drive and motor residuals, (N, 3 n)."""
         found = super().residuals(signals, values)
         if "link_encoder" in values["channels"]:
-            equations, n = self.equations, self.equations.robot.n
+            equations = self.equations
+            n = self.equations.robot.n
             gears = [joint.transmission for joint in equations.robot.joints]
             K, D = (
                 np.array([getattr(g, of) if g else 0.0 for g in gears])
@@ -89,7 +92,9 @@ class DelayedTorques(FilteredTorques):
     ) -> Array:
         """Return recorded less true torque (N, k): of the recorded one, the true torque is what
         comes a delay later."""
-        t, torque, delay = signals.t, signals.values[name], float(values["delay"])
+        t = signals.t
+        torque = signals.values[name]
+        delay = float(values["delay"])
         by = -delay if signals.predicted else delay
         splines = [
             signals.once(
@@ -97,7 +102,8 @@ class DelayedTorques(FilteredTorques):
             )
             for j in joints
         ]
-        at, torque = np.hstack([_at(t, spline, by) for spline in splines]), torque[:, joints]
+        at = np.hstack([_at(t, spline, by) for spline in splines])
+        torque = torque[:, joints]
         return np.asarray(at - torque if signals.predicted else torque - at)
 
 
@@ -114,7 +120,8 @@ class LowPassedTorques(FilteredTorques):
         that would take the noise of its accelerations off the residual, which a filter on the
         torque does not.
         """
-        t, cutoff = signals.t, float(values["cutoff"])
+        t = signals.t
+        cutoff = float(values["cutoff"])
         if signals.predicted:
             # Filtered, the noise of accelerations would leave the link's residual and enter those
             # of drive and motor.
@@ -176,11 +183,13 @@ class _Undone:
     @staticmethod
     def of(signals: MotionSignals, name: str) -> _Undone:
         """Take them of a torque by name."""
-        t, torque = signals.t, signals.values[name]
+        t = signals.t
+        torque = signals.values[name]
         if name not in signals.model_torques:
             return _Undone(scipy.interpolate.CubicSpline(t, torque)(t, 1))
         noise = signals.torque_noise[name]
-        clear, visible = Clear(t, torque, CLEAR * noise), Clear(t, torque, VISIBLE * noise)
+        clear = Clear(t, torque, CLEAR * noise)
+        visible = Clear(t, torque, VISIBLE * noise)
         return _Undone(
             scipy.interpolate.CubicSpline(t, clear(torque, range(torque.shape[1])))(t, 1),
             clear,
@@ -202,7 +211,8 @@ def _at(t: Array, spline: scipy.interpolate.CubicSpline, by: float) -> Array:
 
 def low_pass_error(t: Array, torque: Array, cutoff: float) -> Array:
     """Return what a first-order low pass makes of a torque (N, k), less the torque."""
-    T, step = 1.0 / (2.0 * np.pi * cutoff), float(t[1] - t[0])
+    T = 1.0 / (2.0 * np.pi * cutoff)
+    step = float(t[1] - t[0])
     # By the trapezoidal rule, from the state that a steady change before the first sample leaves.
     gain = step / (2.0 * T + step)
     slope = (torque[1] - torque[0]) / step

@@ -64,7 +64,8 @@ def _stopped(d: Any, v: Any, free: Any, inertia: Any, h: Any, p: Any) -> Any:
 
     Critically damped, as what gears lose in an impact is not known.
     """
-    side, T = ca.sign(d), STOPPING
+    side = ca.sign(d)
+    T = STOPPING
     at_end = (v - h * (d - side * p) / T**2) / (1.0 + 2.0 * h / T + (h / T) ** 2)
     pressed = ca.logic_and(ca.fabs(d) >= p, side * ((at_end - v) / h - free) < 0.0)
     return ca.if_else(pressed, at_end, v + h * free)
@@ -75,12 +76,16 @@ def _recursion(rate: Callable[..., Any]) -> Recursion:
     """Return d, its rate, and its rate half a sample later, from load, inertia and slope now and a
     sample later."""
     z, now, p = (ca.SX.sym(name, size) for name, size in (("z", 3), ("now", 6), ("p", 2)))
-    d, v, half, h = z[0], z[1], z[2], p[1] / STEPS
+    d = z[0]
+    v = z[1]
+    half = z[2]
+    h = p[1] / STEPS
     for k in range(STEPS):
         share = (k + 1) / STEPS
         load, inertia, slope = ((1.0 - share) * now[j] + share * now[3 + j] for j in range(3))
         v = rate(d, v, -(load + slope * d) / inertia, inertia, h, p[0])
-        d, half = d + h * v, v if k == STEPS // 2 - 1 else half
+        d = d + h * v
+        half = v if k == STEPS // 2 - 1 else half
     return Recursion(ca.Function("step", [z, now, p], [ca.vertcat(d, v, half)]))
 
 
@@ -91,7 +96,8 @@ class YieldingJoint:
     """
 
     def __init__(self, rate: Callable[..., Any], equations: ArmEquations) -> None:
-        self.equations, self._rate = equations, rate
+        self.equations = equations
+        self._rate = rate
 
     @property
     def acts(self) -> bool:
@@ -107,7 +113,8 @@ class YieldingJoint:
     def residuals(self, signals: MotionSignals, values: Mapping[str, Any]) -> Array:
         """Return what the link's motion behind the encoder adds to the residuals, (N, 3 n)."""
         (j,), h = values["joints"], float(signals.t[1] - signals.t[0])
-        model, motor = self._model, float(self.equations.robot.joints[j].armature or 0.0)
+        model = self._model
+        motor = float(self.equations.robot.joints[j].armature or 0.0)
         motion = [signals.values[name] for name in ("x", "dx", "ddx")]
 
         def moved(*by: Array | float) -> Array:
@@ -126,7 +133,8 @@ class YieldingJoint:
             inertia = np.maximum(model.mass_matrix(motion[0])[:, j, j] - motor, 1e-9)
             known[self] = rigid, inertia, (moved(SMALL, 0.0, 0.0) - rigid)[:, j] / SMALL
         rigid, inertia, slope = known[self]
-        now, before = np.column_stack([rigid[:, j], inertia, slope]), round(SETTLING / h)
+        now = np.column_stack([rigid[:, j], inertia, slope])
+        before = round(SETTLING / h)
         now = np.vstack([now[:1].repeat(before, axis=0), now, now[-1:]])
         pairs = np.hstack([now, np.vstack([now[1:], now[-1:]])])
         (size,) = (value for name, value in values.items() if name != "joints")

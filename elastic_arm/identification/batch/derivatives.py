@@ -169,7 +169,8 @@ class DerivativeStage:
     def _standing(self) -> Array:
         """Speed (n,) rad/s below which joints stand; zero for those that never move: nothing else
         is known of them."""
-        angle, lost = "theta" if self._longest.theta is not None else "q", 2 * self._smoother.lag
+        angle = "theta" if self._longest.theta is not None else "q"
+        lost = 2 * self._smoother.lag
         grids = [grid for grid in self._grids if len(grid) > lost]
         names = [name for name in (angle, f"d{angle}") if getattr(grids[0], name) is not None]
         alone = (Grid(g.t, g.rate, **{name: getattr(g, name) for name in names}) for g in grids)
@@ -189,7 +190,8 @@ class DerivativeStage:
         self, equations: BaseRegression | None = None, *, ends: bool = False, stuck: bool = False
     ) -> Derived:
         """Return the motion, the laws of `equations` through the same filter."""
-        smoother, grids = self._smoother, self._grids
+        smoother = self._smoother
+        grids = self._grids
         twice = equations is not None and bool(equations.columns)
         lost = 2 * smoother.lag * (2 if twice else 1)
         grids = [with_ends(grid, lost) for grid in grids] if ends else grids
@@ -215,7 +217,8 @@ class DerivativeStage:
     def _too_short(self, lost: int, twice: bool) -> IdentificationError:
         """Return the error of a recording of which the smoother loses all, laws that pass it
         `twice` included."""
-        whole, rate = len(self._longest), self._longest.rate
+        whole = len(self._longest)
+        rate = self._longest.rate
         piece = (
             "is"
             if len(self._grids) == 1

@@ -112,7 +112,8 @@ def identify_with(
     require_robot(robot)
     settings = settings or IdentificationSettings()
     asked = settings.laws(robot)
-    chosen, validate = recordings_of(recordings), recordings_of(validate, "validate")
+    chosen = recordings_of(recordings)
+    validate = recordings_of(validate, "validate")
     if not chosen:
         raise IdentificationError("no recording was given", "Give at least one.")
     report = progress or (lambda what, share: None)
@@ -121,17 +122,16 @@ def identify_with(
     held_out = _held_out(validate, prepared[0], robot, settings.model)
     motored = any(samples.tau_m is not None for samples in prepared)
     armed = robot.with_armatures() if motored else robot
-    notes, robot = [MOTOR_INERTIA] if armed is not robot else [], armed
+    notes = [MOTOR_INERTIA] if armed is not robot else []
+    robot = armed
     asked, moved = on_recorded_side(asked, robot, motored=motored)
     known = with_stated(asked, robot, motored=motored, catalogue=settings.catalogue)
     known, unseen = with_trace(known, robot, settings.model, prepared[0])
     # What the description states of imperfections is as uncertain as what it does not.
     unasked = nuisance_effects(robot, settings.catalogue)
     effects = tuple(law for law in known if law in asked or law.effect.id not in unasked)
-    recorded, settings = (
-        list(zip(chosen, prepared, strict=True)),
-        replace(settings, effects=effects),
-    )
+    recorded = list(zip(chosen, prepared, strict=True))
+    settings = replace(settings, effects=effects)
     trials = Trials(recorded, robot, settings, report, unasked=bool(known))
     choice = trials.selected()
     tilted = any(instance.effect.id == TILT for instance in known)
@@ -179,7 +179,8 @@ def _estimated(trials: Trials, choice: BatchChoice) -> tuple[Identification, Bat
     ones in variance."""
     trial = trials.final(choice)
     trials.report("estimate", 1.0)
-    identifier, derived = trial.identifier, trial.derived
+    identifier = trial.identifier
+    derived = trial.derived
     sources = tuple(recording.source for recording, _ in trials.recordings)
     correlated = 1.0
     if trials.settings.consistent or choice.held:
@@ -216,7 +217,8 @@ def _regularised(
 ) -> tuple[float | None, Prior | None]:
     """Return the width of the prior that predicts left-out parts best, None where it takes none,
     and the prior."""
-    equations, blocks = trial.identifier.equations, trial.linear_blocks
+    equations = trial.identifier.equations
+    blocks = trial.linear_blocks
     prior = partial(prior_of, equations, laws=law_sizes(blocks, equations), correlated=correlated)
     plain = trial.identifier.fit(prior(np.inf)) if choice.held else trial.fit
     chosen = chosen_width(blocks, plain, equations, correlated)
@@ -249,7 +251,8 @@ def _held_out_motions(
 ) -> HeldOut:
     """Return the motion of recordings that no fit has seen, `stuck` if it states where joints
     stick."""
-    equations, motions = trial.identifier.equations, {}
+    equations = trial.identifier.equations
+    motions = {}
     for source, stage in stages.items():
         report(f"validation on {source}", 1.0)
         derived = stage(equations, stuck=stuck).aligned(equations, trial.derived[0])
@@ -262,7 +265,8 @@ def resonances(
 ) -> dict[str, float]:
     """Return the frequency, Hz, at which rigid joints answer their torque most, of those with such
     a peak."""
-    plain, found = robot.with_(effects=()), dict[str, float]()
+    plain = robot.with_(effects=())
+    found = dict[str, float]()
     friction = parse_laws(PLAIN, plain)
     for motions in recordings:
         longest = max(motions, key=len)

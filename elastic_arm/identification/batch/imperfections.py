@@ -27,10 +27,12 @@ from elastic_arm.robot import Robot
 # What differs from none by so many standard deviations is free: one in 15,000 would be called so by
 # chance. Where a channel has one such zero, its others are from one standard deviation: from there
 # on a parameter lowers the expected error of predictions.
-CERTAIN, LIKELY = 4.0, 1.0
+CERTAIN = 4.0
+LIKELY = 1.0
 # What differs from none by so many at most, and is known to such a share of what is ordinary, is
 # none; convention.
-NONE, KNOWN = 2.0, 0.1
+NONE = 2.0
+KNOWN = 0.1
 # Ordinary size of a zero as a share of its joint's torques (rms): some percent of the rated torque,
 # of which motions take a third or so; convention.
 ZERO = 0.1
@@ -132,7 +134,8 @@ def judged_imperfections(
     What the description states is never left out.
     """
     place = {name: k for k, name in enumerate(equations.base.names)}
-    sizes, known = {}, set()
+    sizes = {}
+    known = set()
     for each in possible:
         at = [place[name] for name in _names(each, equations) if name in place]
         sizes[each.place] = float(np.max(np.abs(fit.Psi[at]) / fit.std[at], initial=0.0))
@@ -167,7 +170,8 @@ def described_imperfections(found: Sequence[NuisanceLaw]) -> list[str]:
     """Return in words which imperfections were identified, and how."""
     shown = [each.place for each in found if each.ordinary is None and not each.stated]
     held = {each.place[0] for each in found if each.ordinary is not None}
-    notes, usual = [], []
+    notes = []
+    usual = []
     if shown:
         free = ", ".join(f"{law}:{joint}" if joint else law for law, joint in shown)
         notes.append(

@@ -99,10 +99,8 @@ def other_mounting(robot: Robot, model: str, motions: Sequence[Motion]) -> Mount
     them far better, by more than chance, and better than channels of the wrong sign or springs
     would, the arm is called mounted otherwise.
     """
-    described, turning = (
-        np.asarray(robot.gravity, dtype=float),
-        [not joint.prismatic for joint in robot.joints],
-    )
+    described = np.asarray(robot.gravity, dtype=float)
+    turning = [not joint.prismatic for joint in robot.joints]
     size = float(np.linalg.norm(described))
     # Turns are those of gravity straight down.
     if not (size and motions and any(turning)) or described[2] > -(1.0 - STRAIGHT) * size:
@@ -146,7 +144,8 @@ def _torques(robot: Robot, model: str, motion: Motion) -> tuple[Array, ...] | No
     torque = motion.tau_m if motion.tau_m is not None else motion.tau_J
     if torque is None or not recorded or motion.lacking:
         return None
-    every, n = slice(0, None, max(1, len(motion) // ENOUGH)), robot.n
+    every = slice(0, None, max(1, len(motion) // ENOUGH))
+    n = robot.n
     # Links stand in for their motors, and the other way about: a deflection hardly turns what
     # gravity pulls at.
     taken = (recorded[0], recorded[-1]) if robot.elastic else recorded[:1]
@@ -184,6 +183,7 @@ def _left_by_joint(columns: Array, target: Array) -> Array:
 
 def _least_squares(columns: Array, target: Array) -> tuple[Array, float]:
     """Return the coefficients (m,) of columns (N, n, m), and the sum of squares that they leave."""
-    flat, wanted = columns.reshape(-1, columns.shape[2]), target.ravel()
+    flat = columns.reshape(-1, columns.shape[2])
+    wanted = target.ravel()
     found = np.asarray(np.linalg.lstsq(flat, wanted, rcond=None)[0], dtype=np.float64)
     return found, float(np.sum((wanted - flat @ found) ** 2))

@@ -285,10 +285,8 @@ class Trials:
             _errors_by_block(each, rest.fit).sum(axis=0) for each in (self(choice), rest)
         )
         precision = held / rest.fit.noise**2
-        stuck, moving = (
-            precision @ (whole - left) / share.sum(),
-            precision @ left / np.sum(1.0 - share[held]),
-        )
+        stuck = precision @ (whole - left) / share.sum()
+        moving = precision @ left / np.sum(1.0 - share[held])
         return replace(choice, sticking=bool(stuck <= FAILS * moving))
 
     def _speed(self, choice: BatchChoice) -> BatchChoice:
@@ -379,7 +377,8 @@ def identifier_of(
     options
         Of :class:`.stream.Identifier`.
     """
-    arm, columns = build_model(robot, model), law_columns(effects, robot, model)
+    arm = build_model(robot, model)
+    columns = law_columns(effects, robot, model)
     return Identifier(arm, columns, joints=robot.joint_names, **options)
 
 
@@ -392,7 +391,8 @@ def _traced(equations: BaseRegression) -> list[Column]:
 def _errors_by_block(trial: BatchTrial, fit: Fit) -> Array:
     """Return the squared errors (blocks, groups) of a fit on a trial's rows, none below the
     rounding of its terms."""
-    blocks, solution = trial.linear_blocks, np.append(-fit.Psi, 1.0)
+    blocks = trial.linear_blocks
+    solution = np.append(-fit.Psi, 1.0)
     grams = np.array([hi + lo for hi, lo in blocks.grams])
     rounding = ROUNDING * np.einsum("i,bgii->bg", solution**2, grams)
     return np.maximum(np.einsum("i,bgij,j->bg", solution, grams, solution), rounding)

@@ -174,7 +174,8 @@ class TrajectoryAction:
         return await active.outcome
 
     def _begin(self, handle: ServerGoalHandle) -> _Active:
-        request, follower = handle.request, self._follower()
+        request = handle.request
+        follower = self._follower()
         if request.multi_dof_trajectory.points:
             raise GraphError("moves joints of several degrees of freedom", "This arm has none.")
         path = Tolerances.of(request.path_tolerance, follower.joints)
@@ -188,7 +189,8 @@ class TrajectoryAction:
     def _end(self, code: int, words: str, state: Callable[[], None] | None = None) -> None:
         """Report the outcome of the present goal: aborted, where `state` does not set another."""
         assert self._active is not None
-        active, self._active = self._active, None
+        active = self._active
+        self._active = None
         (state or active.handle.abort)()
         if state is None:
             self._log.warning(f"a goal was aborted: {words}")

@@ -21,7 +21,8 @@ LARGEST_JUMP = 0.1
 LONGEST_STREAM = 150
 # Rows of a goal are made so many steps ahead, in parts: no goal is so long that the arm has to wait
 # for it.
-AHEAD, PART = 1000, 500
+AHEAD = 1000
+PART = 500
 
 
 class Follower:
@@ -44,7 +45,9 @@ class Follower:
         self.joints = robot.joint_names
         self.stream = ReferenceQueue(start, origin_ns, step_ns)
         self.goal: Goal | None = None
-        self._origin, self._step_ns, self._policy = origin_ns, step_ns, policy
+        self._origin = origin_ns
+        self._step_ns = step_ns
+        self._policy = policy
         self._stated, self._assumed = (JointLimits.of(robot, assumed) for assumed in (False, True))
         self._step = 0
         self._made = 0
@@ -98,7 +101,8 @@ class Follower:
 
     def _begin(self, goal: Goal) -> None:
         self.stream.clear()
-        self.goal, self._made = goal, self._step
+        self.goal = goal
+        self._made = self._step
 
     def _take_stream(self, stamp: int, after_ns: NDArray[np.int64], points: Points) -> None:
         ahead = (stamp + int(after_ns[-1]) - self.now_ns) / NANOSECONDS
@@ -134,7 +138,8 @@ class Follower:
             )
             degrees = np.concatenate(([degree], points.degree))
             points = Points(joined.position, joined.velocity, joined.acceleration, degrees)
-        known, between = points.degree[:, None], _slopes(after_ns, points.position)
+        known = points.degree[:, None]
+        between = _slopes(after_ns, points.position)
         stated = np.where(known >= CUBIC, points.velocity, 0.0)
         motion = Row(
             points.position,

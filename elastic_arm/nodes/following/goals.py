@@ -120,7 +120,9 @@ def _from_present(stamps: NDArray[np.int64], points: Points, now_ns: int, presen
 
 def _within(goal: Goal, limits: JointLimits, policy: str) -> Goal:
     """Return the goal if it keeps the limits, or a slower one that does."""
-    tried, reason, slower = goal, "", 1.0
+    tried = goal
+    reason = ""
+    slower = 1.0
     for _ in range(TRIES):
         broken = limits.violation(_samples(tried), goal.points.position[0])
         if broken is None:

@@ -53,7 +53,8 @@ class JointLimits:
             stated = [getattr(joint.limits, name) for joint in robot.joints]
             return np.array([default if value is None else value for value in stated], dtype=float)
 
-        low, high = all_of("position_min", -np.inf), all_of("position_max", np.inf)
+        low = all_of("position_min", -np.inf)
+        high = all_of("position_max", np.inf)
         fastest = {name: all_of(name, unlimited) for name, unlimited in FASTEST.items()}
         return cls(robot.joint_names, low, high, **fastest, assumed=assumed)
 

@@ -43,7 +43,8 @@ class ReferenceQueue:
     """
 
     def __init__(self, start: Array, origin_ns: int, step_ns: int) -> None:
-        self._origin, self._step = origin_ns, step_ns
+        self._origin = origin_ns
+        self._step = step_ns
         rest = np.zeros_like(start)
         self._last = Row(np.array(start, dtype=float), rest, rest)
         # Rows without a hole between them are one motion. What the arm has gone through is gone.
@@ -78,7 +79,8 @@ class ReferenceQueue:
                 min(kind, degree[0]) == LINEAR
             ):  # the straight line leaves the last point at its own speed
                 self._cut(stamp, keep=True)
-            stamps, degree = np.concatenate(([stamp], stamps)), np.concatenate(([kind], degree))
+            stamps = np.concatenate(([stamp], stamps))
+            degree = np.concatenate(([kind], degree))
             points = Row(
                 *(np.vstack((before, now)) for before, now in zip(row, points, strict=True))
             )
@@ -112,7 +114,9 @@ class ReferenceQueue:
     def clear(self) -> None:
         """Forget all points to come; what is added next is another motion, in time."""
         self._motions.clear()
-        self._tail, self._following, self.delay = None, False, 0.0
+        self._tail = None
+        self._following = False
+        self.delay = 0.0
 
     def extend(self, first: int, rows: Row) -> None:
         """Append rows that lie on the grid, (N, n) each, from the step `first` on, which follows
@@ -179,13 +183,16 @@ class ReferenceQueue:
         ):
             motion.popleft()
         if motion[0][0] <= step:
-            self._following, self._speed = True, 1.0
-            self._head, self._last = float(motion[0][0]), motion[0][1]
+            self._following = True
+            self._speed = 1.0
+            self._head = float(motion[0][0])
+            self._last = motion[0][1]
 
     def _advance(self) -> None:
         """Go on along the present motion, at full speed or slower."""
         motion = self._motions[0]
-        before, feed = self._speed, self._feed()
+        before = self._speed
+        feed = self._feed()
         self.starved += feed < 1.0 <= before
         over = self._head >= motion[-1][0] and _still(motion[-1][1])
         # What is left of a motion that broke off is given up for the next.

@@ -103,7 +103,8 @@ def commanded(command: JointState, period: float) -> JointTrajectory | None:
 
     Where a velocity is commanded, too, the arm is then further on by it: it follows without a lag.
     """
-    position, velocity = np.array(command.position), np.array(command.velocity)
+    position = np.array(command.position)
+    velocity = np.array(command.velocity)
     if not len(position) or np.all(np.isnan(position)):
         return None  # interfaces that no controller has claimed yet
     if len(velocity) == len(position) and np.all(np.isfinite(velocity)):

@@ -15,7 +15,9 @@ from elastic_arm.arrays import Array
 
 # Degree of the polynomial that a point allows: by its position alone, with its velocity, with its
 # acceleration too.
-LINEAR, CUBIC, QUINTIC = 1, 3, 5
+LINEAR = 1
+CUBIC = 3
+QUINTIC = 5
 
 
 class Row(NamedTuple):
@@ -70,9 +72,12 @@ def interpolate(
 def _coefficients(start: Row, end: Row, h: Array, kind: NDArray[np.int64]) -> list[Array]:
     """Coefficients of the powers 0 to 5 of the share of the way in time, (M, n) each."""
     rise = end.position - start.position
-    v0, v1 = start.velocity * h, end.velocity * h
-    a0, a1 = 0.5 * start.acceleration * h**2, 0.5 * end.acceleration * h**2
-    cubic, quintic = kind >= CUBIC, kind >= QUINTIC
+    v0 = start.velocity * h
+    v1 = end.velocity * h
+    a0 = 0.5 * start.acceleration * h**2
+    a1 = 0.5 * end.acceleration * h**2
+    cubic = kind >= CUBIC
+    quintic = kind >= QUINTIC
     zero = np.zeros_like(rise)
     return [
         start.position,

@@ -109,7 +109,8 @@ class Collector:
         shown: Callable[[str], str] = lambda topic: topic,
         channels: ChannelMap | None = None,
     ) -> None:
-        self.joints, self._shown = joints, shown
+        self.joints = joints
+        self._shown = shown
         given = (
             {}
             if channels is None
@@ -159,7 +160,8 @@ class Collector:
         for topic, inbox in self.inboxes.items():
             self._empty[topic] += 1
             if len(inbox):
-                self._heard[topic], self._empty[topic] = time.monotonic(), 0
+                self._heard[topic] = time.monotonic()
+                self._empty[topic] = 0
             for names, stamps, numbers in inbox.take():
                 for side in (side for side, source in self._sources.items() if source == topic):
                     there, rows = self._rows(side, names, stamps, numbers)
@@ -192,7 +194,8 @@ class Collector:
             for topic, heard in self._heard.items()
             if now - heard > SILENCE and self._empty[topic] >= LOOKS
         ]
-        faults, losses = self.faults, self.losses
+        faults = self.faults
+        losses = self.losses
         counts = {
             f"messages do not name the joints {', '.join(self.joints)}": faults.foreign,
             "messages hold numbers that are not finite": faults.not_finite,

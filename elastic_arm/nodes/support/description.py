@@ -22,10 +22,12 @@ TOOL = "tool0"
 # at, as capsules.
 _BARS = ("base_grey", "link_blue")
 # What a joint of the arm takes and gives.
-_COMMANDS, _STATES = ("position", "velocity"), ("position", "velocity", "effort")
+_COMMANDS = ("position", "velocity")
+_STATES = ("position", "velocity", "effort")
 # Controllers of ros2_control command the simulator by topics, relative to the arm's namespace.
 _PLUGIN = "topic_based_ros2_control/TopicBasedSystem"
-COMMANDS, STATES = "simulator/joint_commands", "joint_states"
+COMMANDS = "simulator/joint_commands"
+STATES = "joint_states"
 
 
 def ros_description(robot: Robot, namespace: str = "") -> str:
@@ -97,11 +99,9 @@ def _friction(effects: Iterable[Mapping[str, Any]], joint: str) -> dict[str, str
 def _add_capsule(link: ET.Element, visual: ET.Element) -> None:
     """Add a collision shape to a bar: URDF has no capsules, so it is a cylinder with a sphere at
     both ends."""
-    cylinder, material, origin = (
-        visual.find("geometry/cylinder"),
-        visual.find("material"),
-        visual.find("origin"),
-    )
+    cylinder = visual.find("geometry/cylinder")
+    material = visual.find("material")
+    origin = visual.find("origin")
     if cylinder is None or material is None or origin is None or material.get("name") not in _BARS:
         return
     centre = vector(origin.get("xyz"), "visual: xyz")
@@ -136,10 +136,8 @@ def _add_tool(tree: ET.Element, robot: Robot) -> None:
 
 def _add_control(tree: ET.Element, robot: Robot, limits: JointLimits, namespace: str) -> None:
     control = ET.SubElement(tree, "ros2_control", name=robot.name, type="system")
-    hardware, prefix = (
-        ET.SubElement(control, "hardware"),
-        f"/{namespace.strip('/')}/".replace("//", "/"),
-    )
+    hardware = ET.SubElement(control, "hardware")
+    prefix = f"/{namespace.strip('/')}/".replace("//", "/")
     ET.SubElement(hardware, "plugin").text = _PLUGIN
     for name, topic in (("joint_commands_topic", COMMANDS), ("joint_states_topic", STATES)):
         ET.SubElement(hardware, "param", name=name).text = prefix + topic

@@ -97,10 +97,8 @@ def require_single_publisher(node: Node, wanted: Sequence[str], seconds: float =
     """
     end = time.monotonic() + seconds + (os.getpid() % 8) * 0.05
     while True:
-        found, now = (
-            {topic: others for topic in wanted if (others := other_publishers(node, topic))},
-            time.monotonic(),
-        )
+        found = {topic: others for topic in wanted if (others := other_publishers(node, topic))}
+        now = time.monotonic()
         for topic, others in found.items():
             if others[0] != UNNAMED or now >= end + NAMING:
                 raise company(others, resolved(node, topic))

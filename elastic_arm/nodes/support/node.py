@@ -96,7 +96,9 @@ class Health:
         look: Callable[[], tuple[list[str], dict[str, Any]]],
         now: Callable[[], Time] | None = None,
     ) -> None:
-        self._node, self._fine, self._look = node, fine, look
+        self._node = node
+        self._fine = fine
+        self._look = look
         self._now = now or (lambda: node.get_clock().now().to_msg())
         self._publisher = node.output(topics.DIAGNOSTICS, DiagnosticArray)
         self._name = f"{node.get_fully_qualified_name().lstrip('/')}: {what}"
@@ -138,7 +140,10 @@ class Listener:
         *,
         raw: bool = False,
     ) -> None:
-        self._node, self._what, self._raw, self._closed = node, (kind, topic, take), raw, False
+        self._node = node
+        self._what = (kind, topic, take)
+        self._raw = raw
+        self._closed = False
         self._subscribe(graph.qos(topic))
         self._timer = node.every(ADAPTING, self.adapt)
         self.adapt()

@@ -47,7 +47,8 @@ class Pairing:
     """
 
     def __init__(self, window_ns: int = 200_000_000, capacity: int = 20_000) -> None:
-        self.window_ns, self.capacity = window_ns, capacity
+        self.window_ns = window_ns
+        self.capacity = capacity
         self.losses = Losses()
         self._sides: list[tuple[Stamps, Array] | None] = [None, None]
         self._newest: list[int | None] = [None, None]
@@ -92,10 +93,12 @@ class Pairing:
         if self._handed is not None:
             in_time = stamps > self._handed
             self.losses.late += int(np.sum(~in_time))
-            stamps, rows = stamps[in_time], rows[in_time]
+            stamps = stamps[in_time]
+            rows = rows[in_time]
         held = self._sides[side]
         if held is not None:
-            stamps, rows = np.concatenate((held[0], stamps)), np.concatenate((held[1], rows))
+            stamps = np.concatenate((held[0], stamps))
+            rows = np.concatenate((held[1], rows))
         unique, first = np.unique(stamps, return_index=True)
         self.losses.repeated += len(stamps) - len(unique)
         over = max(len(unique) - self.capacity, 0)
@@ -105,12 +108,10 @@ class Pairing:
     def _restart(self) -> None:
         self.losses.restarts += 1
         self.losses.unmatched += sum(len(held[0]) for held in self._sides if held is not None)
-        self._sides, self._newest, self._first, self._handed = (
-            [None, None],
-            [None, None],
-            [None, None],
-            None,
-        )
+        self._sides = [None, None]
+        self._newest = [None, None]
+        self._first = [None, None]
+        self._handed = None
 
     def _drop_until(self, limit: int, handed_out: int) -> None:
         """Forget what is not younger than `limit`, and count what of it had no partner."""

@@ -36,7 +36,8 @@ class WorkerProcess:
     """
 
     def __init__(self, make: Callable[..., Callable[[Any], Any]], *args: Any) -> None:
-        self._make, self._args = make, args
+        self._make = make
+        self._args = args
         self._start()
         # A process of low priority takes its time to fetch a question, too.
         self._courier = ThreadPoolExecutor(1)
@@ -72,7 +73,8 @@ class WorkerProcess:
         """
         if self._answer is None or not self._answer.done():
             return None
-        answered, self._answer = self._answer, None
+        answered = self._answer
+        self._answer = None
         try:
             return answered.result()
         except (EOFError, OSError):

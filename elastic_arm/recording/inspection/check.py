@@ -50,10 +50,8 @@ _NUMBER = re.compile(r"(?<!\w)\d[\d.e+-]*")  # which findings of two parts may n
 _STATES = (JOINT_STATES, MOTOR_STATES)
 _SIDES = {"link": JOINT_STATES, "motor": MOTOR_STATES, "reference": REFERENCE}
 _GAP = 2.5  # sample intervals: more is a gap, not jitter
-_BRIDGED, _LOST = (
-    0.1,
-    0.03,
-)  # s of a gap, and share of the samples, that nothing which follows misses
+_BRIDGED = 0.1  # s of a gap that nothing which follows misses
+_LOST = 0.03  # share of the samples that nothing which follows misses
 _JITTER = 0.05  # of the sample interval
 _DRIFT = 20e-6  # two good crystals differ by less
 
@@ -71,7 +69,9 @@ def check_bag(
     A long bag is looked at in parts: what begins in a later one is said with its time. The
     description is compared with the motions of all of them.
     """
-    report, parts, motions = Report(str(path)), list[Report](), Motions()
+    report = Report(str(path))
+    parts = list[Report]()
+    motions = Motions()
     # What is no bag at all is no finding.
     open_bag(path)
     try:
@@ -280,7 +280,8 @@ def _check_stamps(topic: str, stamp_ns: Stamps, report: Report) -> None:
     gaps = np.flatnonzero(step > _GAP * usual)
     if len(gaps):
         longest = gaps[np.argmax(step[gaps])]
-        count, lost = len(gaps), int(np.sum(np.round(step[gaps] / usual) - 1))
+        count = len(gaps)
+        lost = int(np.sum(np.round(step[gaps] / usual) - 1))
         message = (
             f"{topic} has {count} {'gap' if count == 1 else 'gaps'} (about {lost} samples lost), "
             f"the longest of {step[longest] * 1e-9:.4g} s after {moment(stamp_ns, int(longest))}"
@@ -292,7 +293,8 @@ def _check_stamps(topic: str, stamp_ns: Stamps, report: Report) -> None:
     even = step[step <= _GAP * usual]
     usual = float(np.median(even))
     parts = [float(np.median(part)) for part in np.array_split(even, min(10, len(even) // 5))]
-    slow, fast = max(parts), min(parts)
+    slow = max(parts)
+    fast = min(parts)
     if slow > (1 + RATE_CHANGE) * fast:
         message = f"{topic} has mixed rates: between {1e9 / slow:.6g} Hz and {1e9 / fast:.6g} Hz"
         report.add("warning", "mixed_rates", message, topic=topic)
@@ -328,7 +330,8 @@ def _check_drift(content: Content, report: Report) -> None:
 def _clock_rate(series: Series) -> float:
     """Slope of the stamps against the recorder's clock, less 1; from medians, as arrivals are late
     now and then."""
-    log, ahead = (series.log_ns - series.log_ns[0]) * 1e-9, (series.stamp_ns - series.log_ns) * 1e-9
+    log = (series.log_ns - series.log_ns[0]) * 1e-9
+    ahead = (series.stamp_ns - series.log_ns) * 1e-9
     third = len(log) // 3
     span = float(np.median(log[-third:]) - np.median(log[:third]))
     return float(np.median(ahead[-third:]) - np.median(ahead[:third])) / span if span > 0 else 0.0

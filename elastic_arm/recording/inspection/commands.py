@@ -18,7 +18,8 @@ SHIFTED = 3  # samples
 MOST = 2000  # samples that are looked at
 # Of the positions' spread, left beside the commands: more is of something else, less is the same
 # numbers. Conventions.
-APART, COPIED = 0.5, 1e-4
+APART = 0.5
+COPIED = 1e-4
 # Times its command that an angle is where one of the two has another unit: degrees, turns,
 # thousandths, per cent. A weak drive under load falls short by any other factor.
 MISTAKEN = (180.0 / np.pi, np.pi / 180.0, 2 * np.pi, 0.5 / np.pi, 1e3, 1e-3, 1e2, 1e-2)
@@ -63,10 +64,8 @@ def followed(recording: Recording) -> Iterator[Finding]:
     apart = moves & (left > APART)
     good = moves & ~apart & ~(left < COPIED)
     rates = [1.0 / float(np.median(np.diff(stamps))) for stamps in (given, t)]
-    joints, told = (
-        recording.joints,
-        "they were made of the recording; record what the drives were told",
-    )
+    joints = recording.joints
+    told = "they were made of the recording; record what the drives were told"
     samples = np.round(lag / float(np.median(np.diff(t))))
     for shift in np.unique(samples[copied]).tolist():
         count = f"{abs(shift):.0f} sample{'s' if abs(shift) > 1.0 else ''}"
@@ -112,11 +111,13 @@ def followed(recording: Recording) -> Iterator[Finding]:
 def _lag(given: Array, command: Array, t: Array, angle: Array) -> tuple[float, float, float]:
     """Return by how much an angle is behind its command, s, by what it is multiplied, and which
     share is left."""
-    spline, every = CubicSpline(given, command), max(1, len(t) // MOST)
+    spline = CubicSpline(given, command)
+    every = max(1, len(t) // MOST)
     # Whole samples, too, by which a log may be shifted to make commands of it.
     lags = np.union1d(LAGS, float(np.median(np.diff(t))) * np.arange(-SHIFTED, SHIFTED + 1))
     inside = (t - lags[-1] >= given[0]) & (t - lags[0] <= given[-1])
-    t, angle = t[inside][::every], angle[inside][::every]
+    t = t[inside][::every]
+    angle = angle[inside][::every]
     if len(t) < FEWEST or not angle.std():
         return np.nan, np.nan, np.inf
     shifted = spline(t - lags[:, None])

@@ -61,7 +61,8 @@ CREEP = 0.05
 SIDES = {"tau_J": "link", "tau_m": "motor"}
 # Another arrangement is named where it is e^10 times as likely, shared among those that are tried;
 # others beside it that are at most a hundred times less likely, as in the contract.
-CERTAIN, BESIDE = 10.0, float(np.log(100.0))
+CERTAIN = 10.0
+BESIDE = float(np.log(100.0))
 # relative: a payload, a tool, another motor; of links as described and of the arm's mean link;
 # convention
 MASSES = 0.3
@@ -226,11 +227,9 @@ def _fit_gravity(motion: SideMotion, robot: Robot, *, motors: bool) -> GravityFi
     states = (np.hstack([rate, rate]) if robot.elastic else rate for rate in motion[:3])
     moved, pull = ArmEquations(robot).moved_and_pulled(*states, motors=motors)
     count = len(motion.measured)
-    left, weight, free = (
-        np.zeros((len(pull), count)),
-        np.zeros((len(pull), count, 3)),
-        np.zeros(count),
-    )
+    left = np.zeros((len(pull), count))
+    weight = np.zeros((len(pull), count, 3))
+    free = np.zeros(count)
     for k, j in enumerate(motion.measured):
         basis = _own(motion, j, moved[:, j])
         left[:, k], weight[:, k] = (
@@ -241,14 +240,13 @@ def _fit_gravity(motion: SideMotion, robot: Robot, *, motors: bool) -> GravityFi
     # What rounding leaves of the gravity of a joint that has none is no gravity.
     if not count or np.abs(gravity).max() <= RANK * float(np.abs(pull @ robot.gravity).max()):
         return GravityFit(left, np.zeros_like(gravity), weight, 0.0, 0.0, 1.0, False)
-    squares, power, both = (
-        np.sum(left**2, axis=0),
-        np.sum(gravity**2, axis=0),
-        np.sum(left * gravity, axis=0),
-    )
+    squares = np.sum(left**2, axis=0)
+    power = np.sum(gravity**2, axis=0)
+    both = np.sum(left * gravity, axis=0)
     # 0.05 of the largest gravity among the joints; less of it, as wrists have, a payload turns over
     heavy = power > 0.05**2 * power.max()
-    factors, rest = both[heavy] / power[heavy], squares[heavy] - both[heavy] ** 2 / power[heavy]
+    factors = both[heavy] / power[heavy]
+    rest = squares[heavy] - both[heavy] ** 2 / power[heavy]
     most = np.abs(factors) + 3.0 * np.sqrt(np.maximum(rest, 0.0) / power[heavy] / free[heavy])
     correlation = float(both.sum() / np.sqrt(squares.sum() * power.sum()))
     size = abs(correlation) * np.sqrt(free.sum() / max(1.0 - correlation**2, 1e-12))
@@ -295,7 +293,8 @@ def _told(motion: SideMotion, side: str, fit: GravityFit, robot: Robot) -> Itera
     every = max(1, len(motion.q) // 500)  # so many samples are tried with every other arrangement
     few = SideMotion(*(rate[::every] for rate in motion[:4]), motion.measured)  # type: ignore[call-arg, arg-type]
     # A few thousand samples: compiling would take longer than all that is computed.
-    n, model = robot.n, build_model(robot, engine="numpy")
+    n = robot.n
+    model = build_model(robot, engine="numpy")
 
     def regressor(q: Array, dq: Array, ddq: Array) -> Array:
         if robot.elastic:
@@ -329,7 +328,8 @@ def _spread(model: Model) -> Array:
     ]
     sizes = []
     for (owner, *_), parameter in zip(names, model.parameters, strict=True):
-        m, j = mass[owner] + of_all[0], inertia[owner] + of_all[1]
+        m = mass[owner] + of_all[0]
+        j = inertia[owner] + of_all[1]
         sizes.append(
             MASSES * {"kg": m, "kg m": np.sqrt(m * j), "kg m^2": j}.get(parameter.unit, 0.0)
         )
@@ -344,7 +344,9 @@ def _sized(motion: SideMotion, side: str, robot: Robot, arm: _Arm) -> list[Findi
     of.
     """
     given, free = _likelihood(motion, motion.torque, arm)
-    Y, unit, still = arm.regressor(*motion[:3]), np.eye(robot.n), np.zeros_like(motion.q)
+    Y = arm.regressor(*motion[:3])
+    unit = np.eye(robot.n)
+    still = np.zeros_like(motion.q)
     weight = arm.regressor(motion.q, still, still) @ arm.mean
 
     def zero(at: Array, size: float) -> float:
@@ -396,7 +398,8 @@ def _sized(motion: SideMotion, side: str, robot: Robot, arm: _Arm) -> list[Findi
         best = minimize_scalar(
             lambda size: -worth(size), bounds=(-3 * usual, 3 * usual), method="bounded"
         )
-        size, step = float(best.x), 0.1 * ZERO
+        size = float(best.x)
+        step = 0.1 * ZERO
         bend = (2.0 * worth(size) - worth(size - step) - worth(size + step)) / step**2
         std = max(bend, usual**-2) ** -0.5
         text = " ± ".join(rounded(size, std))
@@ -423,7 +426,8 @@ def _arranged(motion: SideMotion, side: str, robot: Robot, arm: _Arm) -> list[Fi
     n = robot.n
     for _ in range(n):
         given, free = _likelihood(motion, motion.torque, arm)
-        tried, changes = [], []
+        tried = []
+        changes = []
         for angles, ways in _arrangements(robot.joint_names, motion.measured):
             moved = motion._replace(
                 q=angles(motion.q), dq=angles(motion.dq), ddq=angles(motion.ddq)
@@ -475,7 +479,8 @@ def _coupled(joints: Sequence[str]) -> Iterator[tuple[_Turn, list[_Way]]]:
             angles = np.eye(len(joints))
             angles[j, j - 1] = sign
             torques: Array = np.asarray(np.linalg.inv(angles).T, dtype=np.float64)
-            first, name = joints[j - 1], joints[j]
+            first = joints[j - 1]
+            name = joints[j]
             line = f"coupling: {{{name}: {{{name}: 1.0, {first}: {sign:g}}}}}"
             words = (
                 f"the angle of {name} is given {way} that of {first}, as a coupled drive's is"
@@ -497,7 +502,8 @@ def _arrangements(
     it."""
 
     yield from _coupled(joints)
-    every, plain = np.arange(len(joints)), np.ones(len(joints))
+    every = np.arange(len(joints))
+    plain = np.ones(len(joints))
     same = _Change(every, plain)
     alone: list[_Way] = []
     for j, name in enumerate(joints):
@@ -548,12 +554,11 @@ def _likelihood(
     columns = [(Y[:, j] - basis @ (basis.T @ Y[:, j])) * arm.spread for j, basis in bases]
     rows = [torque[:, j] - Y[:, j] @ arm.mean for j, _ in bases]
     rows = [row - basis @ (basis.T @ row) for row, (_, basis) in zip(rows, bases, strict=True)]
-    grams, rights = (
-        np.array([c.T @ c for c in columns]),
-        np.array([c.T @ r for c, r in zip(columns, rows, strict=True)]),
-    )
+    grams = np.array([c.T @ c for c in columns])
+    rights = np.array([c.T @ r for c, r in zip(columns, rows, strict=True)])
     power = np.array([float(row @ row) for row in rows])
-    count, squares = len(Y), power
+    count = len(Y)
+    squares = power
     worth = np.full(len(rows), float(count)) if free is None else free[motion.measured]
     # Expectation and maximisation of the noise.
     for _ in range(20):
@@ -601,15 +606,14 @@ def _size(fit: GravityFit, side: str) -> list[Finding]:
 def _judged(fit: GravityFit, side: str, robot: Robot) -> list[Finding]:
     """Return what the torques of a side show: another direction or sign of gravity, none of it, or
     nothing."""
-    columns, target = fit.pull.reshape(-1, 3), fit.torque.ravel()
+    columns = fit.pull.reshape(-1, 3)
+    target = fit.torque.ravel()
     shown: Any = np.linalg.lstsq(columns, target, rcond=None)[0]
     left, straight = (
         float(np.sum((target - columns @ g) ** 2)) for g in (shown, fit.factor * robot.gravity)
     )
-    turned, size = (
-        angle_between(shown, robot.gravity),
-        float(np.linalg.norm(shown) / np.linalg.norm(robot.gravity)),
-    )
+    turned = angle_between(shown, robot.gravity)
+    size = float(np.linalg.norm(shown) / np.linalg.norm(robot.gravity))
     if left < LEFT * straight and turned > TURNED and SIZE[0] < size < SIZE[1]:
         numbers = (" ".join(f"{value:.3g}" for value in each) for each in (shown, robot.gravity))
         message = "{} effort shows gravity of {} m/s², where the description has {}".format(

@@ -65,7 +65,8 @@ def differences(real: Recording, simulated: Recording) -> RecordingDifference:
     simulated = simulated.select(real.joints)
     name, ours, theirs = _commands(real, simulated)
     offset = _offset(*ours, *theirs, name)
-    a, b = real.samples(), simulated.samples()
+    a = real.samples()
+    b = simulated.samples()
     t = a.t + (real.start_ns - _origin(real)) * 1e-9
     t_other = b.t + (simulated.start_ns - _origin(simulated)) * 1e-9
     inside = (t + offset >= t_other[0]) & (t + offset <= t_other[-1])
@@ -91,12 +92,15 @@ def differences(real: Recording, simulated: Recording) -> RecordingDifference:
 def _channel(
     name: str, t: Array, values: Array, other: CubicSpline, offset: float
 ) -> ChannelDifference:
-    apart, rate = values - other(t + offset), other(t + offset, 1)
-    spread, power = values.std(axis=0), np.sum(rate**2, axis=0)
+    apart = values - other(t + offset)
+    rate = other(t + offset, 1)
+    spread = values.std(axis=0)
+    power = np.sum(rate**2, axis=0)
     with np.errstate(divide="ignore", invalid="ignore"):
         lag = np.where(power > 0.0, -np.sum(apart * rate, axis=0) / power, np.nan)
         share = np.where(spread > 0.0, np.sqrt(np.mean(apart**2, axis=0)) / spread, np.nan)
-    rms, largest = np.sqrt(np.mean(apart**2, axis=0)), np.abs(apart).max(axis=0)
+    rms = np.sqrt(np.mean(apart**2, axis=0))
+    largest = np.abs(apart).max(axis=0)
     return ChannelDifference(name, rms, largest, apart.mean(axis=0), share, lag, apart)
 
 
@@ -143,7 +147,8 @@ def _offset(t: Array, values: Array, t_other: Array, other: Array, name: str) ->
     spline = CubicSpline(t_other, other)
     for _ in range(STEPS):
         inside = (t + offset >= t_other[0]) & (t + offset <= t_other[-1])
-        rate, apart = spline(t[inside] + offset, 1), values[inside] - spline(t[inside] + offset)
+        rate = spline(t[inside] + offset, 1)
+        apart = values[inside] - spline(t[inside] + offset)
         apart = apart - apart.mean(axis=0)
         offset += float(np.sum(apart * rate)) / max(float(np.sum(rate**2)), 1e-300)
     return offset

@@ -84,10 +84,8 @@ def bag_info(
     except RecordingError as error:
         info.notes.append(str(error))
         return info
-    info.joints, info.notes = (
-        list(recording.joints),
-        [n for n in recording.notes if n not in info.damage],
-    )
+    info.joints = list(recording.joints)
+    info.notes = [n for n in recording.notes if n not in info.damage]
     info.channels = [
         f"{side}.{name}" for side, values in recording.sides().items() for name in values.channels()
     ]
@@ -104,7 +102,8 @@ def _counted(path: str | Path) -> BagInfo:
         kinds |= file.packing()
         for block in file.blocks(strict=False):
             for channel, count in block.counts().items():
-                described, log_ns = file.topic(channel), block.log_ns(channel)
+                described = file.topic(channel)
+                log_ns = block.log_ns(channel)
                 new = TopicInfo(
                     described.name, described.type_name, 0, int(log_ns.min()), int(log_ns.max())
                 )

@@ -14,13 +14,16 @@ from elastic_arm.robot import Joint, Robot
 
 # rad/s and Nm, root mean square over a recording: of the fastest servos, of the largest arms, of a
 # finger's servo.
-FASTEST_JOINT, STRONGEST, WEAKEST = 30.0, 5e4, 1e-4
+FASTEST_JOINT = 30.0
+STRONGEST = 5e4
+WEAKEST = 1e-4
 
 
 def hardly_usable(recording: Recording) -> list[str]:
     """Return in words why a recording that is whole cannot be used: few samples, or joints without
     a position."""
-    sides, words = recording.measured(), []
+    sides = recording.measured()
+    words = []
     count = min((len(side) for side in sides.values()), default=0)
     if count < FEWEST:
         words.append(
@@ -41,7 +44,8 @@ def hardly_usable(recording: Recording) -> list[str]:
 def of_no_arm(recording: Recording) -> list[Finding]:
     """Return which speeds and torques no arm has, whichever it is: their unit is not what it was
     taken for."""
-    findings, joints = list[Finding](), recording.joints
+    findings = list[Finding]()
+    joints = recording.joints
     for name, side in recording.measured().items():
         if len(side) < FEWEST:
             continue
@@ -49,16 +53,15 @@ def of_no_arm(recording: Recording) -> list[Finding]:
         # What goes to and fro from sample to sample is no motion in any unit.
         if side.position is not None and not is_motion(times, np.nan_to_num(side.position)):
             continue
-        speeds, what = side.velocity, f"{name} velocity"
+        speeds = side.velocity
+        what = f"{name} velocity"
         if speeds is None and side.position is not None:
             # 0.1 s over which an angle advances beyond its noise
             step = float(np.median(np.diff(side.stamp_ns))) * 1e-9
             width = min(max(round(0.1 / max(step, 1e-9)), 1), len(side) - 1)
             seconds = (side.stamp_ns[width:] - side.stamp_ns[:-width])[:, None] * 1e-9
-            speeds, what = (
-                (side.position[width:] - side.position[:-width]) / seconds,
-                f"{name} position",
-            )
+            speeds = (side.position[width:] - side.position[:-width]) / seconds
+            what = f"{name} position"
         if speeds is not None:
             speed = np.nan_to_num(np.sqrt(np.mean(speeds**2, axis=0)))
             fast = speed > FASTEST_JOINT
@@ -106,7 +109,8 @@ def _positions(name: str, position: Array, robot: Robot) -> list[Finding]:
     if not found.any():
         return []
     j = int(np.argmax(np.where(found, np.ptp(ends, axis=1), -np.inf)))
-    limits, (low, high) = robot.joints[j].limits, ends[j]
+    limits = robot.joints[j].limits
+    low, high = ends[j]
     words = (
         f"is beyond the limits of the description: {robot.joint_names[j]} goes from {low:.3g} to"
         f" {high:.3g} {robot.joints[j].unit('rad')}, its limits are"
@@ -128,7 +132,8 @@ def _positions(name: str, position: Array, robot: Robot) -> list[Finding]:
 
 
 def _range(joint: Joint) -> tuple[float, float]:
-    least, most = joint.limits.position_min, joint.limits.position_max
+    least = joint.limits.position_min
+    most = joint.limits.position_max
     return (-np.inf, np.inf) if least is None or most is None else (least, most)
 
 

@@ -61,7 +61,8 @@ def by_one_clock(recording: Recording, found: list[Finding]) -> Recording:
 
 def _common(one: Side, other: Side) -> float:
     """Return which share of the shorter of two sides lies within the other."""
-    begin, end = max(one.stamp_ns[0], other.stamp_ns[0]), min(one.stamp_ns[-1], other.stamp_ns[-1])
+    begin = max(one.stamp_ns[0], other.stamp_ns[0])
+    end = min(one.stamp_ns[-1], other.stamp_ns[-1])
     shorter = min(side.stamp_ns[-1] - side.stamp_ns[0] for side in (one, other))
     return float(end - begin) / max(float(shorter), 1.0)
 

@@ -54,10 +54,9 @@ _LEAST = {
     "acceleration": 1e-2,
 }  # rad, rad/s, Nm, rad/s^2
 _RANGE = 1.1  # turns, with noise at the ends, that an angle spans which is given within one
-_APART, _APART_SECONDS = (
-    6,
-    0.02,
-)  # samples, and s, left out behind a jump: a hole that nobody bridges
+# Left out behind a jump, a hole that nobody bridges.
+_APART = 6  # samples
+_APART_SECONDS = 0.02  # s
 
 
 @dataclass(frozen=True)
@@ -148,7 +147,8 @@ def without_zeros(recording: Recording, found: list[Finding]) -> Recording:
 def _sent_again(side: Side, q: Array) -> tuple[NDArray[np.intp], str]:
     """Return where samples of zeros stand, or else of the one sample that comes anew more often
     than any other."""
-    zero, same = np.flatnonzero(~np.nan_to_num(q).any(axis=1)), _most_often(q.sum(axis=1))
+    zero = np.flatnonzero(~np.nan_to_num(q).any(axis=1))
+    same = _most_often(q.sum(axis=1))
     for values in side.channels().values():
         zero = zero[~np.nan_to_num(values[zero]).any(axis=1)]
         same = same[(np.nan_to_num(values[same]) == np.nan_to_num(values[same[:1]])).all(axis=1)]
@@ -194,12 +194,14 @@ def _in_one_piece(recording: Recording, found: list[Finding]) -> Recording:
             continue
         t = np.asarray((side.stamp_ns - side.stamp_ns[0]) * 1e-9)
         columns = [(t, column) for column in np.ascontiguousarray(side.position.T)]
-        position, parted = side.position.copy(), np.zeros(len(side), np.bool_)
+        position = side.position.copy()
+        parted = np.zeros(len(side), np.bool_)
         turned: dict[str, float] = {}
         looked_at = share_out(lambda one: _continuous(*one), columns)
         jumping = [row for each in looked_at for row in each.rows.tolist()]
         for j, (joint, each) in enumerate(zip(recording.joints, looked_at, strict=True)):
-            what, rows = f"{name} position of {joint}", each.rows
+            what = f"{name} position of {joint}"
+            rows = each.rows
             if len(each.turned):
                 position[:, j] = each.q
                 first = (
@@ -268,14 +270,13 @@ def _commands_unwound(
     Of joints whose angle was unwound by a turn, rad, and of those whose command alone is given
     within a turn.
     """
-    given, position = recording.reference, side.position
+    given = recording.reference
+    position = side.position
     if given is None or given.position is None or position is None or len(given) < 2:
         return {}
-    nearest, other, t = (
-        given.position.copy(),
-        np.zeros(recording.n, np.bool_),
-        given.stamp_ns - side.stamp_ns[0],
-    )
+    nearest = given.position.copy()
+    other = np.zeros(recording.n, np.bool_)
+    t = given.stamp_ns - side.stamp_ns[0]
     for j in np.flatnonzero(joints_with(given.position) & joints_with(position)).tolist():
         command = given.position[:, j]
         within = np.ptp(command) < _RANGE * 2 * np.pi and np.abs(np.diff(command)).max() > np.pi
@@ -374,7 +375,8 @@ def _jumps(t: Array, q: Array) -> tuple[NDArray[np.intp], Array, Array, NDArray[
     if len(rows) < _FEWEST:
         return rows[:0], np.empty(0), np.empty(0), np.empty(0, np.bool_)
     ends = np.append(rows, len(q) - 1)
-    moved, lasting = np.diff(q[ends]), np.diff(t[ends])
+    moved = np.diff(q[ends])
+    lasting = np.diff(t[ends])
     near = np.pad(moved / lasting, 2, mode="reflect")
     around = np.stack([near[k : k + len(moved)] for k in (0, 1, 3, 4)])
     noise = 1.48 * float(np.median(np.abs(moved[1:] - moved[:-1] * (lasting[1:] / lasting[:-1]))))
@@ -387,7 +389,9 @@ def _jumps(t: Array, q: Array) -> tuple[NDArray[np.intp], Array, Array, NDArray[
     # Where samples are missing a joint may have gone anywhere.
     together = t[rows + 1] - t[rows] < 2.5 * usual
     found = np.flatnonzero(together & (np.abs(moved) - fastest * lasting > limit))
-    around, lasting, limit = around[:, found], lasting[found], limit[found]
+    around = around[:, found]
+    lasting = lasting[found]
+    limit = limit[found]
     size = moved[found] - np.median(around, axis=0) * lasting
     runs_on = np.abs(around[2] - around[1]) * lasting < 2.0 * limit
     return rows[found], size, 2.0 * limit, runs_on
@@ -564,10 +568,8 @@ def sane_limits(values: Array, channel: str) -> tuple[Array, Array]:
     """Return the numbers (n,) beyond which a sample of a channel is absurd, from most of its values
     (N, n)."""
     lower, upper = np.percentile(values, _INNER, axis=0)
-    middle, spread = (
-        0.5 * (lower + upper),
-        np.maximum(upper - lower, _LEAST_INNER * _LEAST[channel]),
-    )
+    middle = 0.5 * (lower + upper)
+    spread = np.maximum(upper - lower, _LEAST_INNER * _LEAST[channel])
     return middle - _ABSURD * spread, middle + _ABSURD * spread
 
 
@@ -588,7 +590,8 @@ def _central(values: Array, channel: str) -> tuple[Array, Array]:
     calm_low, calm_high = np.percentile(np.median(looked_at, axis=1), _CENTRAL, axis=0)
     # 5.0 times the range of medians of five samples; of noise alone it is less than twice that
     impulsive = (high - low) / 5.0 > np.maximum(calm_high - calm_low, _LEAST[channel])
-    low, high = np.where(impulsive, calm_low, low), np.where(impulsive, calm_high, high)
+    low = np.where(impulsive, calm_low, low)
+    high = np.where(impulsive, calm_high, high)
     # 0.05 of the largest range among the joints, for those that hardly move
     narrow = 0.5 * np.maximum(
         np.maximum(_LEAST[channel], 0.05 * (high - low).max()) - (high - low), 0.0

@@ -91,7 +91,8 @@ def _compared(side: Side) -> _Compared:
     """Fit the module's equation to every joint."""
     assert side.position is not None and side.velocity is not None
     t = (side.stamp_ns - side.stamp_ns[0]) * 1e-9
-    q, v = np.unwrap(side.position, axis=0), side.velocity
+    q = np.unwrap(side.position, axis=0)
+    v = side.velocity
     # 0.02 s over which a velocity is compared with the position's advance: above the encoders'
     # steps
     width = min(max(round(0.02 / float(np.median(np.diff(t)))), 1), len(t) // 20)
@@ -168,10 +169,12 @@ def _velocities(name: str, motion: _Compared, joints: Sequence[str]) -> list[Fin
         & ~motion.slow
         & (np.abs(motion.lag) > np.maximum(motion.step, 5.0 * motion.doubt))
     )
-    what, remedy = f"{name} velocity", "check units and signs"
+    what = f"{name} velocity"
+    remedy = "check units and signs"
     if scaled.any() and alike:
         remedy += f", and the unit of the times: the samples come at {1 / motion.step:.3g} Hz"
-    columns, derivative = "check the columns, units and signs", "the derivative of the position"
+    columns = "check the columns, units and signs"
+    derivative = "the derivative of the position"
     findings = about(joints, strange, "velocity", what, f"is not {derivative}", columns)
     degrees: tuple[tuple[NDArray[np.bool_], Severity], ...] = (
         (far, "warning"),
@@ -248,9 +251,12 @@ def _stamps(name: str, motion: _Compared) -> list[Finding]:
 
 def _noiseless(recording: Recording) -> list[Finding]:
     """Find torques with less noise than a converter of 16 bits: smoothed, or computed."""
-    said, joints = list[Finding](), recording.joints
+    said = list[Finding]()
+    joints = recording.joints
     for name, found in torque_spectra(recording).items():
-        what, computed, smooth = f"{name} effort", found.computed, found.low_passed
+        what = f"{name} effort"
+        computed = found.computed
+        smooth = found.low_passed
         noise = (
             f"has {span_of(found.level[computed])} dB of noise, less than a converter of 16 bits"
         )
@@ -279,7 +285,8 @@ def _backwards(recording: Recording) -> list[Finding]:
     its range. At joints without a motor's angle the link's will do: a spring gives back what it
     takes.
     """
-    motor, link = recording.motor, recording.link
+    motor = recording.motor
+    link = recording.link
     if motor is None or motor.effort is None:
         return []
     angle = np.full_like(motor.effort, np.nan) if motor.position is None else motor.position.copy()
@@ -295,7 +302,8 @@ def _backwards(recording: Recording) -> list[Finding]:
         or not _is_motion(side)
     ):
         return []
-    path, effort = np.diff(side.position, axis=0), 0.5 * (side.effort[1:] + side.effort[:-1])
+    path = np.diff(side.position, axis=0)
+    effort = 0.5 * (side.effort[1:] + side.effort[:-1])
     # What follows other joints' speeds is friction and inertia that their motion brings: a coupled
     # axis may brake them.
     for j in range(effort.shape[1]):
@@ -322,12 +330,14 @@ def _backwards(recording: Recording) -> list[Finding]:
 
 
 def _same_arrays(recording: Recording) -> list[Finding]:
-    link, motor = recording.link, recording.motor
+    link = recording.link
+    motor = recording.motor
     if link is None or motor is None or not np.array_equal(link.stamp_ns, motor.stamp_ns):
         return []
     findings = []
     for channel, words in (("position", "there is one encoder"), ("effort", "there is one torque")):
-        one, other = link.channels().get(channel), motor.channels().get(channel)
+        one = link.channels().get(channel)
+        other = motor.channels().get(channel)
         if one is not None and other is not None:
             # 1e-12 is the span of a difference of two channels that are the same numbers, but for
             # an offset

@@ -89,7 +89,8 @@ def _finite(series: Series, fields: set[str] | None, dropped: list[str]) -> NDAr
             if fields is None
             else {path: piece.values[path] for path in fields & piece.values.keys()}
         )
-        good[piece.rows], log_ns[piece.rows] = replace(piece, values=own).finite(), piece.log_ns
+        good[piece.rows] = replace(piece, values=own).finite()
+        log_ns[piece.rows] = piece.log_ns
         for path, values in own.items():
             mostly = np.isfinite(values).mean(axis=0) < 0.5
             names = [name for name, none in zip(piece.names, mostly.tolist(), strict=False) if none]

@@ -16,7 +16,8 @@ REPAIR = "Make a usable copy with: elastic-arm bag check --repair BAG"
 # Samples a second. A fifth of them is the band in which an arm is looked at, and the motion of none
 # ends below 1 Hz; no drive is read out faster than the other. Beyond either the times have another
 # unit than they are taken for.
-SLOWEST, FASTEST = 5.0, 50_000.0
+SLOWEST = 5.0
+FASTEST = 50_000.0
 UNIT = (
     "Are the times in another unit? Give theirs (s, ms, us, ns) in the map, and import the"
     " recording again."

@@ -77,7 +77,8 @@ def channel_findings(recording: Recording) -> list[Finding]:
     if not moves(recording):
         words = "the recording holds no motion: identify and diagnose have nothing to fit"
         return [warning("no_motion", f"{words}. {NO_MOTION}")]
-    travel, findings = _travels(recording), []
+    travel = _travels(recording)
+    findings = []
     for name, side in recording.measured().items():
         if len(side) < FEWEST:
             continue
@@ -107,9 +108,11 @@ def _of_channel(
     channel = what.split()[1]
     middle = slice(max(0, (len(side) - _ENOUGH) // 2), (len(side) + _ENOUGH) // 2)
     said: dict[str, list[str]] = defaultdict(list)
-    periods, shares = np.zeros(recording.n), np.zeros(recording.n)
+    periods = np.zeros(recording.n)
+    shares = np.zeros(recording.n)
     for j in np.flatnonzero(joints_with(values)).tolist():
-        joint, column = recording.joints[j], values[:, j]
+        joint = recording.joints[j]
+        column = values[:, j]
         if np.ptp(column) <= _NOTHING.get(channel, 0.0):
             if moving[j]:
                 said["stuck"].append(f"{joint} at {float(column[0]) + 0.0:.3g}")
@@ -149,19 +152,20 @@ def at_updates(recording: Recording, found: list[Finding]) -> Recording:
     """Take channels that are held at their updates: a cubic spline through these is between
     them."""
     kept: dict[str, Any] = {}
-    slowest, read_ns = 1.0, recording.read_ns
+    slowest = 1.0
+    read_ns = recording.read_ns
     for name, side in recording.measured().items():
         if len(side) < FEWEST or not np.all(np.diff(side.stamp_ns) > 0):
             continue
         middle = slice(max(0, (len(side) - _ENOUGH) // 2), (len(side) + _ENOUGH) // 2)
-        position, stamps, filled = (
-            position_at(recording, side.at(middle)),
-            side.stamp_ns,
-            dict[str, Any](),
-        )
-        first, last = 0, len(side)
+        position = position_at(recording, side.at(middle))
+        stamps = side.stamp_ns
+        filled = dict[str, Any]()
+        first = 0
+        last = len(side)
         for channel, values in side.channels().items():
-            periods, column = np.ones(recording.n), values
+            periods = np.ones(recording.n)
+            column = values
             for j in np.flatnonzero(np.isfinite(values).all(axis=0)).tolist():
                 part = values[middle, j]
                 turning = (
@@ -171,15 +175,19 @@ def at_updates(recording: Recording, found: list[Finding]) -> Recording:
                 share, period = _held(part, turning)
                 if share <= HELD or period <= 1.0 or filled_in(part, going) > HELD:
                     continue
-                periods[j], at = period, _updates(values[:, j], period)
+                periods[j] = period
+                at = _updates(values[:, j], period)
                 column = values.copy() if column is values else column
                 through = CubicSpline(stamps[at] - stamps[0], values[at, j])
                 column[:, j] = through(stamps - stamps[0])
-                first, last = max(first, int(at[0])), min(last, int(at[-1]) + 1)
+                first = max(first, int(at[0]))
+                last = min(last, int(at[-1]) + 1)
                 if channel == "effort" and period > slowest:
-                    slowest, read_ns = period, stamps[at]
+                    slowest = period
+                    read_ns = stamps[at]
             if (held := periods > 1.0).any():
-                filled[channel], rate = column, 1e9 / float(np.median(np.diff(stamps)))
+                filled[channel] = column
+                rate = 1e9 / float(np.median(np.diff(stamps)))
                 rates = f"{span_of(rate / periods[held])} Hz in a recording of {rate:.4g} Hz"
                 words = (
                     f"is held: a new value comes every {span_of(periods[held])} samples, {rates}"
@@ -242,7 +250,8 @@ def filled_in(column: Array, moving: NDArray[np.bool_]) -> float:
     if len(others) in (0, len(column)):
         return 0.0
     column = column / float(np.abs(column).max())  # products of the largest numbers overflow
-    before, after = column[others[:-1]], column[others[1:]]
+    before = column[others[:-1]]
+    after = column[others[1:]]
     apart = np.abs(after - before)
     least = _CLEAR * apart[apart > 0.0].min(initial=np.inf)
     away = np.minimum(np.abs(before), np.abs(after)) > apart + least
@@ -283,7 +292,8 @@ def _changing(position: Array) -> NDArray[np.bool_]:
     """Return where a joint (N,) is not where it was some samples before, nor where it is some
     samples later."""
     padded = np.pad(position, _AROUND, mode="edge")
-    before, after = padded[: -2 * _AROUND], padded[2 * _AROUND :]
+    before = padded[: -2 * _AROUND]
+    after = padded[2 * _AROUND :]
     # A joint that has no positions counts as one that moves.
     return (before != after) & ((before != position) | (after != position))
 
@@ -311,7 +321,8 @@ def _piled(torque: Array, moving: NDArray[np.bool_]) -> dict[float, float]:
     if len(values) < 20:  # 20 values; a channel of fewer has no range to speak of
         return {}
     changes = np.flatnonzero(np.diff(torque, prepend=np.nan, append=np.nan) != 0.0)
-    runs, heights = np.diff(changes), torque[changes[:-1]]
+    runs = np.diff(changes)
+    heights = torque[changes[:-1]]
     inner = runs[(heights > values[0]) & (heights < values[-1])]
     # 95.0 per cent of the runs of equal values, whose length is how long the channel holds one
     hold = float(np.percentile(inner, 95.0)) if len(inner) else 1.0
@@ -339,7 +350,8 @@ def _impulses(torque: Array, end: float) -> bool:
 def frozen(recording: Recording) -> list[Finding]:
     """Return when all channels stay the same for a while although the arm moves: what was recorded
     is an old sample."""
-    link, motor = recording.link, recording.motor
+    link = recording.link
+    motor = recording.motor
     if link is not None and motor is not None and np.array_equal(link.stamp_ns, motor.stamp_ns):
         groups = {"all channels": [link, motor]}
     else:
@@ -363,7 +375,8 @@ def _hidden_speeds(t: Array, q: Array, begin: NDArray[np.intp], end: NDArray[np.
     brakes.
     """
     last = len(t) - 1
-    first, behind = np.maximum(begin - 2, 0), np.minimum(end + 1, last)
+    first = np.maximum(begin - 2, 0)
+    behind = np.minimum(end + 1, last)
     further = np.minimum(behind + 2, last)
     spans = ((begin, first), (further, behind), (behind, begin))
     seconds = [np.maximum(t[late] - t[early], 1e-9)[:, None] for late, early in spans]
@@ -371,7 +384,8 @@ def _hidden_speeds(t: Array, q: Array, begin: NDArray[np.intp], end: NDArray[np.
         (q[late] - q[early]) / s for (late, early), s in zip(spans, seconds, strict=True)
     )
     one_way = (before * across > 0.0) & (after * across > 0.0)
-    usual, size = 0.5 * np.abs(before + after), np.abs(across)
+    usual = 0.5 * np.abs(before + after)
+    size = np.abs(across)
     # 3.0: between the speeds before and behind, which a joint that goes on has within this factor
     alike = np.maximum(np.abs(before), np.abs(after)) < 3.0 * np.minimum(
         np.abs(before), np.abs(after)
@@ -403,7 +417,8 @@ def _frozen(what: str, sides: list[Side], start_ns: int) -> list[Finding]:
         return []
     same = np.logical_and.reduce([column[1:] == column[:-1] for column in columns])
     edges = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]]).astype(np.int8)))
-    begin, end = edges[::2], edges[1::2]
+    begin = edges[::2]
+    end = edges[1::2]
     # Of an arm that stands still every sample is like the first.
     if not len(begin) or same.all():
         return []

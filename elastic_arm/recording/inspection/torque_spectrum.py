@@ -18,7 +18,8 @@ WINDOW = ("kaiser", 24.0)  # side lobes below -180 dB
 # dB a decade, from where on a low pass is what makes the spectrum fall: noise is flat, friction
 # that jumps gives 20.
 STEEP = 80.0
-STEPS_PER_DECADE, SPAN = 50, 10  # of frequencies, and how many of them a slope is taken over
+STEPS_PER_DECADE = 50  # of frequencies
+SPAN = 10  # frequencies that a slope is taken over
 
 
 @dataclass(frozen=True, eq=False)

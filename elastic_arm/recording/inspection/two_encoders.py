@@ -68,7 +68,8 @@ def _apart(recording: Recording) -> tuple[Array, Array, Array]:
     """Return by how much motors are ahead of links: (n,) rad, part of the angle, and s; zero where
     uncertain."""
     found = np.zeros((3, recording.n))
-    link, motor = recording.link, recording.motor
+    link = recording.link
+    motor = recording.motor
     if link is None or motor is None or link.position is None or motor.position is None:
         return found[0], found[1], found[2]
     try:
@@ -76,7 +77,8 @@ def _apart(recording: Recording) -> tuple[Array, Array, Array]:
     except RecordingError:
         # Sides that have no time in common are for others to refuse.
         return found[0], found[1], found[2]
-    q, theta = samples.q, samples.theta
+    q = samples.q
+    theta = samples.theta
     if (
         q is None
         or theta is None
@@ -117,7 +119,8 @@ def by_motor_encoders(recording: Recording, robot: Robot) -> Recording:
     That of any other arm, and one with joint torques, which go with the links, is returned as it
     is.
     """
-    link, motor = recording.link, recording.motor
+    link = recording.link
+    motor = recording.motor
     if robot.elastic or link is None or motor is None or link.effort is not None:
         return recording
     if link.position is None or motor.position is None or motor.effort is None:
@@ -142,9 +145,11 @@ def by_motor_encoders(recording: Recording, robot: Robot) -> Recording:
 def _lags(samples: Samples) -> Array:
     """Return by how much the link of each joint (n,) is behind its motor, s; NaN where one of the
     two is missing."""
-    q, theta = samples.q, samples.theta
+    q = samples.q
+    theta = samples.theta
     assert q is not None and theta is not None
     rate = np.gradient(theta, samples.t, axis=0) if samples.dtheta is None else samples.dtheta
-    behind, moved = theta - q, rate - rate.mean(axis=0)
+    behind = theta - q
+    moved = rate - rate.mean(axis=0)
     squares = np.sum(moved**2, axis=0)
     return np.asarray(np.sum(moved * behind, axis=0) / np.where(squares > 0.0, squares, np.nan))

@@ -125,7 +125,8 @@ def _read_metadata(folder: Path) -> tuple[BagMetadata | None, list[str]]:
     if not isinstance(content, dict):
         return None, [f"{file} cannot be read (no fields under {METADATA_KEY})"]
     damage = []
-    count, names = content.get("message_count"), content.get("relative_file_paths")
+    count = content.get("message_count")
+    names = content.get("relative_file_paths")
     if count is not None and type(count) is not int:
         damage.append(f"{file}: message_count is no whole number")
         count = None

@@ -105,10 +105,8 @@ class McapFile(StoredFile):
 
     def check_lengths(self) -> None:
         claimed = (chunk.size for chunk in self.chunks if chunk.compression)
-        total, limit = (
-            sum(size for size in claimed if size <= limits.chunk_bytes()),
-            limits.unpacked_bytes(),
-        )
+        total = sum(size for size in claimed if size <= limits.chunk_bytes())
+        limit = limits.unpacked_bytes()
         if total > limit:
             raise RecordingError(
                 f"{self.path} unpacks to {total // limits.MEGABYTE} MB, the limit is"
@@ -238,14 +236,10 @@ class McapFile(StoredFile):
                     record.encoding,
                 )
             case records.Channel():
-                stated, (name, text, encoding) = (
-                    record.metadata,
-                    self.schemas.get(record.schema_id, ("", "", "")),
-                )
-                hashed, qos = (
-                    stated.get("topic_type_hash", ""),
-                    stated.get("offered_qos_profiles", ""),
-                )
+                stated = record.metadata
+                name, text, encoding = self.schemas.get(record.schema_id, ("", "", ""))
+                hashed = stated.get("topic_type_hash", "")
+                qos = stated.get("offered_qos_profiles", "")
                 self.channels[record.id] = Topic(record.topic, name, text, hashed, qos, encoding)
                 if len(self.channels) > limits.CHANNELS:
                     raise ValueError(f"more than {limits.CHANNELS} channels")

@@ -67,7 +67,9 @@ class Scan:
 def scan(buffer: Bytes, begin: int, end: int, most: int = limits.RECORDS) -> Scan:
     """Find all records between `begin` and `end`; stops before a torn one, or one that is shorter
     than its kind."""
-    view, at, given = buffer.data, begin, begin
+    view = buffer.data
+    at = begin
+    given = begin
     messages: list[int] = []
     others: list[Record] = []
     while at + RECORD_HEAD <= end:
@@ -154,7 +156,8 @@ def repeated(before: McapBlock | None, plain: Bytes, horizon_ns: int) -> McapBlo
     block = McapBlock(plain, {}, horizon_ns)
     covered = 0
     for channel in before.messages:
-        where, size = before.where(channel), int(before.sizes(channel)[0])
+        where = before.where(channel)
+        size = int(before.sizes(channel)[0])
         if not isinstance(where, slice) or where.start + RECORD_HEAD + size > len(plain):
             return None
         last = len(plain) - RECORD_HEAD - size
@@ -168,10 +171,8 @@ def repeated(before: McapBlock | None, plain: Bytes, horizon_ns: int) -> McapBlo
                 column(plain, dtype, again, at) == column(before.buffer, dtype, where, at)[0]
             ).all():
                 return None
-        block.messages[channel], block._where[channel] = (
-            np.arange(again.start, again.stop, again.step),
-            again,
-        )
+        block.messages[channel] = np.arange(again.start, again.stop, again.step)
+        block._where[channel] = again
         block._sizes[channel] = np.full(len(block.messages[channel]), size)
         covered += len(block.messages[channel]) * (RECORD_HEAD + size)
     return block if covered == len(plain) else None

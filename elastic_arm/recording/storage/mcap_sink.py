@@ -116,7 +116,8 @@ class McapSink:
         if not chunk.index:
             return
         times = np.concatenate([own for own, _ in chunk.index.values()])
-        start, end = int(times.min()), int(times.max())
+        start = int(times.min())
+        end = int(times.max())
         name = b"" if self.compression == "none" else self.compression.encode()
         head = struct.pack(
             f"<QQQII{len(name)}sQ",
@@ -203,7 +204,8 @@ class McapSink:
             (Opcode.CHUNK_INDEX, self._chunks),
             (Opcode.METADATA_INDEX, self._metadata),
         ]
-        content, offsets = b"", b""
+        content = b""
+        offsets = b""
         for opcode, members in groups:
             section = b"".join(_bytes(record) for record in members)
             if section:

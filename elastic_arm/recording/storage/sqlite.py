@@ -44,7 +44,8 @@ class SqliteFile(StoredFile):
     def blocks(self, strict: bool = True) -> Iterator[McapBlock]:
         """Yield the messages in the order of their timestamps."""
         rows: list[tuple[int, int, bytes]] = []
-        size, most = 0, limits.chunk_bytes()
+        size = 0
+        most = limits.chunk_bytes()
         try:
             with closing(self.connect()) as database:
                 for row in database.execute(_MESSAGES, (most,)):
@@ -150,7 +151,8 @@ def _columns(database: sqlite3.Connection, table: str) -> set[str]:
 def _block(rows: Sequence[tuple[int, int, bytes]]) -> McapBlock:
     """Lay rows into bytes as the records of an MCAP file are."""
     channel, stamps, data = zip(*rows, strict=True)
-    size, stamp_ns = np.fromiter(map(len, data), np.int64, len(data)), np.array(stamps, np.int64)
+    size = np.fromiter(map(len, data), np.int64, len(data))
+    stamp_ns = np.array(stamps, np.int64)
     head = bytearray(MESSAGE_HEAD)
     buffer = np.frombuffer(head + head.join(data), np.uint8)
     begin = np.cumsum(size + MESSAGE_HEAD) - size - MESSAGE_HEAD

@@ -79,7 +79,8 @@ def evidence(samples: Samples, k: NDArray[np.int64], rate: float) -> Evidence | 
         )
         return Evidence(1.0, 0.0, words)
     part = unbroken(k)
-    k, jitter = k[part], jitter[part]
+    k = k[part]
+    jitter = jitter[part]
     found: list[Evidence] = []
     for position, velocity in ((samples.q, samples.dq), (samples.theta, samples.dtheta)):
         if position is not None:
@@ -148,7 +149,8 @@ def rates_of(t: Array, lasting: float) -> list[tuple[int, float]]:
     lasts = np.cumsum(np.where(each < HOLE / BUNCH * np.median(each), each, 0.0)) * BUNCH
     at = np.searchsorted(lasts[:-1], np.arange(0.0, lasts[-1], lasting / LASTING), side="right")
     usual = np.log(median_filter(each[at], 2 * LASTING - 1, mode="nearest"))
-    found, first = [0], usual[0]
+    found = [0]
+    first = usual[0]
     for k in range(1, len(usual) - LASTING + 1):
         if abs(usual[k] - first) > np.log1p(RATE_CHANGE) and np.ptp(
             usual[k : k + LASTING]
@@ -188,14 +190,17 @@ def _by_velocity(
 ) -> Iterator[Evidence]:
     """Yield the share by the change of position less the integral of the velocity, for each
     span."""
-    p, v, e = position, velocity, jitter
+    p = position
+    v = velocity
+    e = jitter
     step = np.diff(k)[:, None] / rate
     moved = np.diff(p, axis=0)
     for made in (v[1:], v[:-1]):
         if np.std(made * step - moved) < DERIVED * np.std(moved):
             return
     middle = 0.5 * (v[1:] + v[:-1])
-    left, expected = moved - middle * step, middle * np.diff(e)[:, None]
+    left = moved - middle * step
+    expected = middle * np.diff(e)[:, None]
     for span in SPANS:
         count = len(left) // span
         if count < 50:
@@ -228,7 +233,8 @@ def _by_smoothness(position: Array, k: NDArray[np.int64], jitter: Array, rate: f
 def _share(left: Array, expected: Array, words: str) -> Evidence:
     """Return the coefficient of `expected` in `left` over all joints, each weighed by its own
     noise."""
-    left, expected = left - left.mean(axis=0), expected - expected.mean(axis=0)
+    left = left - left.mean(axis=0)
+    expected = expected - expected.mean(axis=0)
     size = np.sum(expected**2, axis=0)
     own = np.sum(left * expected, axis=0) / np.where(size > 0, size, 1.0)
     variance = np.mean((left - own * expected) ** 2, axis=0) + 1e-12 * np.mean(left**2, axis=0)

@@ -92,7 +92,8 @@ def _times(sides: tuple[Side, Side], origin: int, clock: ClockMode | None) -> tu
     Where one side does not tell what its stamps mean, the other's count as its own.
     """
     stamped = [np.asarray((side.stamp_ns - origin) * 1e-9, dtype=np.float64) for side in sides]
-    regular, found = list(stamped), []
+    regular = list(stamped)
+    found = []
     for k, (side, t) in enumerate(zip(sides, stamped, strict=True)):
         if len(t) < SHORTEST:
             return stamped[0], stamped[1]
@@ -126,7 +127,8 @@ def _evidence(side: Side, number: NDArray[np.int64], rate: float) -> Evidence | 
 def _samples(
     stamp_ns: Stamps, link: Side | None, motor: Side | None, notes: tuple[str, ...]
 ) -> Samples:
-    link, motor = link or Side(stamp_ns), motor or Side(stamp_ns)
+    link = link or Side(stamp_ns)
+    motor = motor or Side(stamp_ns)
     t: Array = (stamp_ns - stamp_ns[0]) * 1e-9
     link, motor, lacking = _filled(t, link, motor)
     sides = {"link": link, "motor": motor}

@@ -84,10 +84,8 @@ def _one_clock(stamp_ns: Stamps, topic: str, log_ns: Stamps) -> tuple[Stamps, li
             message = f"{words}: later stamps are taken for as much later"
             if (silent := int(log_ns[k + 1] - log_ns[k])) > LATE_NS:
                 # The same of all topics, whenever each arrived: they belong together.
-                message, back = (
-                    f"{message}, a hole of {silent * 1e-9:.3g} s for one of 1 s",
-                    back + LATE_NS,
-                )
+                message = f"{message}, a hole of {silent * 1e-9:.3g} s for one of 1 s"
+                back = back + LATE_NS
             time = float(stamp_ns[k] - stamp_ns[0]) * 1e-9
             found.append(Finding("warning", "clock_set_back", message, topic=topic, time=time))
             stamp_ns[k + 1 :] += round(back)

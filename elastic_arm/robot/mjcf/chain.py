@@ -152,7 +152,9 @@ def _only_chain(model: Any) -> tuple[int, int]:
     all_slides = {joint for joint in range(model.njnt) if slides(model, joint)}
     if len(fingers | all_slides) < model.njnt:
         fingers |= all_slides
-    base, tip, body = None, WORLD, WORLD
+    base = None
+    tip = WORLD
+    body = WORLD
     while True:
         moving = [child for child in _children(model, body) if _arm_joints(model, child, fingers)]
         if not moving:
@@ -164,7 +166,8 @@ def _only_chain(model: Any) -> tuple[int, int]:
                 "Name the bodies of base and tip: --chain base:tip",
             )
         if joints_of(model, moving[0]):
-            base, tip = body if base is None else base, moving[0]
+            base = body if base is None else base
+            tip = moving[0]
         body = moving[0]
     if base is None:
         raise RobotError(
@@ -222,7 +225,8 @@ def _refuse_couplings(model: Any, chain: MjcfChain) -> None:
     """Refuse tendons and equality constraints that act between links."""
     mj = engine()
     for k in range(model.neq):
-        kind, ends = int(model.eq_type[k]), (int(model.eq_obj1id[k]), int(model.eq_obj2id[k]))
+        kind = int(model.eq_type[k])
+        ends = (int(model.eq_obj1id[k]), int(model.eq_obj2id[k]))
         name = name_of(model, "equality", k)
         if kind == int(mj.mjtEq.mjEQ_JOINT):
             for joint in ends:
@@ -252,7 +256,8 @@ def _refuse_tendon(model: Any, chain: MjcfChain, tendon: int) -> None:
     first = int(model.tendon_adr[tendon])
     links: set[int | None] = set()
     for wrap in range(first, first + int(model.tendon_num[tendon])):
-        kind, obj = int(model.wrap_type[wrap]), int(model.wrap_objid[wrap])
+        kind = int(model.wrap_type[wrap])
+        obj = int(model.wrap_objid[wrap])
         if kind == int(mj.mjtWrap.mjWRAP_JOINT):
             if obj in chain.joints:
                 links |= {-1, -2}

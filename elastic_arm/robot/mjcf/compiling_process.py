@@ -87,7 +87,10 @@ def _limit(kind: int, limit: int) -> None:
 
 def main() -> None:
     """Compile the file and write what came of it to standard output."""
-    path, memory, seconds, what = sys.argv[1], int(sys.argv[2]), int(sys.argv[3]), sys.argv[4]
+    path = sys.argv[1]
+    memory = int(sys.argv[2])
+    seconds = int(sys.argv[3])
+    what = sys.argv[4]
     # Its own habit is to append warnings to a file MUJOCO_LOG.TXT wherever the user works.
     mujoco.set_mju_user_warning(lambda words: None)
     with open("/proc/self/statm", encoding="ascii") as status:

@@ -14,8 +14,10 @@ from elastic_arm.robot.mjcf.engine import engine
 def motor_inertia_and_damping(model: Any, joint: int) -> tuple[float, float]:
     """Return armature (kg m²) and damping (Nm s/rad) of a joint, with those of the actuator that
     brings its own."""
-    dof, actuator = int(model.jnt_dofadr[joint]), int(model.jnt_actuatorid[joint])
-    armature, damping = float(model.dof_armature[dof]), float(model.dof_damping[dof])
+    dof = int(model.jnt_dofadr[joint])
+    actuator = int(model.jnt_actuatorid[joint])
+    armature = float(model.dof_armature[dof])
+    damping = float(model.dof_damping[dof])
     if actuator >= 0:
         gear = float(model.actuator_gear[actuator, 0])
         armature += gear**2 * float(model.actuator_armature[actuator])
@@ -26,9 +28,11 @@ def motor_inertia_and_damping(model: Any, joint: int) -> tuple[float, float]:
 def torque_delays(model: Any, chain: MjcfChain) -> Array:
     """Return by how much the recorded motor torque of each joint is late, (n,) s, as its sensor
     states it."""
-    mj, found = engine().mjtSensor, np.zeros(len(chain.joints))
+    mj = engine().mjtSensor
+    found = np.zeros(len(chain.joints))
     for k in range(model.nsensor):
-        kind, at = int(model.sensor_type[k]), int(model.sensor_objid[k])
+        kind = int(model.sensor_type[k])
+        at = int(model.sensor_objid[k])
         for i, joint in enumerate(chain.joints):
             measured = {
                 int(mj.mjSENS_JOINTACTFRC): [joint],
@@ -86,7 +90,8 @@ def controller_of(model: Any, joint: int) -> JointController | None:
     if kind is None:
         return None
     mode, k = kind
-    gear, own = float(model.actuator_gear[k, 0]), model.actuator_biasprm[k]
+    gear = float(model.actuator_gear[k, 0])
+    own = model.actuator_biasprm[k]
     gains = {"kp": -float(own[1]), "kd": -float(own[2])}
     if int(model.actuator_gaintype[k]) == int(engine().mjtGain.mjGAIN_PID):
         gains["ki"] = float(model.actuator_gainprm[k, 0])
@@ -104,15 +109,14 @@ def controller_of(model: Any, joint: int) -> JointController | None:
 def _servo(model: Any, joint: int) -> tuple[str, int] | None:
     """Return "position", "velocity" or "both", and the actuator; None where it is no such
     controller."""
-    mj, drives = engine(), drives_of(model, joint)
+    mj = engine()
+    drives = drives_of(model, joint)
     if len(drives) != 1:
         return None
     k = drives[0]
-    gain, bias, still = (
-        float(model.actuator_gainprm[k, 0]),
-        model.actuator_biasprm[k],
-        int(model.actuator_dyntype[k]),
-    )
+    gain = float(model.actuator_gainprm[k, 0])
+    bias = model.actuator_biasprm[k]
+    still = int(model.actuator_dyntype[k])
     b0, b1, b2 = (float(value) for value in bias[:3])
     if (
         int(model.actuator_biastype[k]) != int(mj.mjtBias.mjBIAS_AFFINE)
@@ -135,30 +139,31 @@ def _servo(model: Any, joint: int) -> tuple[str, int] | None:
 def motor_friction(model: Any, joint: int) -> tuple[float, float, float]:
     """Return dry friction (Nm), its excess at standstill (Nm) and Stribeck speed (rad/s) of the
     motors of a joint."""
-    dry, excess, speed = 0.0, 0.0, 0.0
+    dry = 0.0
+    excess = 0.0
+    speed = 0.0
     for k in _dc_motors(model, joint):
-        gear, (coulomb, static, stribeck) = (
-            abs(float(model.actuator_gear[k, 0])),
-            model.actuator_biasprm[k, 3:6],
-        )
+        gear = abs(float(model.actuator_gear[k, 0]))
+        coulomb, static, stribeck = model.actuator_biasprm[k, 3:6]
         if (
             model.actuator_dynprm[k, 5] and gear
         ):  # the stiffness of LuGre's bristles; without, it has no friction
-            dry, excess, speed = (
-                dry + gear * coulomb,
-                excess + gear * (static - coulomb),
-                stribeck / gear,
-            )
+            dry = dry + gear * coulomb
+            excess = excess + gear * (static - coulomb)
+            speed = stribeck / gear
     return float(dry), float(excess), float(speed)
 
 
 def left_out(model: Any, joint: int) -> list[str]:
     """Return what the model states of the drives of a joint that the description does not hold, a
     sentence each."""
-    notes, label = [], name_of(model, "joint", joint)
-    dc, drives = _dc_motors(model, joint), drives_of(model, joint)
+    notes = []
+    label = name_of(model, "joint", joint)
+    dc = _dc_motors(model, joint)
+    drives = drives_of(model, joint)
     for k in dc:
-        name, gear = name_of(model, "actuator", k), abs(float(model.actuator_gear[k, 0]))
+        name = name_of(model, "actuator", k)
+        gear = abs(float(model.actuator_gear[k, 0]))
         amplitude, waves = (float(v) for v in model.actuator_biasprm[k, :2])
         if model.actuator_dynprm[k, 5]:
             notes.append(

@@ -103,7 +103,8 @@ def _processed(path: Path, what: str) -> tuple[list[str], bytes]:
 
 def _sources(path: Path) -> Iterator[bytes]:
     """Yield the content of the file and of those that it names, but for meshes and pictures."""
-    left, seen = [path], {path}
+    left = [path]
+    seen = {path}
     while left:
         content = read_bytes(left.pop(), RobotError, "Give the path of an MJCF file.")
         yield content

@@ -231,7 +231,8 @@ def _effects(
     off = engine().mjtDisableBit
     found: list[dict[str, Any]] = []
     for name, joint in zip(names, chain.joints, strict=True):
-        dof, adr = int(model.jnt_dofadr[joint]), int(model.jnt_qposadr[joint])
+        dof = int(model.jnt_dofadr[joint])
+        adr = int(model.jnt_qposadr[joint])
         _, damping = motor_inertia_and_damping(model, joint)
         stiffness = float(model.jnt_stiffness[joint])
         loss = 0.0 if flags & off.mjDSBL_FRICTIONLOSS else float(model.dof_frictionloss[dof])
@@ -293,7 +294,8 @@ def _compensation(
 def _notes(model: Any, chain: MjcfChain) -> list[str]:
     notes = [note for joint in chain.joints for note in left_out(model, joint)]
     for play, joint in chain.plays.items():
-        name, half = name_of(model, "joint", joint), 0.5 * float(np.ptp(model.jnt_range[play]))
+        name = name_of(model, "joint", joint)
+        half = 0.5 * float(np.ptp(model.jnt_range[play]))
         notes.append(
             f"joint {name_of(model, 'joint', play)} is play of ±{half:g} rad in {name}: it is fixed"
             " in its middle; with drives of some stiffness, in an arm file, it is"

@@ -184,10 +184,8 @@ def _offs(fault: Fault, cause: dict[str, Any], effect: Effect) -> Iterator[float
         estimate = cause["parameters"].get(name)
         if estimate is None or effect.parameter(name).integer:
             continue
-        values, stds = (
-            np.atleast_1d(estimate["value"]),
-            np.atleast_1d(np.array(estimate["std"], dtype=float)),
-        )
+        values = np.atleast_1d(estimate["value"])
+        stds = np.atleast_1d(np.array(estimate["std"], dtype=float))
         off = values.astype(float) - np.atleast_1d(true)
         if effect.parameter(name).role is Role.PHASE:
             off = (off + np.pi) % (2 * np.pi) - np.pi

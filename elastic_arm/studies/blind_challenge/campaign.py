@@ -41,14 +41,14 @@ from elastic_arm.studies.blind_challenge.hidden_arms.further_laws import FOREIGN
 from elastic_arm.studies.blind_challenge.levels import LABORATORY, Level, level_of
 from elastic_arm.studies.blind_challenge.servo_arms import record_servos
 
-MANIFEST, SEALED, PIECES = "challenge.json", "truth.sealed", "truth"
+MANIFEST = "challenge.json"
+SEALED = "truth.sealed"
+PIECES = "truth"
 MAKE_ONE = (
     "Name the folder of a challenge, or make one in a new folder: elastic-arm challenge create DIR"
 )
-ANSWERS, WITHHELD = (
-    "answers",
-    "withheld",
-)  # folders of answers: with the whole catalogue, and without the arm's effect
+ANSWERS = "answers"  # folder of answers with the whole catalogue
+WITHHELD = "withheld"  # folder of answers without the arm's effect
 FILES = "effects"  # folder of a challenge that holds copies of the files with effects of the user
 SET_DRAWS = 1000  # of a set of effects, until one kind of sensors shows all of them
 DRAWS = 4  # of an arm that the simulation leaves the finite numbers with
@@ -82,7 +82,8 @@ class ChallengeSettings:
 
     def requests(self, catalogue: Catalogue = EFFECTS) -> list[Request]:
         """Return what is to be drawn of a catalogue, in a random order."""
-        level, rng = level_of(self.level), np.random.default_rng(self.seed)
+        level = level_of(self.level)
+        rng = np.random.default_rng(self.seed)
         alone = self.effects or level.drawn([e for e in catalogue if catalogue[e].searched])
         together = [e for e in alone if combines(catalogue[e])]
         kinds: list[tuple[str, ...]] = [()] * self.clean + [
@@ -123,7 +124,8 @@ def create(
 
     Raises a DiagnosisError if the folder holds another challenge, or there is nothing to draw.
     """
-    plain, path = json.loads(json.dumps(asdict(settings))), folder / MANIFEST
+    plain = json.loads(json.dumps(asdict(settings)))
+    path = folder / MANIFEST
     if path.exists():
         known = _read_manifest(path)
         if known["settings"] != plain:
@@ -183,7 +185,8 @@ def solve(
     }
     tasks = []
     for item in manifest["items"]:
-        name, path = item["name"], answer_path(folder, item["name"], kind)
+        name = item["name"]
+        path = answer_path(folder, item["name"], kind)
         known = path.is_file() and not (
             stale and json.loads(path.read_text()).get("code") != code_state()
         )
@@ -272,24 +275,26 @@ def _record(folder: Path, request: Request, level: str) -> None:
 def _diagnose(folder: Path, name: str, model: str, without: str, kind: str) -> tuple[str, str]:
     keep_memory()
     catalogue = catalogue_of(folder).withholding(without) if without else catalogue_of(folder)
-    wall, cpu = time.perf_counter(), time.process_time()
+    wall = time.perf_counter()
+    cpu = time.process_time()
     try:
         channels = channels_path(folder, name)
         mapping = None if channels is None else load_channels(channels)
         settings = load_manifest(folder)["settings"]
         level = level_of(settings["level"])
         bags = bags_of(folder, name, len(settings["seconds"] or level.seconds))
-        recordings, question = (
-            [read_recording(bag, mapping) for bag in bags],
-            _question(folder, name, model, catalogue),
-        )
+        recordings = [read_recording(bag, mapping) for bag in bags]
+        question = _question(folder, name, model, catalogue)
         if level.changing:
             found = [replace(diagnose([one], question), context=None) for one in recordings]
-            answer, problem = found[0].to_dict() | changes_told(found), ""
+            answer = found[0].to_dict() | changes_told(found)
+            problem = ""
         else:
-            answer, problem = diagnose(recordings[:1], question, recordings[1:]).to_dict(), ""
+            answer = diagnose(recordings[:1], question, recordings[1:]).to_dict()
+            problem = ""
     except ElasticArmError as error:  # to refuse is an answer too, and counts as one
-        answer, problem = REFUSED | {"notes": [str(error)]}, str(error)
+        answer = REFUSED | {"notes": [str(error)]}
+        problem = str(error)
     spent = {"seconds": time.perf_counter() - wall, "cpu_seconds": time.process_time() - cpu}
     _write(answer_path(folder, name, kind), answer | spent | {"code": code_state()})
     return name, problem
@@ -298,10 +303,8 @@ def _diagnose(folder: Path, name: str, model: str, without: str, kind: str) -> t
 def _question(folder: Path, name: str, model: str, catalogue: Catalogue) -> Question:
     """Return what is asked of an arm's recordings: its description, and what its challenge counts
     as ordinary."""
-    robot, asked = (
-        load_robot(description_path(folder, name)),
-        load_manifest(folder).get("question", {}),
-    )
+    robot = load_robot(description_path(folder, name))
+    asked = load_manifest(folder).get("question", {})
     given = known_effects(asked.get("with", ()), robot, catalogue)
     priors = Priors().model_copy(update=asked.get("priors", {}))
     refit = bool(asked.get("refit", False))

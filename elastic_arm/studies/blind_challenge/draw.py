@@ -74,7 +74,8 @@ from elastic_arm.studies.blind_challenge.levels import (
 
 Run = Callable[[HiddenMotion, Sequence[Fault]], TrueChannels]
 
-LOWEST, HIGHEST = 10.0, 300.0  # bounds
+LOWEST = 10.0
+HIGHEST = 300.0
 NOISE = 0.26  # Nm, of the torque channels of a large joint
 SMALLEST_JOINT = 0.25  # on which effects of torques are drawn: no wrist that carries a kilogram
 LARGEST = 30.0  # floors that an effect of no catalogue may have; of a drive that saturates:
@@ -143,12 +144,11 @@ class Drawn:
 
 def draw(request: Request, level: Level, rng: np.random.Generator, catalogue: Catalogue) -> Drawn:
     """Draw one hidden arm of a level."""
-    effects, n = request.effects, int(rng.choice(level.joints))
+    effects = request.effects
+    n = int(rng.choice(level.joints))
     description = _description(level, n, rng)
-    real, sizes = (
-        description if level.exact else imprecise(description, rng),
-        joint_sizes(description),
-    )
+    real = description if level.exact else imprecise(description, rng)
+    sizes = joint_sizes(description)
     sides = str(rng.choice(sorted(level.sides_of(effects) or level.sides)))
     sensors = _exact_sensors(n, rng) if level.exact else _sensors(level, sides, sizes, rng)
     ordinary = (
@@ -231,7 +231,8 @@ def record(
     truth."""
     rng = np.random.default_rng(request.seed)
     drawn = draw(request, level, rng, catalogue)
-    arm, description = drawn.arm, drawn.description
+    arm = drawn.arm
+    description = drawn.description
     faults = (*arm.faults, *arm.foreign, *arm.conditions, *arm.ordinary)
     ratios = np.array(
         [joint.transmission.r_tot for joint in description.joints if joint.transmission]
@@ -305,7 +306,8 @@ def _mover(robot: Robot, description: Robot, effects: Sequence[str], catalogue: 
             if f.effect not in SENSOR_EFFECTS
         ]
         settings = SimulationSettings(effects=moved, sensors=Sensors.exact(), rate=RATE)
-        q0, still = reference[0][0], np.random.default_rng(0)
+        q0 = reference[0][0]
+        still = np.random.default_rng(0)
         simulator = Simulator(robot, settings, q0=q0, rng=still, duration=motion.duration)
         _, read = simulator.follow(*reference)
         return TrueChannels(t[1:-1], **{name: values[1:-1] for name, values in read.items()})
@@ -355,7 +357,8 @@ class _Effects:
             return True
         most = []
         for motion in self.motions:
-            changed, plain = self.run(motion, (fault,)), self.run(motion, ())
+            changed = self.run(motion, (fault,))
+            plain = self.run(motion, ())
             most.append(
                 max(
                     np.abs(changed.tau_J - plain.tau_J).max(),
@@ -367,7 +370,8 @@ class _Effects:
     def _placed(self, effect: str) -> tuple[Fault, SampledEffect | None]:
         """Draw where an effect sits and its form: on a joint that is no small wrist where its size
         is a torque."""
-        floor, n = _floor(effect), len(self.joints)
+        floor = _floor(effect)
+        n = len(self.joints)
         suits = self.joints >= SMALLEST_JOINT if floor and floor.scaled else np.ones(n, dtype=bool)
         while True:
             drawn = (
@@ -392,7 +396,8 @@ class _Effects:
 
     def _draft(self, fault: Fault, drawn: SampledEffect | None) -> EffectDraft:
         """Return an effect without its size, with the range that it may have."""
-        floor, low = _floor(fault.effect), 0.0
+        floor = _floor(fault.effect)
+        low = 0.0
         if floor and not self.level.exact:
             scaled = floor.scaled and fault.joint is not None
             low = floor.amount * (float(self.joints[fault.joint]) if scaled else 1.0)
@@ -459,7 +464,8 @@ def _as_described(real: Robot, description: Robot, fault: Fault) -> Robot:
     difference."""
     if fault.joint is None:
         return real
-    joint, stated = real.joints[fault.joint], description.joints[fault.joint]
+    joint = real.joints[fault.joint]
+    stated = description.joints[fault.joint]
     gear = joint.transmission
     assert gear is not None and stated.transmission is not None
     if fault.effect == "link_inertia_mismatch":
@@ -483,7 +489,8 @@ def _numbers(real: Robot, description: Robot) -> tuple[tuple[str, int, float], .
     mass, m."""
     found: list[tuple[str, int, float]] = []
     for j, (joint, stated) in enumerate(zip(real.joints, description.joints, strict=True)):
-        own, given = joint.transmission, stated.transmission
+        own = joint.transmission
+        given = stated.transmission
         assert own is not None and given is not None
         found.append(("link_mass", j, joint.link.mass / stated.link.mass))
         shift = np.asarray(joint.link.com) - np.asarray(stated.link.com)

@@ -82,7 +82,8 @@ class SampledEffect:
 
     def limits(self) -> tuple[float, float]:
         """Return the smallest and largest plausible amount."""
-        p, neutral = self._size, self._size.neutral or 0.0
+        p = self._size
+        neutral = self._size.neutral or 0.0
         if p.inverse:
             return 1.0 / p.high, 1.0 / p.low
         if p.draw is not None:
@@ -114,7 +115,8 @@ def sample_effect(effect: Effect, n: int, rng: np.random.Generator) -> SampledEf
         choices[choice.name] = (value,) if choice.several else value
     direction = _direction([effect.parameter(name) for name in effect.magnitude], rng)
     others = {**_others(effect, rng), **variation(effect.id, rng)}
-    side, channels = choices.pop("side", "motor"), choices.pop("channels", ())
+    side = choices.pop("side", "motor")
+    channels = choices.pop("channels", ())
     return SampledEffect(
         effect, Fault(effect.id, joint, others, side, channels, choices), direction
     )

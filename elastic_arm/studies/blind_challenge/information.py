@@ -58,7 +58,10 @@ ORDINARY = {
 }
 SHAPE = 0.012  # strain of a link's shape, each entry
 SHAPES = tuple(f"shape_{a}{b}" for a in range(3) for b in range(3))
-SENSOR_GAIN, SENSOR_OFFSET, ENCODER_OFFSET, WARMING = 0.006, 0.3, 1e-5, 0.06
+SENSOR_GAIN = 0.006
+SENSOR_OFFSET = 0.3
+ENCODER_OFFSET = 1e-5
+WARMING = 0.06
 
 ROUNDS = 4  # corrections of a size
 NEAR = 0.05  # of the wanted distance
@@ -117,14 +120,14 @@ class MarginalInformation:
     def __init__(
         self, robot: Robot, sensors: RealisticSensors, motion: TrueChannels, level: Level
     ) -> None:
-        self._robot, self._sensors, self.n = robot, sensors, robot.n
+        self._robot = robot
+        self._sensors = sensors
+        self.n = robot.n
         self._warming = WARMING if level.warming else 0.0
         self._motor_gain = max(SENSOR_GAIN, 0.6 * level.torque_constant)
         gears = [joint.transmission for joint in robot.joints if joint.transmission]
-        self._K, self._D = (
-            np.array([g.stiffness for g in gears]),
-            np.array([g.damping for g in gears]),
-        )
+        self._K = np.array([g.stiffness for g in gears])
+        self._D = np.array([g.damping for g in gears])
         self._ratios = np.array([g.r_tot for g in gears])
         M = KinematicTree(robot).terms(np.zeros(2 * self.n), np.zeros(2 * self.n))[0]
         self._M, self._B = np.diag(M)[: self.n], np.diag(M)[self.n :]
@@ -136,7 +139,8 @@ class MarginalInformation:
 
     def residuals(self, read: TrueChannels) -> Array:
         """Return what torques exceed the arm's own equations by, (N / 10, R, n)."""
-        tree, now = KinematicTree(self._robot), TrueMotion.of(read)
+        tree = KinematicTree(self._robot)
+        now = TrueMotion.of(read)
         left = np.array([tree.torque(*row) for row in zip(*now.rows(), strict=True)])
         spring = self._K * (read.theta - read.q) + self._D * (read.dtheta - read.dq)
         slow = {
@@ -144,10 +148,8 @@ class MarginalInformation:
             for name in ("tau_J", "tau_m")
         }
         spring = decimate(spring, EVERY, ftype="fir", axis=0)
-        link, motor = (
-            slow["tau_J"] - left[:, : self.n],
-            slow["tau_m"] - left[:, self.n :] - slow["tau_J"],
-        )
+        link = slow["tau_J"] - left[:, : self.n]
+        motor = slow["tau_m"] - left[:, self.n :] - slow["tau_J"]
         return self.seen(link, slow["tau_J"] - spring, motor)
 
     def distance(self, change: Array, *, without: Collection[Key] = ()) -> float:
@@ -169,7 +171,8 @@ class MarginalInformation:
 
     def _ordinary(self, course: TrueMotion) -> dict[Key, Array]:
         """Return the changes of the residuals by one standard deviation of each ordinary number."""
-        rows, n = course.rows(), self.n
+        rows = course.rows()
+        n = self.n
         plain = self._torque(self._robot, rows)
         found: dict[Key, Array] = {}
         for j in range(n):
@@ -200,16 +203,21 @@ class MarginalInformation:
                 j: int = j,
             ) -> Array:
                 rows = np.zeros((3, N, n))
-                rows[0, :, j], rows[1, :, j], rows[2, :, j] = link, drive, motor
+                rows[0, :, j] = link
+                rows[1, :, j] = drive
+                rows[2, :, j] = motor
                 return self.seen(*rows)
 
-            sign, w = np.sign(part["dtheta"][:, j]), part["dtheta"][:, j]
-            tau_J, tau_m = part["tau_J"][:, j], part["tau_m"][:, j]
+            sign = np.sign(part["dtheta"][:, j])
+            w = part["dtheta"][:, j]
+            tau_J = part["tau_J"][:, j]
+            tau_m = part["tau_m"][:, j]
             d = part["theta"][:, j] - part["q"][:, j]
             rate = part["dtheta"][:, j] - part["dq"][:, j]
             found["stiffness", j] = at(drive=-ORDINARY["stiffness"] * self._K[j] * d)
             found["damping", j] = at(drive=-ORDINARY["damping"] * self._D[j] * rate)
-            found["coulomb", j], found["viscous", j] = at(motor=FREE * sign), at(motor=FREE * w)
+            found["coulomb", j] = at(motor=FREE * sign)
+            found["viscous", j] = at(motor=FREE * w)
             found["joint_torque_gain", j] = SENSOR_GAIN * at(tau_J, tau_J, -tau_J)
             found["joint_torque_offset", j] = SENSOR_OFFSET * at(1.0, 1.0, -1.0)
             found["encoder_offset", j] = at(drive=ENCODER_OFFSET * self._K[j])
@@ -256,7 +264,8 @@ class MarginalInformation:
 
     def _noise(self, f: Array) -> Array:
         """One-sided cross-spectral density (F, n, R, R) of the residuals of each joint, Nm²/Hz."""
-        s, rate = self._sensors, self._sensors.rate
+        s = self._sensors
+        rate = self._sensors.rate
         variance = np.asarray(s.torque_noise) ** 2
         torque = np.full((len(f), self.n), 2.0 / rate) * variance
         if s.corner is not None:
@@ -269,13 +278,14 @@ class MarginalInformation:
         w2 = ((2 * np.pi * f) ** 2)[:, None]
         # Rows: how tau_J, tau_m, q and theta enter link, drive and motor.
         H = np.zeros((len(f), self.n, 3, 4))
-        H[:, :, 0, 0], H[:, :, 1, 0], H[:, :, 2, 0], H[:, :, 2, 1] = 1.0, 1.0, -1.0, 1.0
-        H[:, :, 0, 2], H[:, :, 1, 2], H[:, :, 1, 3], H[:, :, 2, 3] = (
-            self._M * w2,
-            self._K,
-            -self._K,
-            self._B * w2,
-        )
+        H[:, :, 0, 0] = 1.0
+        H[:, :, 1, 0] = 1.0
+        H[:, :, 2, 0] = -1.0
+        H[:, :, 2, 1] = 1.0
+        H[:, :, 0, 2] = self._M * w2
+        H[:, :, 1, 2] = self._K
+        H[:, :, 1, 3] = -self._K
+        H[:, :, 2, 3] = self._B * w2
         if s.sides == LINK:
             H = H[:, :, :1]
         elif s.sides != BOTH:
@@ -300,7 +310,8 @@ def _alterations(robot: Robot, j: int) -> list[tuple[str, float, Robot]]:
     """Return arms with one inertial number of joint j changed by STEP, with its name and ordinary
     deviation."""
     joint = robot.joints[j]
-    link, gear = joint.link, joint.transmission
+    link = joint.link
+    gear = joint.transmission
     assert gear is not None
     found = []
 
@@ -362,7 +373,9 @@ class Sizing:
         friction: Sequence[Fault],
         run: Callable[[Sequence[Fault]], TrueChannels],
     ) -> None:
-        self._robot, self._motion, self._run = robot, motion, run
+        self._robot = robot
+        self._motion = motion
+        self._run = run
         self._friction: dict[tuple[str, int | None], float] = {}
         self.add_friction(friction)
         self._plain = run(())

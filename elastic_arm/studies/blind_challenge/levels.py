@@ -20,7 +20,9 @@ class Floor:
     sides: tuple[str, ...] = (BOTH,)  # recorded sides on which the effect can show
 
 
-_ANY, _MOTOR, _LINK = (BOTH, MOTOR, LINK), (BOTH, MOTOR), (BOTH, LINK)
+_ANY = (BOTH, MOTOR, LINK)
+_MOTOR = (BOTH, MOTOR)
+_LINK = (BOTH, LINK)
 # Below these sizes nobody repairs anything; of numbers that every arm has wrong, far beyond what is
 # ordinary.
 FLOORS = {

@@ -57,7 +57,8 @@ SIMULATED = (
 
 def proportion(outcomes: Sequence[Any]) -> dict[str, Any]:
     """Return the share of outcomes that hold, with its 95 % interval (Clopper-Pearson)."""
-    hits, trials = sum(bool(o) for o in outcomes), len(outcomes)
+    hits = sum(bool(o) for o in outcomes)
+    trials = len(outcomes)
     if not trials:
         return {"hits": 0, "trials": 0, "share": None, "interval": None}
     interval = binomtest(hits, trials).proportion_ci(0.95, "exact")
@@ -94,7 +95,9 @@ def score(folders: Path | Sequence[Path]) -> dict[str, Any]:
     """
     lines: list[Line] = []
     withheld: list[Line] = []
-    settings, total, simulated = [], 0, set()
+    settings = []
+    total = 0
+    simulated = set()
     effects: dict[str, Effect] = dict(EFFECTS)
     for folder in [folders] if isinstance(folders, Path) else folders:
         manifest = load_manifest(folder)

@@ -54,13 +54,12 @@ class ServoJoint:
 
 def described(rng: np.random.Generator) -> list[ServoJoint]:
     """Draw an arm."""
-    count, size = int(rng.integers(3, 6)), float(rng.uniform(0.8, 1.3))
+    count = int(rng.integers(3, 6))
+    size = float(rng.uniform(0.8, 1.3))
     joints = []
     for k in range(count):
-        length, mass = (
-            size * float(rng.uniform(0.08, 0.2)),
-            size**3 * float(rng.uniform(0.25, 0.5)) * 0.8**k,
-        )
+        length = size * float(rng.uniform(0.08, 0.2))
+        mass = size**3 * float(rng.uniform(0.25, 0.5)) * 0.8**k
         slender = mass * length**2 / 10
         numbers = {
             "armature": float(rng.uniform(0.015, 0.03)),
@@ -83,7 +82,10 @@ def ordinary(joints: list[ServoJoint], rng: np.random.Generator) -> list[ServoJo
 
     built = []
     for one in joints:
-        shift, moments, friction, gain = 0.003 * rng.normal(size=3), off(0.08), off(0.2), off(0.1)
+        shift = 0.003 * rng.normal(size=3)
+        moments = off(0.08)
+        friction = off(0.2)
+        gain = off(0.1)
         ratios = {
             "armature": off(0.06),
             "damping": friction,
@@ -112,8 +114,11 @@ def with_effect(
 
     peaks: (n,) largest torques of the motion, Nm.
     """
-    k, u = int(rng.integers(1, len(joints))), float(rng.uniform())
-    own, numbers, parameters = joints[k], joints[k].numbers, dict[str, float]()
+    k = int(rng.integers(1, len(joints)))
+    u = float(rng.uniform())
+    own = joints[k]
+    numbers = joints[k].numbers
+    parameters = dict[str, float]()
     if effect == "coulomb_friction":
         parameters = {"torque": numbers["frictionloss"] + 0.1 + 0.15 * u}
         changed = replace(own, numbers={**numbers, "frictionloss": parameters["torque"]})
@@ -161,7 +166,8 @@ def mjcf(joints: list[ServoJoint], step: float) -> str:
             f'{k}="{v if isinstance(v, str) else format(v, ".9g")}"' for k, v in attributes.items()
         )
 
-    bodies, place = "", "0 0 0"
+    bodies = ""
+    place = "0 0 0"
     for k, one in enumerate(joints):
         com, moments = (" ".join(f"{v:.9g}" for v in values) for values in (one.com, one.moments))
         bodies += (
@@ -206,10 +212,8 @@ def opened(joints: list[ServoJoint], path: Path, step: float) -> MjcfArm:
 def commands(rate: float, seconds: float, n: int, rng: np.random.Generator) -> Array:
     """Return commands (N, n) rad of several frequencies, from rest."""
     t = np.arange(round(seconds * rate)) / rate
-    size, phase = (
-        rng.normal(size=(6, n)) / (0.6 + MOTION_HZ)[:, None],
-        rng.uniform(0, 2 * np.pi, (6, n)),
-    )
+    size = rng.normal(size=(6, n)) / (0.6 + MOTION_HZ)[:, None]
+    phase = rng.uniform(0, 2 * np.pi, (6, n))
     motion = np.einsum(
         "fj,ftj->tj",
         size,
@@ -227,7 +231,8 @@ def record_servos(folder: Path, request: Request, level: Level) -> dict[str, Any
     rate = float(rng.choice(level.rates))
     step = 1.0 / rate / np.ceil(1.0 / (rate * STEP))
     stated = described(rng)
-    true, faults = ordinary(stated, rng), list[Fault]()
+    true = ordinary(stated, rng)
+    faults = list[Fault]()
     told = [commands(rate, seconds, len(true), rng) for seconds in request.seconds]
     robot = folder / "robots" / f"{request.name}.xml"
     robot.parent.mkdir(parents=True, exist_ok=True)

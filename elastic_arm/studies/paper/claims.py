@@ -30,7 +30,10 @@ from elastic_arm.studies.paper.torques import (
 )
 
 SECTIONS = ("IV-A", "IV-C", "V", "VI-A", "VI-B", "VII")
-HOLDS, IN_PART, FAILS, UNDECIDED = "holds", "holds in part", "does not hold", "undecided"
+HOLDS = "holds"
+IN_PART = "holds in part"
+FAILS = "does not hold"
+UNDECIDED = "undecided"
 # A difference counts from this number of its standard deviations on.
 DECIDED = 2.0
 
@@ -237,7 +240,8 @@ def _last_joint(result: StudyResult) -> Judged:
 )
 def _shape_of_coupling(result: StudyResult) -> Judged:
     n = result.robot.n
-    S, tilted = result.coupling.matrix, result.tilted_coupling.matrix
+    S = result.coupling.matrix
+    tilted = result.tilted_coupling.matrix
     zero = all(S[i, j] == 0 for i in range(n) for j in range(n) if (j < i) or (j == i and i > 0))
     expected = [(i, j) for i in range(n) for j in range(n) if (i, j) == (0, 0) or j > i]
     there = [(i, j) for i, j in expected if S[i, j] != 0]
@@ -312,7 +316,8 @@ def _in_columns(table: np.ndarray) -> str:
     "tau^l errors of mod3 are very minimal, the smallest of the three models",
 )
 def _link_minimal(result: StudyResult) -> Judged:
-    n, top = result.robot.n, result.at_highest()
+    n = result.robot.n
+    top = result.at_highest()
     errors = np.array([top.error(m, PROTOTYPE, "link") for m in MODELS])
     step = LinkErrors(0.0, np.abs(errors).max(axis=1), np.sqrt((errors**2).mean(axis=1)))
     smooth = np.array([_rms(result.smooth.error(m, PROTOTYPE, "link")) for m in MODELS])
@@ -455,7 +460,8 @@ def _listed_shares(split: ErrorShares) -> str:
 )
 def _shares(result: StudyResult) -> Judged:
     found = [result.estimate(m) for m in MODELS]
-    plain, merged = [e.shares for e in found], [shares(e.merged_error) for e in found]
+    plain = [e.shares for e in found]
+    merged = [shares(e.merged_error) for e in found]
     texts = [
         "; ".join(f"{m}: {_listed_shares(s)}" for m, s in zip(MODELS, many, strict=True))
         for many in (plain, merged)
@@ -511,7 +517,8 @@ MINOR = 5.0  # points
 @_rule("noise_minor", "VII", "torque noise has only a minor effect on the estimation")
 def _noise_is_minor(result: StudyResult) -> Judged:
     found = {m: result.estimate(m) for m in MODELS}
-    texts, parts = [], []
+    texts = []
+    parts = []
     for merged in (False, True):
         changes = {}
         for m, e in found.items():

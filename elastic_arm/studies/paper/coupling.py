@@ -39,7 +39,9 @@ def symbolic_coupling(robot: Robot, *, bearings: bool = False) -> SymbolicCoupli
     bodies = _with_symbols(robot, compose(robot, "mod3", bearings=bearings))
     x = [sympy.Symbol(name, real=True) for name in bodies.coordinates]
     Psi = [_parameter(parameter.name) for parameter in bodies.parameters]
-    n, zero, links = robot.n, [sympy.Integer(0)] * bodies.dof, bodies.link_side
+    n = robot.n
+    zero = [sympy.Integer(0)] * bodies.dof
+    links = bodies.link_side
     matrix = sympy.zeros(len(links), n)
     for j in range(n):
         push = list(zero)

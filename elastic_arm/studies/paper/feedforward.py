@@ -78,7 +78,8 @@ def invert(
     model: Model, Psi: np.ndarray, q: tuple[np.ndarray, np.ndarray, np.ndarray], period: float
 ) -> Command:
     """Return the command that drives a model's link along one period of q, dq, ddq (M, n)."""
-    n, names = model.n, [parameter.name.rpartition(".")[2] for parameter in model.parameters]
+    n = model.n
+    names = [parameter.name.rpartition(".")[2] for parameter in model.parameters]
     K, D = (Psi[[k for k, name in enumerate(names) if name == letter]] for letter in ("K", "D"))
     loose = np.where([name in ("K", "D") for name in names], 0.0, Psi)
     omega = 2.0 * np.pi * np.fft.rfftfreq(len(q[0]), period / len(q[0]))[:, None]
@@ -125,7 +126,8 @@ def assess(
     step: float,
 ) -> Tracking:
     """Drive the prototype along a reference under a feed-forward law and compare."""
-    period, step = reference.period, dividing_step(step)
+    period = reference.period
+    step = dividing_step(step)
     steps = round(period / step)
     grid = np.linspace(0.0, period, 2 * steps, endpoint=False)
     command = _command(robot, law, reference.evaluate(grid), period)
@@ -133,7 +135,8 @@ def assess(
 
     def torque(half: int, theta: np.ndarray, dtheta: np.ndarray) -> np.ndarray:
         k = half % len(grid)
-        lag, slip = command.theta[k] - theta, command.dtheta[k] - dtheta
+        lag = command.theta[k] - theta
+        slip = command.dtheta[k] - dtheta
         return command.tau_m[k] + stiffness * lag + damping * slip
 
     prototype = Prototype(robot)
@@ -141,7 +144,8 @@ def assess(
     run = prototype.actuate(torque, start, reference.duration - period, step=step)
     kept = run.t >= settle
     wanted = reference.evaluate(run.t[kept])[0]
-    place, rigid = prototype.tool(wanted), prototype.tool(run.q[kept])
+    place = prototype.tool(wanted)
+    rigid = prototype.tool(run.q[kept])
     sent = command.tau_m[np.rint(run.t[kept] / period * len(grid)).astype(int) % len(grid)]
     away = np.linalg.norm(run.tool[kept] - place, axis=1)
     return Tracking(

@@ -19,7 +19,9 @@ from elastic_arm.studies.paper.virtual_prototype.prototype import PrototypeRun
 
 PAPER_STRIDE = 100  # of the 1 kHz samples: the paper's 10 Hz
 NOTHING = 1e-12  # kg and kg m^2
-LOW, MID = 20.5, 50.5  # the paper's 0-20 %, 21-50 %, 51-100 %, read as rounded percentages
+# the paper's 0-20 %, 21-50 %, 51-100 %, read as rounded percentages
+LOW = 20.5
+MID = 50.5
 
 
 @dataclass(frozen=True)
@@ -36,7 +38,9 @@ class ErrorShares:
 def shares(error: np.ndarray) -> ErrorShares:
     """Sort relative errors (coefficients,), in percent, into the paper's categories."""
     size = np.abs(error)
-    low, mid, beyond = size < LOW, (size >= LOW) & (size < MID), size > 100.0
+    low = size < LOW
+    mid = (size >= LOW) & (size < MID)
+    beyond = size > 100.0
     return ErrorShares(*(100.0 * float(part.mean()) for part in (low, mid, ~(low | mid), beyond)))
 
 
@@ -111,7 +115,8 @@ def merged_error(found: Fit, true: np.ndarray, kept: np.ndarray) -> np.ndarray:
     ratios, (11) is blown up along that direction; a numerical rank decision would have merged such
     columns, and this does.
     """
-    R, z = found.factor[:, :-1], found.factor[:, -1]
+    R = found.factor[:, :-1]
+    z = found.factor[:, -1]
     lost = np.setdiff1d(np.arange(len(true)), kept)
     scale = np.linalg.norm(R[:, kept], axis=0)
     solution = (
@@ -174,7 +179,8 @@ def study(
     """Identify one model from the prototype's run."""
     problem = CoefficientFit(robot, model)
     fast = motion_of(run)
-    slow, slow_locked = fast[_ten_hertz(run)], motion_of(locked)[_ten_hertz(locked)]
+    slow = fast[_ten_hertz(run)]
+    slow_locked = motion_of(locked)[_ten_hertz(locked)]
     plain = problem.fit(slow)
     noisy = problem.with_noise(slow, noise, seeds[0], rng)
     fast_noisy = problem.with_noise(fast, noise, seeds[1], rng)

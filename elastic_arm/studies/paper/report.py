@@ -203,7 +203,8 @@ def _arm(ax: Axes3D, robot: Robot, pose: np.ndarray) -> np.ndarray:
         axis = joint[:3, 3][:, None] + joint[:3, 2][:, None] * np.array([-0.12, 0.12])
         ax.plot(*axis, color="black", lw=0.8, ls="-.")
         ax.text(*(axis[:, 0]), f"axis {k}", fontsize=7, ha="right")
-    low, high = np.min(corners, axis=0) - 0.2, np.max(corners, axis=0) + 0.2
+    low = np.min(corners, axis=0) - 0.2
+    high = np.max(corners, axis=0) + 0.2
     ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
     ax.set_box_aspect(high - low, zoom=0.95)  # with more its labels are cut off
     ax.set(xlabel="x [m]", ylabel="y [m]", zlabel="z [m]")
@@ -242,7 +243,8 @@ def figure_4a(result: StudyResult) -> Section:
 def _torques(comparison: ModelComparison, models: tuple[str, ...]) -> MplFigure:
     """Draw tau^m and tau^l of models over time; of several models the differences of tau^m from
     that of mod3, too."""
-    n, several = comparison.run.q.shape[1], PROTOTYPE not in models
+    n = comparison.run.q.shape[1]
+    several = PROTOTYPE not in models
     with drawing(2 + several, n, size=(11.0, 4.6 + 2.0 * several), sharex=True) as (figure, axes):
         for joint in range(n):
             for row, side in enumerate((*SIDES, "motor")[: 2 + several]):
@@ -384,10 +386,8 @@ def _stacked_metrics(
                 for k, model in enumerate(models):
                     picked = [table[side, joint, r_tot, model] for r_tot in ratios]
                     place = np.arange(len(ratios)) + (k - 0.5 * (len(models) - 1)) * width
-                    low, top = (
-                        np.array([m.e_max for m in picked]),
-                        np.array([m.e_rmse for m in picked]),
-                    )
+                    low = np.array([m.e_max for m in picked])
+                    top = np.array([m.e_rmse for m in picked])
                     ax.bar(place, low, 0.92 * width, color=COLOURS[model])
                     ax.bar(place, top, 0.92 * width, bottom=low, color=COLOURS[model], alpha=0.45)
                 ax.set_title(_torque_name(side, joint) + " [Nm]", loc="left")
@@ -407,7 +407,8 @@ def _stacked_metrics(
 
 def coupling(result: StudyResult) -> Section:
     """S in symbols, and what tau^m is made of."""
-    flat, tilted = result.coupling, result.tilted_coupling
+    flat = result.coupling
+    tilted = result.tilted_coupling
     n = result.robot.n
     terms = [
         (f"S_{i + 1},{j + 1}", _text(flat.matrix[i, j]))

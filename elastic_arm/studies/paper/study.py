@@ -143,7 +143,8 @@ def run_study(
             locked=locking()[0],
             coupling=tuple(deriving()),
         )
-        tracked, along = tracking(), settings.motions
+        tracked = tracking()
+        along = settings.motions
     return StudyResult(
         **vars(found),
         settings=settings,
@@ -164,7 +165,8 @@ def _identify(
     settings: StudySettings,
     seed: int,
 ) -> CoefficientEstimate:
-    motion, rng = PeriodicMotion(excited.trajectory), np.random.default_rng(seed)
+    motion = PeriodicMotion(excited.trajectory)
+    rng = np.random.default_rng(seed)
     run = follow(robot, Bushing(), motion, settings.excitation_step)
     locked = follow(robot, Bushing(locked=True), motion, torques.LOCKED_STEP)
     return identify(
@@ -191,7 +193,8 @@ def _tracking(
     The tasks are those of each law along each motion, laws first.
     """
     known = sorted({e.r_tot for e in estimates})
-    n, duration = len(arms[known[0]].joints), SETTLE + settings.tracking
+    n = len(arms[known[0]].joints)
+    duration = SETTLE + settings.tracking
     motions = [
         feedforward.reference(n, TRACKING_PERIOD, duration, rng) for _ in range(settings.motions)
     ]

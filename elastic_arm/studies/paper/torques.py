@@ -91,7 +91,8 @@ def metrics(comparisons: list[ModelComparison], reference: str) -> list[Metric]:
         for side in SIDES:
             for model in models:
                 error = comparison.error(model, reference, side)
-                e_max, e_rmse = np.abs(error).max(0), np.sqrt((error**2).mean(0))
+                e_max = np.abs(error).max(0)
+                e_rmse = np.sqrt((error**2).mean(0))
                 rows += [
                     Metric(
                         reference,
@@ -124,7 +125,8 @@ class LinearTrend:
 def line_over_ratio(rows: list[Metric], model: str, side: str, joint: int) -> LinearTrend:
     """Fit e_max = constant + slope r_tot for one model, side and joint."""
     picked = [row for row in rows if (row.model, row.side, row.joint) == (model, side, joint)]
-    r_tot, e_max = np.array([row.r_tot for row in picked]), np.array([row.e_max for row in picked])
+    r_tot = np.array([row.r_tot for row in picked])
+    e_max = np.array([row.e_max for row in picked])
     slope, constant = np.polyfit(r_tot, e_max, 1)
     spread = float(((e_max - e_max.mean()) ** 2).sum())
     missed = float(((e_max - constant - slope * r_tot) ** 2).sum())

@@ -74,8 +74,10 @@ def industrial_arm(n: int, rng: np.random.Generator, *, lift: bool = False) -> R
         dh = DH(*row)
         link = _link(dh, scale * mass * rng.uniform(0.8, 1.2), rng)
         carrier = "base" if i == 0 else f"link_{i}"
-        drive, slides = _small_drive(carrier), lift and i == 0
-        name, moved = f"joint_{i + 1}", f"link_{i + 1}"
+        drive = _small_drive(carrier)
+        slides = lift and i == 0
+        name = f"joint_{i + 1}"
+        moved = f"link_{i + 1}"
         joints.append(Joint.from_dh(name, moved, link, dh, transmission=drive, prismatic=slides))
     robot = Robot(f"industrial_{n}", tuple(joints))
     loads = _link_inertias(robot, rng)
@@ -121,7 +123,9 @@ def imprecise(robot: Robot, rng: np.random.Generator) -> Robot:
     joints = []
     shapes = rng.spawn(1)[0]  # so that all other numbers of a seed stay as they were
     for joint in robot.joints:
-        mass, link, gear = 1 + rng.uniform(-0.08, 0.08), joint.link, joint.transmission
+        mass = 1 + rng.uniform(-0.08, 0.08)
+        link = joint.link
+        gear = joint.transmission
         assert gear is not None
         inertia = np.asarray(link.inertia) * mass * (1 + rng.uniform(-0.04, 0.04))
         inertia = strained(inertia, shapes.uniform(-STRAIN, STRAIN, (3, 3)))
@@ -197,7 +201,8 @@ def _small_drive(carrier: str) -> Transmission:
 
 def _link_inertias(robot: Robot, rng: np.random.Generator) -> np.ndarray:
     """Mean inertia (n,) about each joint over some poses, kg m²."""
-    tree, n = KinematicTree(robot), robot.n
+    tree = KinematicTree(robot)
+    n = robot.n
     diagonals = []
     for _ in range(10):
         pose = np.tile(rng.uniform(-1.2, 1.2, n), 2)
@@ -207,7 +212,8 @@ def _link_inertias(robot: Robot, rng: np.random.Generator) -> np.ndarray:
 
 def _drive(load: float, carrier: str, outward: float, rng: np.random.Generator) -> Transmission:
     """A drive fit for a load: reflected inertia, stiffness and damping in proportion."""
-    belt, harmonic = float(rng.choice([1.0, 1.5, 2.0])), float(rng.choice([50, 80, 100, 120, 160]))
+    belt = float(rng.choice([1.0, 1.5, 2.0]))
+    harmonic = float(rng.choice([50, 80, 100, 120, 160]))
     reflected = max(load * rng.uniform(0.3, 1.0), LEAST_REFLECTED)
     frequency = 2 * np.pi * rng.uniform(11, 18) * (1 + 1.5 * outward)
     stiffness = max(frequency**2 * load, 4000.0)

@@ -87,7 +87,8 @@ class CompiledArm:
         self.n = robot.n
         tree = KinematicTree(robot, bearings=bearings)
         function = _equations(tree, further=further)
-        self.states, self.inputs = function.size1_in(0), sum(function.size1_in(k) for k in range(3))
+        self.states = function.size1_in(0)
+        self.inputs = sum(function.size1_in(k) for k in range(3))
         self.outputs = sum(function.size1_out(k) for k in range(3))
         self.dof = tree.dof
         loop = LOOP.format(
@@ -136,13 +137,18 @@ def compiled_arm(robot: Robot, bearings: bool, further: bool = False) -> Compile
 
 
 def _equations(tree: KinematicTree, *, further: bool) -> Any:
-    n, dof = tree.n, tree.dof
-    y, u = ca.SX.sym("y", 2 * dof + n + (n + 1 if further else 0)), ca.SX.sym("u", n)
-    numbers, gravity = ca.SX.sym("numbers", NUMBERS * len(tree.gears)), ca.SX.sym("gravity", 3)
+    n = tree.n
+    dof = tree.dof
+    y = ca.SX.sym("y", 2 * dof + n + (n + 1 if further else 0))
+    u = ca.SX.sym("u", n)
+    numbers = ca.SX.sym("numbers", NUMBERS * len(tree.gears))
+    gravity = ca.SX.sym("gravity", 3)
     joints = {name: ca.SX.sym(name, n) for name in effect_laws.NUMBERS}
     others = {name: ca.SX.sym(name, n) for name in further_laws.NEUTRAL} if further else {}
     tilts = ca.SX.sym("tilts", 2 * (dof - 2 * n))
-    x, dx, z = y[:dof], y[dof : 2 * dof], y[2 * dof : 2 * dof + n]
+    x = y[:dof]
+    dx = y[dof : 2 * dof]
+    z = y[2 * dof : 2 * dof + n]
     tau_J, lever, dz = effect_laws.joint_torque(
         joints, x[:n], x[n : 2 * n], dx[:n], dx[n : 2 * n], z
     )
@@ -187,7 +193,8 @@ def _equations(tree: KinematicTree, *, further: bool) -> Any:
 def _solved(M: Any, f: Any) -> Any:
     """Solve M a = f by M = L D L'."""
     dof = M.shape[0]
-    L, d = [[ca.SX(0)] * dof for _ in range(dof)], [ca.SX(0)] * dof
+    L = [[ca.SX(0)] * dof for _ in range(dof)]
+    d = [ca.SX(0)] * dof
     for j in range(dof):
         d[j] = M[j, j] - sum((L[j][k] ** 2 * d[k] for k in range(j)), ca.SX(0))
         for i in range(j + 1, dof):
@@ -233,7 +240,9 @@ def inverse_dynamics(
 ) -> Any:
     """Return the generalized forces (dof,) of a motion."""
     G = ca.sparsify(ca.DM(tree.gears))
-    q, v, a = G @ x, G @ dx, G @ ddx
+    q = G @ x
+    v = G @ dx
+    a = G @ ddx
     zero = ca.SX.zeros(3)
     bodies = [_MovingBody(-1, None, None, None, zero, zero, -gravity)]
     for i in range(1, tree.model.njoints):
@@ -243,7 +252,8 @@ def inverse_dynamics(
     for i in range(len(bodies) - 1, 0, -1):
         body = bodies[i]
         force, moment = _inertial(body, numbers[NUMBERS * (i - 1) : NUMBERS * i])
-        force, moment = force + forces[i][0], moment + forces[i][1]
+        force = force + forces[i][0]
+        moment = moment + forces[i][1]
         tau.append(ca.dot(body.axis, force if body.slides else moment))
         carried = body.R @ force
         below = forces[body.parent]
@@ -261,14 +271,16 @@ def _moved(
     placement = tree.model.jointPlacements[i]
     k = AXES[tree.model.joints[i].shortname()]
     slides = tree.model.joints[i].shortname() == SLIDES
-    R, p = ca.sparsify(ca.DM(_snapped(placement.rotation))), ca.DM(_snapped(placement.translation))
+    R = ca.sparsify(ca.DM(_snapped(placement.rotation)))
+    p = ca.DM(_snapped(placement.translation))
     axis = ca.DM(np.eye(3)[k])
     if slides:
         p += R @ axis * q
     else:
         R = R @ _turn(k, q)
     w = R.T @ parent.w
-    rate, dw = axis * v, R.T @ parent.dw
+    rate = axis * v
+    dw = R.T @ parent.dw
     acceleration = R.T @ (
         parent.a + ca.cross(parent.dw, p) + ca.cross(parent.w, ca.cross(parent.w, p))
     )
@@ -282,7 +294,8 @@ def _moved(
 
 def _inertial(body: _MovingBody, numbers: Any) -> tuple[Any, Any]:
     """Force and moment about the frame's origin that a body's motion requires."""
-    mass, com = numbers[0], numbers[1:4]
+    mass = numbers[0]
+    com = numbers[1:4]
     xx, xy, xz, yy, yz, zz = (numbers[4 + k] for k in range(6))
     inertia = ca.vertcat(ca.horzcat(xx, xy, xz), ca.horzcat(xy, yy, yz), ca.horzcat(xz, yz, zz))
     force = mass * (body.a + ca.cross(body.dw, com) + ca.cross(body.w, ca.cross(body.w, com)))
@@ -292,11 +305,16 @@ def _inertial(body: _MovingBody, numbers: Any) -> tuple[Any, Any]:
 
 def _turn(k: int, angle: Any) -> Any:
     """Rotation by an angle about the axis k."""
-    c, s = ca.cos(angle), ca.sin(angle)
-    i, j = (k + 1) % 3, (k + 2) % 3
+    c = ca.cos(angle)
+    s = ca.sin(angle)
+    i = (k + 1) % 3
+    j = (k + 2) % 3
     R = ca.SX(3, 3)
     R[k, k] = 1
-    R[i, i], R[j, j], R[i, j], R[j, i] = c, c, -s, s
+    R[i, i] = c
+    R[j, j] = c
+    R[i, j] = -s
+    R[j, i] = s
     return R
 
 

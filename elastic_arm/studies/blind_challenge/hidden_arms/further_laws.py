@@ -109,6 +109,7 @@ def warmth(s: Mapping[str, Any], side: str, clock: Any) -> Any:
 def relaxation(s: Mapping[str, Any], q: Any, rate: Any, relaxed: Any) -> Any:
     """Return the rate (n,) of what relaxes: a load that slides to the lower side, or a gear that
     creeps."""
-    creeps, slides = ca.sign(s["creep"]), ca.sign(s["loose"])
+    creeps = ca.sign(s["creep"])
+    slides = ca.sign(s["loose"])
     side = ca.tanh(ca.sin(q + s["loose_phase"]) / 0.1)
     return creeps * rate + (slides * side - relaxed) / s["relaxation"]

@@ -48,7 +48,8 @@ class HiddenArm:
         standstill: float | None = None,
         geometry: Robot | None = None,
     ) -> None:
-        self.nominal, self.faults = robot, tuple(faults)
+        self.nominal = robot
+        self.faults = tuple(faults)
         self.robot = altered(robot, faults)
         self.n = n = robot.n
         by_effect = {fault.effect: fault for fault in faults}
@@ -70,7 +71,8 @@ class HiddenArm:
         numbers["damping"] = np.array([gear.damping for gear in gears])
         if standstill is None:
             finer = int(np.clip(np.ceil(self._standstill(numbers).max() / TURNOVER), 1, MOST_FINER))
-            self.substeps, self._h = finer * self.substeps, self._h / finer
+            self.substeps = finer * self.substeps
+            self._h = self._h / finer
         numbers["standstill"] = (
             self._standstill(numbers) if standstill is None else np.full(n, standstill)
         )
@@ -128,7 +130,9 @@ class HiddenArm:
 
     def run(self, motion: HiddenMotion) -> TrueChannels:
         """Follow a motion from rest."""
-        n, dof, N = self.n, self.tree.dof, round(motion.duration * RATE)
+        n = self.n
+        dof = self.tree.dof
+        N = round(motion.duration * RATE)
         self._parameters = self._all_numbers(motion.duration)
         t = np.arange(N + 1) / RATE
         desired = motion.evaluate(t)
@@ -146,7 +150,8 @@ class HiddenArm:
             )
         self._check(found)
         tau_m = 0.5 * (found.commands[1:N] + found.commands[: N - 1])
-        x, dx = found.states[1:N, :dof], found.states[1:N, dof : 2 * dof]
+        x = found.states[1:N, :dof]
+        dx = found.states[1:N, dof : 2 * dof]
         tau_J = _means(found.torques, self.substeps)
         gravity = (
             self._gravity(x)
@@ -159,7 +164,8 @@ class HiddenArm:
 
     def _check(self, found: StateHistory) -> None:
         """Compare the forces along a run with Pinocchio's for the same motion."""
-        n, dof = self.n, self.tree.dof
+        n = self.n
+        dof = self.tree.dof
         for k in np.linspace(0, len(found.states) - 1, CHECKED).astype(int):
             rate, _, applied = self._engine.rate(
                 found.states[k], found.commands[k], self._parameters
@@ -183,7 +189,8 @@ class HiddenArm:
 
     def _gravity(self, x: np.ndarray) -> np.ndarray:
         """Torque (N, n) that holds the nominal arm, which is what a controller knows."""
-        tree, some = KinematicTree(self.nominal), _every_tenth(len(x))
+        tree = KinematicTree(self.nominal)
+        some = _every_tenth(len(x))
         held = np.array([tree.gravity(row[: 2 * self.n])[: self.n] for row in x[some]])
         return CubicSpline(some, held)(np.arange(len(x)))
 
@@ -197,7 +204,8 @@ class HiddenArm:
 
     def _rest(self, theta: np.ndarray, torque: np.ndarray) -> np.ndarray:
         """State at rest with the springs loaded by gravity (`torque` (n,))."""
-        dof, n = self.tree.dof, self.n
+        dof = self.tree.dof
+        n = self.n
         x = np.zeros(dof)
         x[n : 2 * n] = theta
         x[:n] = theta - torque / self._K
@@ -261,7 +269,8 @@ def _means(torques: np.ndarray, substeps: int) -> np.ndarray:
     """Means (N - 1, n) over the sample intervals centred on the samples 1 to N - 1, by Simpson's
     rule."""
     weights = np.ones(substeps + 1)
-    weights[1:-1:2], weights[2:-1:2] = 4.0, 2.0
+    weights[1:-1:2] = 4.0
+    weights[2:-1:2] = 2.0
     weights /= 3.0 * substeps
     flat = torques.reshape(-1, torques.shape[2])
     first = substeps // 2

@@ -53,10 +53,8 @@ class KinematicTree:
                 if part.carrier != joint.link_name:
                     self._add_component(i, part, ratio, parent, placement)
             if bearings:
-                parent, placement = (
-                    self._add(parent, pin.JointModelRY(), placement, 3 * n + i, 1.0),
-                    pin.SE3.Identity(),
-                )
+                parent = self._add(parent, pin.JointModelRY(), placement, 3 * n + i, 1.0)
+                placement = pin.SE3.Identity()
                 parent = self._add(parent, pin.JointModelRX(), placement, 2 * n + i, 1.0)
             axis = pin.JointModelPZ() if joint.prismatic else pin.JointModelRZ()
             parent = self._add(parent, axis, placement, i, 1.0)
@@ -91,7 +89,8 @@ class KinematicTree:
     def terms(self, x: np.ndarray, dx: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the mass matrix (dof, dof) and the bias (dof,): Coriolis, centrifugal, gyroscopic
         and gravity."""
-        q, v = self.gears @ x, self.gears @ dx
+        q = self.gears @ x
+        v = self.gears @ dx
         full = self._pin.crba(self.model, self._data, q)
         bias = self._pin.nonLinearEffects(self.model, self._data, q, v)
         return self.gears.T @ full @ self.gears, self.gears.T @ bias

@@ -7,12 +7,15 @@ from typing import Protocol
 import numpy as np
 
 HARMONICS = 8
-SPEED, ACCELERATION, REACH = 1.0, 3.0, 1.2  # rad/s, rad/s², rad from zero
+SPEED = 1.0  # rad/s
+ACCELERATION = 3.0  # rad/s²
+REACH = 1.2  # rad from zero
 RAMP = 1.0  # s, from rest to full motion
 DWELL = (0.2, 1.0)  # s, at a point
 WAY = 0.8  # rad, from point to point at most
 # Largest rate and second rate of a step from 0 to 1 in unit time.
-STEP_RATE, STEP_SECOND_RATE = 2.1875, 7.5132
+STEP_RATE = 2.1875
+STEP_SECOND_RATE = 7.5132
 
 
 @dataclass(frozen=True)
@@ -68,7 +71,8 @@ class MultiSine:
 
 def _window(t: np.ndarray, duration: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Smooth step up from 0 and down to `duration`."""
-    up, down = _step(t / RAMP), _step((duration - t) / RAMP)
+    up = _step(t / RAMP)
+    down = _step((duration - t) / RAMP)
     # The ramps do not overlap, so their product's derivatives have one term at a time.
     return up[0] * down[0], (up[1] - down[1]) / RAMP, (up[2] + down[2]) / RAMP**2
 
@@ -102,7 +106,8 @@ class PointToPoint:
 def random_points(rng: np.random.Generator, n: int, duration: float) -> PointToPoint:
     """Draw points within :data:`REACH` of zero, and ways at :data:`SPEED`, :data:`ACCELERATION` or
     less."""
-    points, t = [rng.uniform(-REACH, REACH, n)], RAMP
+    points = [rng.uniform(-REACH, REACH, n)]
+    t = RAMP
     begins: list[float] = []
     lasts: list[float] = []
     while True:

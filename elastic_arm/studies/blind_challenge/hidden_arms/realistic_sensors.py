@@ -14,8 +14,12 @@ from elastic_arm.studies.blind_challenge.hidden_arms.hidden_arm import RATE
 from elastic_arm.studies.blind_challenge.hidden_arms.motion import TrueChannels
 from elastic_arm.studies.blind_challenge.hidden_arms.sensor_models import SensorModel, measure
 
-BOTH, MOTOR, LINK = "both", "motor", "link"
-MISSING, DIFFERENCED, MEASURED = "missing", "differenced", "measured"
+BOTH = "both"
+MOTOR = "motor"
+LINK = "link"
+MISSING = "missing"
+DIFFERENCED = "differenced"
+MEASURED = "measured"
 LONGEST_GAP = 8  # samples that are lost in a row
 WHITE_SHARE = 0.3  # of the amplitude of a coloured noise that is white
 

@@ -62,7 +62,8 @@ def measure(
                 torques[channel][:, own] -= fault.parameters["share"] * course.gravity[:, own]
     _distort(torques, sensors, t)
     for fault in sensors:
-        j, p = fault.joint, fault.parameters
+        j = fault.joint
+        p = fault.parameters
         if fault.effect in ("encoder_offset", "joint_zero"):
             q[:, j] += p["offset"]
             theta[:, j] += p["offset"] if fault.effect == "joint_zero" else 0.0
@@ -115,10 +116,8 @@ def _distort(torques: dict[str, np.ndarray], sensors: Sequence[Fault], t: np.nda
 
 def _distort_in_time(torques: dict[str, np.ndarray], fault: Fault, t: np.ndarray) -> None:
     """Let a torque channel pass a low-pass, read another joint's load, or wander, in place."""
-    p, joints = (
-        fault.parameters,
-        slice(None) if fault.joint is None else slice(fault.joint, fault.joint + 1),
-    )
+    p = fault.parameters
+    joints = slice(None) if fault.joint is None else slice(fault.joint, fault.joint + 1)
     if fault.effect == "torque_lowpass":
         # The bilinear transform of 1 / (s / w + 1), which is late by 1 / w without half a sample
         # more or less.

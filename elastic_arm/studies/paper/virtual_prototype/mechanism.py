@@ -127,7 +127,8 @@ def carrier_index(robot: Robot, carrier: str) -> int:
 def zero_pose(robot: Robot) -> list[np.ndarray]:
     """Return the frames (4, 4) of all joints (O_{i-1}, z along the axis) in the world, at the zero
     pose."""
-    frames, reached = [], np.asarray(robot.base_placement)
+    frames = []
+    reached = np.asarray(robot.base_placement)
     for joint in robot.joints:
         frames.append(reached @ joint.before)
         reached = frames[-1] @ joint.after
@@ -145,10 +146,9 @@ def _revolve(body: Any, component: Component, name: str) -> None:
     """Give a body the inertia of a solid of revolution and a hinge about its axis."""
     body.explicitinertial = True
     body.mass = component.mass
-    body.ipos, body.iquat = (
-        [0.0, 0.0, 0.0],
-        [1.0, 0.0, 0.0, 0.0],
-    )  # unset, the engine takes the body's own placement
+    # unset, the engine takes the body's own placement
+    body.ipos = [0.0, 0.0, 0.0]
+    body.iquat = [1.0, 0.0, 0.0, 0.0]
     body.inertia = [component.ixx, component.ixx, component.izz]
     body.add_joint(name=name, type=engine().mjtJoint.mjJNT_HINGE, axis=[0, 0, 1])
 
@@ -166,7 +166,8 @@ def _hang_link(spline: Any, joint: Joint, springs: list[tuple[float, float]]) ->
     """Hang the joint's link on its spline by the six springs and dampers of the bushing."""
     mj = engine()
     link = spline.add_body(name=f"{joint.name}.link")
-    rotation, offset = joint.after[:3, :3], joint.after[:3, 3]
+    rotation = joint.after[:3, :3]
+    offset = joint.after[:3, 3]
     inertia = rotation @ joint.link.inertia @ rotation.T
     link.explicitinertial = True
     link.mass = joint.link.mass

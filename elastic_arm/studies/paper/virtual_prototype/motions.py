@@ -67,7 +67,8 @@ class StepRamp:
         u = np.asarray(t)[:, None] / self.rise
         scale = self.height * np.ones_like(self.start)
         shape = np.polynomial.Polynomial(self.shape)
-        speed, bend = shape.deriv(1)(u) / self.rise, shape.deriv(2)(u) / self.rise**2
+        speed = shape.deriv(1)(u) / self.rise
+        bend = shape.deriv(2)(u) / self.rise**2
         return self.start + scale * shape(u), scale * speed, scale * bend
 
     def _stand(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -85,7 +86,8 @@ class PeriodicMotion:
     @property
     def pieces(self) -> list[SmoothPiece]:
         """The smooth start, where there is one, and one period."""
-        ramp, period = self.trajectory.ramp, self.trajectory.period
+        ramp = self.trajectory.ramp
+        period = self.trajectory.period
         recorded = SmoothPiece(0.0, period, self._evaluate)
         return [SmoothPiece(-ramp, 0.0, self._evaluate), recorded] if ramp > 0.0 else [recorded]
 

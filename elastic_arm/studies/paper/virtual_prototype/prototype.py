@@ -66,7 +66,8 @@ class PrototypeRun:
     def coordinates(self, bearings: bool = False) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return x, dx, ddx for a model: [q, theta] (N, 2n), with bearings [q, theta, q_x, q_y] (N,
         4n)."""
-        q, theta = (self.q, self.dq, self.ddq), (self.theta, self.dtheta, self.ddtheta)
+        q = (self.q, self.dq, self.ddq)
+        theta = (self.theta, self.dtheta, self.ddtheta)
         parts = zip(q, theta, self.tilt, strict=True) if bearings else zip(q, theta, strict=True)
         x, dx, ddx = (np.hstack(part) for part in parts)
         return x, dx, ddx
@@ -98,8 +99,10 @@ class Prototype:
         self._index()
         self._full = np.zeros((self._model.nv, self._model.nv))
         # Views of the engine's own arrays: to ask for them anew takes as long as a small product.
-        self._qpos, self._qvel = self._data.qpos, self._data.qvel
-        self._bias, self._passive = self._data.qfrc_bias, self._data.qfrc_passive
+        self._qpos = self._data.qpos
+        self._qvel = self._data.qvel
+        self._bias = self._data.qfrc_bias
+        self._passive = self._data.qfrc_passive
 
     def _index(self) -> None:
         """Build the constant velocity map T = [G F] of the module's docstring."""
@@ -129,7 +132,8 @@ class Prototype:
 
     def reduced(self, y: np.ndarray, dy: np.ndarray) -> _Reduced:
         """Return the engine's mass matrix and bias minus passive forces on y = (theta, bushing)."""
-        n, driven = self.n, self._driven
+        n = self.n
+        driven = self._driven
         force = self._evaluate(driven.dot(y[:n]), driven.dot(dy[:n]), y[n:], dy[n:])
         return _Reduced(self._Tt.dot(self._full).dot(self.T), self._Tt.dot(force))
 
@@ -137,7 +141,11 @@ class Prototype:
         self, position: np.ndarray, velocity: np.ndarray, u: np.ndarray, du: np.ndarray
     ) -> np.ndarray:
         """Let the engine fill its full mass matrix; return its bias minus passive forces (nv,)."""
-        data, model, mj, qpos, qvel = self._data, self._model, self._mj, self._qpos, self._qvel
+        data = self._data
+        model = self._model
+        mj = self._mj
+        qpos = self._qpos
+        qvel = self._qvel
         qpos[:] = position
         qpos[self._free] = u
         qvel[:] = velocity
@@ -158,7 +166,8 @@ class Prototype:
         1e3 and more, and the iteration shrinks the error by that factor each time.
         """
         n = self.n
-        y, rest = np.concatenate([theta, np.zeros(self.T.shape[1] - n)]), np.zeros(self.T.shape[1])
+        y = np.concatenate([theta, np.zeros(self.T.shape[1] - n)])
+        rest = np.zeros(self.T.shape[1])
         stiffness = self._model.jnt_stiffness @ self.T[:, n:]
         for _ in range(20):
             change = -self.reduced(y, rest).force[n:] / stiffness
@@ -174,7 +183,8 @@ class Prototype:
         From the eigenvalues of the springs and dampers against the engine's mass matrix at the zero
         pose.
         """
-        n, size = self.n, self.T.shape[1] - self.n
+        n = self.n
+        size = self.T.shape[1] - self.n
         rest = np.zeros(self.T.shape[1])
         inverse = np.linalg.inv(self.reduced(rest, rest).mass[n:, n:])
         stiffness, damping = (
@@ -188,7 +198,8 @@ class Prototype:
 
     def tool(self, q: np.ndarray) -> np.ndarray:
         """Return where the tool would be with rigid joints at q (N, n): (N, 3) in the world, m."""
-        data, y = self._data, np.zeros(self.T.shape[1])
+        data = self._data
+        y = np.zeros(self.T.shape[1])
         places = np.empty((len(q), 3))
         for k, angles in enumerate(q):
             y[: self.n] = angles
@@ -262,8 +273,10 @@ class Prototype:
         """Apply torques at the harmonic-drive output (through the couplers) and record what the arm
         does."""
         n = self.n
-        state, samples = np.zeros((2, self.T.shape[1])), []
-        state[:, :n], state[0, n:] = start, self.equilibrium(start[0])
+        state = np.zeros((2, self.T.shape[1]))
+        samples = []
+        state[:, :n] = start
+        state[0, n:] = self.equilibrium(start[0])
         steps, stride, h = division(duration, step, rate)
 
         def accelerate(half: int, state: np.ndarray) -> np.ndarray:
@@ -341,13 +354,15 @@ def runge_kutta(
     # arithmetic.
     rates = np.empty((4, *state.shape))
     one, two, three, four = rates
-    one[0], one[1] = state[1], first
+    one[0] = state[1]
+    one[1] = first
     for k, (rate, known, reach) in enumerate(
         ((two, one, 0.5 * h), (three, two, 0.5 * h), (four, three, h))
     ):
         at = reach * known
         at += state
-        rate[0], rate[1] = at[1], acceleration(half + 1 + k // 2, at)
+        rate[0] = at[1]
+        rate[1] = acceleration(half + 1 + k // 2, at)
     rates[1:3] *= 2.0
     change = one + two
     change += three

@@ -30,7 +30,8 @@ def chain(
     """
     count = len(angles)
     reached = np.broadcast_to(np.eye(3), (count, 3, 3))
-    omega, alpha = np.zeros((count, 3)), np.zeros((count, 3))
+    omega = np.zeros((count, 3))
+    alpha = np.zeros((count, 3))
     columns = []
     for k, axis in enumerate(axes):
         world = reached @ axis
