@@ -13,9 +13,8 @@ def one_blas_thread(environment: MutableMapping[str, str]) -> None:
     The project's own kernels share samples out among the cores as before
     (:mod:`elastic_arm.codegen.parallel`).
     """
-    if (
-        "OMP_NUM_THREADS" in environment
-    ):  # which these libraries go by where their own variable is not there
+    # which these libraries go by where their own variable is not there
+    if "OMP_NUM_THREADS" in environment:
         return
     for name in _VARIABLES:
         environment.setdefault(name, "1")

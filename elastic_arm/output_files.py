@@ -32,9 +32,8 @@ def write_result(
     data = content.encode("utf-8", "backslashreplace") if isinstance(content, str) else content
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        if (
-            path.exists() and not path.is_file()
-        ):  # as /dev/stdout, and a folder, which cannot be opened
+        # as /dev/stdout, and a folder, which cannot be opened
+        if path.exists() and not path.is_file():
             path.write_bytes(data)
             return path
         _replace(Path(os.path.realpath(path)), data)

@@ -50,9 +50,8 @@ class Result:
     What draws stands further down the imports, and is found by name when it is first used.
     """
 
-    _report: ClassVar[
-        str
-    ]  # module with `overview(result)`, a figure, `head(result)`, HTML, and `summary`
+    # module with `overview(result)`, a figure, `head(result)`, HTML, and `summary`
+    _report: ClassVar[str]
 
     def tables(self) -> dict[str, Sequence[Row]]:
         """Return its tables by name, as rows; the first one is the most important."""
@@ -73,9 +72,8 @@ class Result:
         if table and table not in tables:
             raise OutputError(f"there is no table {table!r}", f"Take one of {', '.join(tables)}.")
         rows = tables[table or next(iter(tables))]
-        mixed = (
-            {"strict": False} if library == "polars" else {}
-        )  # a column holds whole numbers and others
+        # a column holds whole numbers and others
+        mixed = {"strict": False} if library == "polars" else {}
         columns = {name: [row[name] for row in rows] for name in (rows[0] if rows else ())}
         return import_module(library).DataFrame(columns, **mixed)
 

@@ -34,9 +34,8 @@ from elastic_arm.robot import Robot
 RESULTS = ("history.json", "history.csv", "report.html")
 Read = Callable[..., Recording]
 Ask = Callable[[Sequence[Recording]], Diagnosis]
-Followed = tuple[
-    Diagnosis, tuple[Course, ...], list[str]
-]  # with the numbers, and when each recording begins
+# with the numbers, and when each recording begins
+Followed = tuple[Diagnosis, tuple[Course, ...], list[str]]
 COLUMNS = ("effect", "joint", "parameter", "unit", "recording", "date", "value", "std", "changed")
 
 
@@ -95,18 +94,16 @@ def history_command(
     options.require_bags(paths)
     claim_folder(out_dir, RESULTS, force=force)
     robot = options.load_arm(robot_file, chain, at, Catalogue.default())
-    known_effects(
-        with_ or (), robot, Catalogue.default()
-    )  # what is none is refused before the work
+    # what is none is refused before the work
+    known_effects(with_ or (), robot, Catalogue.default())
     mapping = options.channel_map(channels)
     read = partial(
         options.read_motion, channels=mapping, robot=robot, clock=clock, namespace=namespace
     )
     ask = partial(_asked, robot, model, refit, with_ or ())
     alone = workers is not None or scheduler is not None
-    alone |= len(paths) * SEGMENT > DIAGNOSED * min(
-        1.0, 3.0 / robot.n
-    )  # the motion that one diagnosis holds
+    # the motion that one diagnosis holds
+    alone |= len(paths) * SEGMENT > DIAGNOSED * min(1.0, 3.0 / robot.n)
     console = Console(quiet=True) if quiet else err
     of_each = partial(_of_each, paths, read, ask, console, workers or 1, scheduler)
     try:
@@ -114,9 +111,8 @@ def history_command(
     except ElasticArmError as error:
         if alone or len(paths) < 3:
             raise
-        found, all_of, dates = (
-            of_each()
-        )  # one that is not like the others is left out, or compared as far as it goes
+        # one that is not like the others is left out, or compared as far as it goes
+        found, all_of, dates = of_each()
         found = replace(found, notes=(f"Each is diagnosed alone: {error}", *found.notes))
     result = to_dict(found, all_of, dates)
     write_result(out_dir / RESULTS[0], json_text(result, indent=2, allow_nan=False) + "\n")

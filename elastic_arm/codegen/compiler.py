@@ -101,9 +101,8 @@ def _found_or_made(
     if not _is_whole(library):
         content = _compiled(source(), compiler, flags)
         with whole(library) as passing:
-            passing.write_bytes(
-                content + _digest(content)
-            )  # loaders take no notice of what follows the last section
+            # loaders take no notice of what follows the last section
+            passing.write_bytes(content + _digest(content))
     return ctypes.CDLL(str(library))
 
 

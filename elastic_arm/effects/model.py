@@ -243,9 +243,8 @@ class SensorEffect(Effect):
 class StructuralEffect(Effect):
     """An effect of what the arm is made of."""
 
-    change: Callable[[Plant, Mapping[str, Any]], Plant] = field(
-        kw_only=True
-    )  # (plant, parameters) -> plant
+    # (plant, parameters) -> plant
+    change: Callable[[Plant, Mapping[str, Any]], Plant] = field(kw_only=True)
 
     def added_to(self, plant: Plant, instance: EffectInstance) -> Plant:
         """Return the arm with its parts changed."""

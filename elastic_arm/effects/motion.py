@@ -40,9 +40,8 @@ class Contribution:
     tilts: SX | None = (
         None  # (2n, 1) Nm, the same for the bearing tilts; None where bearings are rigid
     )
-    rates: Mapping[str, SX] = field(
-        default_factory=dict
-    )  # name of an internal state -> its time derivative
+    # name of an internal state -> its time derivative
+    rates: Mapping[str, SX] = field(default_factory=dict)
 
     def __add__(self, other: Contribution) -> Contribution:
         tilts = [c.tilts for c in (self, other) if c.tilts is not None]

@@ -62,9 +62,8 @@ class Band:
         if len(values) < length:
             return np.empty((0, *values.shape[1:]))
         first = -(-(length - 1) // self.step)
-        if (
-            self.step < 4
-        ):  # 4 thinning from which products of matrices are faster than a polyphase filter
+        # 4 thinning from which products of matrices are faster than a polyphase filter
+        if self.step < 4:
             full = upfirdn(self.taps, values, up=1, down=self.step, axis=0)
             return full[first : first + self._kept(len(values))]
         kept = self._kept(len(values))

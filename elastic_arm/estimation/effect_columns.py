@@ -33,11 +33,8 @@ SENSED = {
     "joint_torque": "tau_J",
     "motor_torque": "tau_m",
 }
-READINGS = (
-    "1",
-    "Nm",
-    "Nm/s",
-)  # units of what a torque sensor reads too much: of its gain, its zero, its drift
+# units of what a torque sensor reads too much: of its gain, its zero, its drift
+READINGS = ("1", "Nm", "Nm/s")
 
 
 @dataclass(frozen=True, eq=False)

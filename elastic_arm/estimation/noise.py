@@ -65,9 +65,8 @@ class SideNoise:
     # no noise.
     white_position: Array
     white_velocity: Array | None
-    slow: tuple[
-        Array, Array
-    ]  # (n,) each: of noise of the position, over its std's, that is white, and that is slow
+    # (n,) each: of noise of the position, over its std's, that is white, and that is slow
+    slow: tuple[Array, Array]
 
 
 @dataclass(frozen=True, eq=False)

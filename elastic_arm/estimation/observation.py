@@ -74,9 +74,8 @@ class Observation:
 
     # smoothed motion of each stretch without holes; within `margin` of its ends only roughly right
     pieces: tuple[Motion, ...]
-    quiet: tuple[
-        Motion, ...
-    ]  # the same, smoothed as far as the encoders' noise requires: what columns are made of
+    # the same, smoothed as far as the encoders' noise requires: what columns are made of
+    quiet: tuple[Motion, ...]
     rate: float  # samples per second
     smoother: Smoother  # what all channels passed
     noise: ChannelNoise  # of the channels, before the smoother
@@ -93,9 +92,8 @@ class Observation:
     # Hz, from which on torques were low-passed before they were recorded; infinite where none was
     torque_band: float = np.inf
     read: Array | None = None  # s at which torques were read, where they are held between
-    gains: Mapping[str, Array] = field(
-        default_factory=dict
-    )  # "tau_J", "tau_m" -> (n,), by which torques were divided
+    # "tau_J", "tau_m" -> (n,), by which torques were divided
+    gains: Mapping[str, Array] = field(default_factory=dict)
     # (n,) rad/s within which dry friction turns over; as sharply as the velocity's noise lets it be
     # seen when None
     turning: Array | None = None
@@ -103,9 +101,8 @@ class Observation:
     # as described, and at present
     made_by: Mapping[int, JointController] = field(default_factory=dict)
     driven_by: Mapping[int, JointController] = field(default_factory=dict)
-    holes: Array = field(
-        default_factory=lambda: np.empty((0, 2))
-    )  # s, from when to when nothing was recorded
+    # s, from when to when nothing was recorded
+    holes: Array = field(default_factory=lambda: np.empty((0, 2)))
     # equation (LINK, DRIVE or MOTOR), joint, and from when to when (s) a torque acts there that is
     # none of the arm's
     events: tuple[tuple[int, int, float, float], ...] = ()
@@ -302,9 +299,8 @@ class Observation:
     @property
     def _quiet_frequencies(self) -> Array:
         """Hz (F,), as far as the quiet motion reaches."""
-        return np.linspace(
-            0.0, self._quiet_cutoff, 400
-        )  # at which the noise of the encoders is known
+        # at which the noise of the encoders is known
+        return np.linspace(0.0, self._quiet_cutoff, 400)
 
     def quiet_gain(self, f: Array) -> Array:
         """Response of the further smoothing of the quiet motion at f (F,) Hz."""

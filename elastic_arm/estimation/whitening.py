@@ -67,9 +67,8 @@ class NoiseModel:
     """
 
     f: Array  # (F,) Hz, equally spaced from 0 to half the kept rate
-    covariance: NDArray[
-        np.complex128
-    ]  # (F, R, R) complex, Nm²; white noise of 1 Nm a sample is the identity
+    # (F, R, R) complex, Nm²; white noise of 1 Nm a sample is the identity
+    covariance: NDArray[np.complex128]
     rate: float  # samples per second of the recording
     # (R, R) combinations of the rows that are made independent, in their order
     # (:attr:`.EquationSet.apart`)

@@ -59,12 +59,10 @@ class ExcitationResult:
     condition_after: float
     random: Array  # (R,) condition numbers of the random motions within the same limits
     columns: tuple[int, ...]  # base columns that were judged
-    indistinct: tuple[
-        int, ...
-    ]  # base columns left out, because no ordinary motion separates them from the others
-    history: tuple[
-        tuple[int, float], ...
-    ]  # (evaluation, best value so far) wherever it improved, and at the end
+    # base columns left out, because no ordinary motion separates them from the others
+    indistinct: tuple[int, ...]
+    # (evaluation, best value so far) wherever it improved, and at the end
+    history: tuple[tuple[int, float], ...]
     use: LimitUse  # shares of the limits that `trajectory` uses
     evaluations: int
 
@@ -216,7 +214,6 @@ def _run_nomad(course: _Course, start: Array, evaluations: int, seed: int) -> No
         found = PyNomad.optimize(course, start.tolist(), [-1.0] * size, [1.0] * size, parameters)
     if course.error is not None:
         raise course.error
-    if (
-        found["stop_reason"].startswith(INTERRUPTED) and interrupts_count()
-    ):  # through another thread
+    # through another thread
+    if found["stop_reason"].startswith(INTERRUPTED) and interrupts_count():
         raise KeyboardInterrupt

@@ -35,15 +35,13 @@ class Chart:
     Psi0: Array
     columns: list[Array] = field(default_factory=list)  # of G
     start: list[float] = field(default_factory=list)  # x0
-    pseudo: list[slice] = field(
-        default_factory=list
-    )  # of x: the ten entries of a normalised pseudo-inertia
+    # of x: the ten entries of a normalised pseudo-inertia
+    pseudo: list[slice] = field(default_factory=list)
     # indices of x that must be positive, each with its weight in the divergence
     positive: list[tuple[int, float]] = field(default_factory=list)
     free: list[int] = field(default_factory=list)  # indices of x that may have either sign
-    bounds: list[tuple[int, float]] = field(
-        default_factory=list
-    )  # of `free`, with the least value of each
+    # of `free`, with the least value of each
+    bounds: list[tuple[int, float]] = field(default_factory=list)
     # indices of x that are parameters of laws over what is ordinary of them; errors of sensors are
     # free
     held: list[int] = field(default_factory=list)
@@ -73,9 +71,8 @@ class Chart:
         self.pseudo.append(slice(len(self.start), len(self.start) + 10))
         own = _link_chart(nominal)
         moments = np.linalg.eigvalsh(pseudo_inertia(nominal))
-        if (
-            moments[0] < THINNEST * moments[-1]
-        ):  # A point counts as thick as its chart, to become thinner.
+        # A point counts as thick as its chart, to become thinner.
+        if moments[0] < THINNEST * moments[-1]:
             self.Psi0[index] += own @ _UNIT - nominal
         self._add(own, index, _UNIT)
 

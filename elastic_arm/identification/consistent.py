@@ -252,9 +252,8 @@ def identified_robot(
         }
         t = joint.transmission
         if joint.armature is not None:
-            changes["armature"] = max(
-                0.0, value[f"{joint.name}.{ARMATURE}"]
-            )  # of zero to the solver's tolerance
+            # of zero to the solver's tolerance
+            changes["armature"] = max(0.0, value[f"{joint.name}.{ARMATURE}"])
         if t is not None:
             solids = {
                 what: replace(

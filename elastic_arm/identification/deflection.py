@@ -46,9 +46,8 @@ class Deflections:
     """The link's rows of summed regressions as equations for deflections."""
 
     def __init__(self, equations: BaseRegression) -> None:
-        self.rows = (
-            equations.wound
-        )  # groups of the link's rows: the joints whose deflection both encoders show
+        # groups of the link's rows: the joints whose deflection both encoders show
+        self.rows = equations.wound
         # (k,) places of their K and D among the base parameters
         self.stiffness, self.damping = np.array(equations.drive_columns, dtype=np.intp).T
         self.nominal = equations.described

@@ -165,9 +165,8 @@ def validated(
 ) -> Identification:
     """Add the errors on held-out recordings; what they refute is pulled to the description until it
     is no worse."""
-    linear = (
-        not held_out.equations.summed
-    )  # Else each prior takes a search of its own: too long for a single joint.
+    # Else each prior takes a search of its own: too long for a single joint.
+    linear = not held_out.equations.summed
     if held_out.ratio(result.Psi_base) > EQUAL or (linear and held_out.worse(result.Psi_base)):
         result = _pulled(result, identifier, held_out, correlated)
     if result.Psi is not None:

@@ -142,9 +142,8 @@ class IdentifierNode(SamplingNode):
         )
         file = Path(self.settings.save_to) / "identification.json"
         result.to_json(file)
-        received = (
-            self._identifier.progress.received
-        )  # the smoother keeps some at both ends of every piece
+        # the smoother keeps some at both ends of every piece
+        received = self._identifier.progress.received
         laws = [e for e in result.estimates if e.is_friction]
         sizes = [f"{e.short} {' ± '.join(rounded(e.value, e.std))} {e.unit}" for e in laws]
         found = " ".join([*result.summary(), *([f"{'; '.join(sizes)}."] if sizes else [])])

@@ -43,9 +43,8 @@ class Recorder(ArmNode):
         ] = {}  # topic -> type of its messages, and who receives them
         self._refused: set[str] = set()  # whose type is not installed
         self._writer = StreamWriter(wanted.bag, wanted.compression)
-        for topic in sorted(
-            self._wanted
-        ):  # before anybody publishes: what comes first is kept, too
+        # before anybody publishes: what comes first is kept, too
+        for topic in sorted(self._wanted):
             if (own := f"/{topic.rpartition('/')[2]}") in topics.TYPES:
                 self._listen(topic, topics.TYPES[own])
         Health(self, "bag", "recording", self._status)

@@ -56,9 +56,8 @@ class Layout:
     text: dict[str, tuple[int, int]] = field(default_factory=dict)
     # the bytes (begin, end) that must agree for another message to have this layout and these names
     fixed: list[tuple[int, int]] = field(default_factory=list)
-    words: list[tuple[int, str, int]] = field(
-        default_factory=list
-    )  # what they hold: (begin, dtype, value)
+    # what they hold: (begin, dtype, value)
+    words: list[tuple[int, str, int]] = field(default_factory=list)
 
     def learn(self, pattern: memoryview) -> None:
         """Keep what `pattern`, a message of this layout, has in its fixed bytes."""

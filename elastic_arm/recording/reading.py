@@ -46,14 +46,12 @@ _POINT = {
 class Content:
     """The topics of one or several bags."""
 
-    series: dict[str, Series] = field(
-        default_factory=dict
-    )  # By topic, those requested; the series once all is read
+    # By topic, those requested; the series once all is read
+    series: dict[str, Series] = field(default_factory=dict)
     decoders: dict[str, Decoder] = field(default_factory=dict)
     robot_description: str | None = None  # The last URDF on /robot_description
-    topics: dict[str, str] = field(
-        default_factory=dict
-    )  # All topics that have messages, with their types
+    # All topics that have messages, with their types
+    topics: dict[str, str] = field(default_factory=dict)
     messages: int = 0  # Number of messages on all topics
     damage: list[str] = field(default_factory=list)  # What was wrong with the bags
     promised: int | None = None  # Number of messages by metadata.yaml; None where it does not say
@@ -408,9 +406,8 @@ def _number_at_end(name: str) -> str:
     # From the end, as a search from the start would look through each run of digits once for every
     # digit of it.
     found = re.match(r"\d*", name[::-1])
-    return (
-        "" if found is None or found.end() > 18 else found[0][::-1]
-    )  # more digits are no number of a joint
+    # more digits are no number of a joint
+    return "" if found is None or found.end() > 18 else found[0][::-1]
 
 
 def urdf_joints(urdf: str | None) -> list[str]:

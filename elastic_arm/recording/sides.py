@@ -120,9 +120,8 @@ def _checked_stamps(values: object) -> Stamps:
     except ValueError:  # rows of unequal length
         found = np.empty((0, 0))
     whole = found.dtype.kind == "i" or not found.size
-    whole = whole or (
-        found.dtype.kind in "uf" and bool(np.all(np.abs(found) < _LATEST))
-    )  # NaN is not
+    # NaN is not
+    whole = whole or (found.dtype.kind in "uf" and bool(np.all(np.abs(found) < _LATEST)))
     if found.ndim != 1 or not whole:
         raise RecordingError(
             "stamp_ns holds what are no nanoseconds in a row", "Give an array of int64, (N,)."

@@ -24,10 +24,8 @@ TYPES = {
     CLOCK: "rosgraph_msgs/msg/Clock",
 }
 
-_IN_BAGS = {
-    **TYPES,
-    TRANSFORMS: "tf2_msgs/msg/TFMessage",
-}  # where links are no node says: it is for viewers
+# where links are no node says: it is for viewers
+_IN_BAGS = {**TYPES, TRANSFORMS: "tf2_msgs/msg/TFMessage"}
 
 
 def type_of(topic: str) -> str:

@@ -101,9 +101,8 @@ class Robot:
     # name, joints: from one to MOST_JOINTS; all joints have a transmission, or none has
     name: str
     joints: tuple[Joint, ...]
-    gravity: np.ndarray = field(
-        default_factory=lambda: np.array([0.0, 0.0, -9.81])
-    )  # (3,) in the ground frame, m/s^2
+    # (3,) in the ground frame, m/s^2
+    gravity: np.ndarray = field(default_factory=lambda: np.array([0.0, 0.0, -9.81]))
     base_placement: np.ndarray = field(default_factory=lambda: np.eye(4))  # (4, 4) ``T_0^G`` of (2)
     base_mass: float = 0.0  # kg; rests on the ground and enters no equation
     base_dh: DH | None = None

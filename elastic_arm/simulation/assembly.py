@@ -31,9 +31,8 @@ class System:
     # equations, effect_set: the arm and the laws that act on it
     equations: ArmEquations
     effect_set: EffectSet
-    constants: (
-        ca.Function
-    )  # (Psi, p, speed) -> all that depends on parameters alone, evaluated once
+    # (Psi, p, speed) -> all that depends on parameters alone, evaluated once
+    constants: ca.Function
     accelerations: ca.Function  # (x, dx, z, tau_m, constants) -> (ddx, dz, tau_J)
     # (x, dx, z, Psi, p, speed) -> left side of (1) with the effects at no acceleration and no motor
     # torque

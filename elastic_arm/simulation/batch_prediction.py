@@ -160,9 +160,8 @@ class BatchPrediction:
         step = min(LONGEST_STEP, 1.0 / fastest) if fastest > 0.0 else LONGEST_STEP
         self._substeps = int(np.ceil(self._period / step - 1e-9))
         self._jacobian = None
-        if (
-            self._substeps > 32
-        ):  # 32 a sample; where more were needed, the implicit scheme takes over
+        # 32 a sample; where more were needed, the implicit scheme takes over
+        if self._substeps > 32:
             self._substeps = int(np.ceil(self._period / LONGEST_STEP - 1e-9))
             self._jacobian = self._state_jacobian().map(starts)
         speed = sign_speed(system, self._Psi, x, z, torque, self._period / self._substeps)

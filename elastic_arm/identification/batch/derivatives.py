@@ -243,9 +243,8 @@ def repeats(position: Array) -> bool:
     """Return whether angles (N, n) repeat within the recording: whether their autocorrelation has a
     peak."""
     n_samples = len(position)
-    columns = np.ascontiguousarray(
-        position.T
-    )  # NumPy is slow along the first axis of a narrow array
+    # NumPy is slow along the first axis of a narrow array
+    columns = np.ascontiguousarray(position.T)
     x = (columns - columns.mean(axis=1)[:, None]) / np.maximum(columns.std(axis=1), 1e-12)[:, None]
     spectrum = np.abs(np.fft.rfft(x, 2 * n_samples, axis=1)) ** 2
     # Over the powers of what overlaps: where the motion repeats, this is one, whatever part of a

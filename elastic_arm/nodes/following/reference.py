@@ -75,9 +75,8 @@ class ReferenceQueue:
         self._cut(int(stamps[0]))
         if (tail := self.bridge(int(stamps[0]))) is not None:
             stamp, row, kind = tail
-            if (
-                min(kind, degree[0]) == LINEAR
-            ):  # the straight line leaves the last point at its own speed
+            # the straight line leaves the last point at its own speed
+            if min(kind, degree[0]) == LINEAR:
                 self._cut(stamp, keep=True)
             stamps = np.concatenate(([stamp], stamps))
             degree = np.concatenate(([kind], degree))

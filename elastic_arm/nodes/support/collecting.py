@@ -166,9 +166,8 @@ class Collector:
                 for side in (side for side, source in self._sources.items() if source == topic):
                     there, rows = self._rows(side, names, stamps, numbers)
                     add[side](there, rows)
-                    if (
-                        len(self._sources) == 1
-                    ):  # the side that is not measured is no reason to wait
+                    # the side that is not measured is no reason to wait
+                    if len(self._sources) == 1:
                         other = next(one for one in NAMED if one != side)
                         add[other](there, np.empty((len(there), 0)))
         pairs = self.pairing.take(everything)

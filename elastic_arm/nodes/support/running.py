@@ -65,10 +65,8 @@ def run(make: Callable[[], ArmNode], args: Sequence[str] | None = None) -> int:
         )
     finally:
         rclpy.try_shutdown()
-        for number in (
-            signal.SIGINT,
-            signal.SIGTERM,
-        ):  # one that comes now is late, and would count as a crash
+        # one that comes now is late, and would count as a crash
+        for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, signal.SIG_IGN)
     return 0
 

@@ -43,9 +43,8 @@ from elastic_arm.robot.plausible import doubtful
 
 CHECKED = 1_200_000  # messages of a part of a long bag: ten minutes of two topics at 1 kHz
 _THROUGHOUT = ("short", "no_motion", "one_side")  # what nothing is wrong with in a part
-_ONCE = (
-    "commands",
-)  # what is said of the first part that shows it, whichever joints move in the others
+# what is said of the first part that shows it, whichever joints move in the others
+_ONCE = ("commands",)
 _NUMBER = re.compile(r"(?<!\w)\d[\d.e+-]*")  # which findings of two parts may not share
 _STATES = (JOINT_STATES, MOTOR_STATES)
 _SIDES = {"link": JOINT_STATES, "motor": MOTOR_STATES, "reference": REFERENCE}
@@ -314,9 +313,8 @@ def _check_drift(content: Content, report: Report) -> None:
     # Mean intervals without gaps.
     every = [(np.diff(series.stamp_ns), step) for series, step in zip(both, steps, strict=True)]
     rates = [float(np.mean(apart[apart < 1.5 * step])) for apart, step in every]
-    if (
-        abs(drift) <= _DRIFT and abs(rates[1] / rates[0] - 1) < 0.01
-    ):  # rates this close are meant to be equal
+    # rates this close are meant to be equal
+    if abs(drift) <= _DRIFT and abs(rates[1] / rates[0] - 1) < 0.01:
         drift = rates[1] / rates[0] - 1
     duration = (both[0].stamp_ns[-1] - both[0].stamp_ns[0]) * 1e-9
     if abs(drift) > _DRIFT and abs(drift) * duration * 1e9 > 0.5 * steps[0]:

@@ -42,19 +42,16 @@ CHANCE = 0.01  # probability that unrelated torques correlate so; convention
 FACTOR = (1.0 / 3.0, 3.0)
 # Beyond, a unit is mistaken. Masses of a description are not off by so much; convention.
 FAR = (0.2, 5.0)
-LIKE_DEGREES = (
-    57.3 / 2.5,
-    57.3 * 2.5,
-)  # masses are off, and a small angle is not a small part of a sine
+# masses are off, and a small angle is not a small part of a sine
+LIKE_DEGREES = (57.3 / 2.5, 57.3 * 2.5)
 LIKE_KILO = (0.5e-3, 2e-3)
 # Another direction of gravity, here and where `identification.batch.mounting` looks for it;
 # conventions.
 TURNED = 0.35  # rad from the described direction: beyond the tilts that linear columns describe
 SIZE = (0.6, 1.5)  # of the described gravity: masses are off as well
 LEFT = 0.3  # of the squares that the described direction leaves
-OVERHEAD = (
-    0.75 * np.pi
-)  # rad: nearer to upside down, which all signs together are, too, than to any side
+# rad: nearer to upside down, which all signs together are, too, than to any side
+OVERHEAD = 0.75 * np.pi
 RANK = 1e-9  # of the largest singular value; numerical
 # rad/s, root mean square over joints and samples, below which single joints are not judged
 CREEP = 0.05
@@ -259,9 +256,8 @@ def _fit_gravity(motion: SideMotion, robot: Robot, *, motors: bool) -> GravityFi
 def _own(motion: SideMotion, j: int, *more: Array) -> Array:
     """Return an orthonormal basis (N, r) of a joint's zero, friction, motor inertia, and of further
     columns."""
-    friction = np.tanh(
-        motion.dq[:, j] / 0.01
-    )  # 0.01 rad/s within which friction turns over; convention
+    # 0.01 rad/s within which friction turns over; convention
+    friction = np.tanh(motion.dq[:, j] / 0.01)
     columns = [np.ones(len(friction)), friction, motion.dq[:, j], motion.ddq[:, j], *more]
     scaled = np.column_stack(
         [column / max(float(np.linalg.norm(column)), 1e-300) for column in columns]

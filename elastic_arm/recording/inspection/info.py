@@ -39,9 +39,8 @@ class BagInfo:
     # Of the recording in it: `link.position` ...; empty where it holds none
     joints: list[str] = field(default_factory=list)
     channels: list[str] = field(default_factory=list)
-    notes: list[str] = field(
-        default_factory=list
-    )  # What a reader assumes, or why it cannot use the bag
+    # What a reader assumes, or why it cannot use the bag
+    notes: list[str] = field(default_factory=list)
     damage: list[str] = field(default_factory=list)  # What is wrong with the files
 
     @property

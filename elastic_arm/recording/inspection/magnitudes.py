@@ -143,9 +143,8 @@ def _within(joint: Joint, low: float, high: float) -> bool:
     least, most = _range(joint)
     if np.isinf(least):
         return True
-    more = 0.1 * (
-        most - least
-    )  # 0.1 of a joint's range: more than a zero, or a limit, that is set a little otherwise
+    # 0.1 of a joint's range: more than a zero, or a limit, that is set a little otherwise
+    more = 0.1 * (most - least)
     turns = (
         0.0
         if joint.prismatic

@@ -47,12 +47,8 @@ _ROUND = 3  # samples to either side of one, within which a joint turns round th
 _STEPS = 4.0  # of the channel's resolution
 _ACCELERATION = 30.0  # rad/s^2, to which an arm changes within a sample
 _CUBIC = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / 6.0
-_LEAST = {
-    "position": 1e-3,
-    "velocity": 1e-3,
-    "effort": 0.1,
-    "acceleration": 1e-2,
-}  # rad, rad/s, Nm, rad/s^2
+# rad, rad/s, Nm, rad/s^2
+_LEAST = {"position": 1e-3, "velocity": 1e-3, "effort": 0.1, "acceleration": 1e-2}
 _RANGE = 1.1  # turns, with noise at the ends, that an angle spans which is given within one
 # Left out behind a jump, a hole that nobody bridges.
 _APART = 6  # samples

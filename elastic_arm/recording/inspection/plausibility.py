@@ -236,9 +236,8 @@ def _stamps(name: str, motion: _Compared) -> list[Finding]:
     one, other = (part[sure] - part[sure].mean() for part in ahead)
     both = max(float(np.mean(one * other)), 0.0)
     # 0.02 of the interval: joints advance too far together by more than that
-    if both <= max(
-        0.3 * float(one.std() * other.std()), 0.02**2
-    ):  # 0.3 is the correlation of two groups of joints about it
+    # 0.3 is the correlation of two groups of joints about it
+    if both <= max(0.3 * float(one.std() * other.std()), 0.02**2):
         return []
     size = f"{1e6 * np.sqrt(both) * motion.step:.3g} us (std)"
     words = f"all joints together are {size} ahead of what their velocities give, or behind"
@@ -314,9 +313,8 @@ def _backwards(recording: Recording) -> list[Finding]:
     # 1.5 of the torque's rms times the range: what gravity may have taken at the end
     # 0.05 of the torque's rms times the path, beyond that
     lent = 1.5 * np.ptp(side.position, axis=0) + 0.05 * np.abs(path).sum(axis=0)
-    certain = work.mean(axis=0) < -3.0 * work.std(axis=0, ddof=1) / np.sqrt(
-        _PARTS
-    )  # standard deviations
+    # standard deviations
+    certain = work.mean(axis=0) < -3.0 * work.std(axis=0, ddof=1) / np.sqrt(_PARTS)
     found = certain & (work.sum(axis=0) < -np.sqrt(np.mean(effort**2, axis=0)) * lent)
     words = "takes energy out of the motion, as its friction does"
     return about(

@@ -119,9 +119,8 @@ def _of_channel(
             continue
         turning = np.ones(len(side), np.bool_) if position is None else _changing(position[:, j])
         unlike = turning if position is None else _going(position[:, j])
-        if (
-            channel == "velocity" and position is not None
-        ):  # which is zero by right where the encoder takes no step
+        # which is zero by right where the encoder takes no step
+        if channel == "velocity" and position is not None:
             steps = np.diff(position[:, j]) != 0.0
             unlike = unlike & np.append(steps, True) & np.append(True, steps)
         zeros = filled_in(column[middle], unlike[middle])
@@ -225,9 +224,8 @@ def _held(column: Array, moving: NDArray[np.bool_]) -> tuple[float, float]:
     if len(changes) < 10:
         return 0.0, 1.0
     smallest = size.min()
-    clear = size > max(
-        _CLEAR * smallest, 0.1 * float(np.sqrt(np.mean(size**2)))
-    )  # 0.1 of the usual change
+    # 0.1 of the usual change
+    clear = size > max(_CLEAR * smallest, 0.1 * float(np.sqrt(np.mean(size**2))))
     runs = np.diff(changes)
     between = clear[:-1] & clear[1:] & moving[changes[:-1] + 1]
     # Longer ones are standstills, or the recording froze.

@@ -29,9 +29,8 @@ class TorqueSpectrum:
     # (n,) dB of the torque's variance, if it were white: the noise in the upper part of the
     # spectrum
     level: Array
-    computed: NDArray[
-        np.bool_
-    ]  # (n,) whether it is that of white noise, and yet less than any converter's
+    # (n,) whether it is that of white noise, and yet less than any converter's
+    computed: NDArray[np.bool_]
     low_passed: NDArray[np.bool_]  # (n,) whether there is none at all
     # (n,) Hz, above which a torque that was low-passed holds nothing; infinite for others
     end: Array

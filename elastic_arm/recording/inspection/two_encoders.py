@@ -87,9 +87,8 @@ def _apart(recording: Recording) -> tuple[Array, Array, Array]:
     ):
         return found[0], found[1], found[2]
     speeds = np.gradient(theta, samples.t, axis=0)
-    every = slice(
-        None, None, max(1, len(samples) // 5000)
-    )  # 5000 samples that are looked at; bounds the time
+    # 5000 samples that are looked at; bounds the time
+    every = slice(None, None, max(1, len(samples) // 5000))
     loads = [x for x in (samples.tau_J, samples.tau_m, samples.dtheta) if x is not None]
     for j in range(recording.n):
         if {("q", j), ("theta", j)} & samples.lacking or not np.ptp(q[:, j]):

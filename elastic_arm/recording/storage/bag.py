@@ -44,9 +44,8 @@ class Bag:
     metadata: BagMetadata | None = (
         None  # from metadata.yaml; None for a bare file, or where it is missing
     )
-    damage: list[str] = field(
-        default_factory=list
-    )  # what is wrong with the bag as a whole, in words
+    # what is wrong with the bag as a whole, in words
+    damage: list[str] = field(default_factory=list)
 
     def currents(self) -> list[str]:
         """Return the torque channels that are motor currents times a torque constant: as the files,

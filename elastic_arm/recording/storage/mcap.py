@@ -43,9 +43,8 @@ from elastic_arm.recording.storage.metadata import (
 from elastic_arm.recording.storage.unpacking import PACKED_FILES, unpack_chunk, unpack_file
 
 MAGIC = b"\x89MCAP0\r\n"
-_CHUNK_HEAD = struct.Struct(
-    "<QQQII"
-)  # first and last time, plain size, checksum, length of the compression's name
+# first and last time, plain size, checksum, length of the compression's name
+_CHUNK_HEAD = struct.Struct("<QQQII")
 _PARSED: dict[int, Any] = {
     Opcode.SCHEMA: records.Schema,
     Opcode.CHANNEL: records.Channel,
@@ -90,12 +89,10 @@ class McapFile(StoredFile):
     chunks: list[Chunk] = field(default_factory=list)  # in file order
     statistics: records.Statistics | None = None  # from the summary; None where there is none
     notes: list[Record] = field(default_factory=list)  # where metadata records lie
-    loose: Offsets = field(
-        default_factory=lambda: np.empty(0, np.int64)
-    )  # messages outside of chunks
-    schemas: dict[int, tuple[str, str, str]] = field(
-        default_factory=dict
-    )  # name, definition and its language
+    # messages outside of chunks
+    loose: Offsets = field(default_factory=lambda: np.empty(0, np.int64))
+    # name, definition and its language
+    schemas: dict[int, tuple[str, str, str]] = field(default_factory=dict)
     _before: McapBlock | None = None  # the chunk before, if all its bytes are messages
 
     def packing(self) -> set[str]:

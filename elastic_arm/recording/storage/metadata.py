@@ -14,10 +14,8 @@ from elastic_arm.recording.topics import LATCHED, STREAM_DEPTH
 
 METADATA_KEY = "rosbag2_bagfile_information"
 TORQUE_CHANNELS = ("joint_torque", "motor_torque")
-INSIDE = (
-    "rosbag2",
-    "serialized_metadata",
-)  # record and key by which rosbag2 keeps the same inside an MCAP file
+# record and key by which rosbag2 keeps the same inside an MCAP file
+INSIDE = ("rosbag2", "serialized_metadata")
 _CURRENTS = "torques_from_currents"  # custom data of a bag: channels, by spaces
 _FOREVER = {"sec": 9223372036, "nsec": 854775807}
 
@@ -50,9 +48,8 @@ class StoredFile:
     # its topics by their numbers; those that stand only inside chunks appear once its blocks have
     # been run through
     channels: dict[int, Topic] = field(default_factory=dict)
-    damage: list[str] = field(
-        default_factory=list
-    )  # what is wrong with the file, in words; empty for a whole one
+    # what is wrong with the file, in words; empty for a whole one
+    damage: list[str] = field(default_factory=list)
 
     def topic(self, channel: int) -> Topic:
         """Return the topic of a channel; with an empty type where the file gives no schema."""

@@ -84,9 +84,8 @@ class SqliteFile(StoredFile):
             options = "mode=ro" if log.exists() and log.stat().st_size else "mode=ro&immutable=1"
             uri = f"{self.path.resolve().as_uri()}?{options}"
             database = sqlite3.connect(uri, uri=True, check_same_thread=False)
-        database.text_factory = lambda content: content.decode(
-            errors="replace"
-        )  # which need not be a text
+        # which need not be a text
+        database.text_factory = lambda content: content.decode(errors="replace")
         return database
 
 

@@ -22,12 +22,10 @@ class MjcfChain:
 
     base: int  # body that the arm stands on
     joints: tuple[int, ...]  # hinges and slides from base to tip
-    link_of: dict[
-        int, int
-    ]  # by body, the index of the link that it is part of; bodies outside the arm are missing
-    held: tuple[
-        int, ...
-    ]  # moving joints on the links that are no part of the chain, such as fingers
+    # by body, the index of the link that it is part of; bodies outside the arm are missing
+    link_of: dict[int, int]
+    # moving joints on the links that are no part of the chain, such as fingers
+    held: tuple[int, ...]
     plays: Mapping[int, int]  # joint that is the play of another -> that one; held, too
 
 

@@ -145,9 +145,8 @@ def motor_friction(model: Any, joint: int) -> tuple[float, float, float]:
     for k in _dc_motors(model, joint):
         gear = abs(float(model.actuator_gear[k, 0]))
         coulomb, static, stribeck = model.actuator_biasprm[k, 3:6]
-        if (
-            model.actuator_dynprm[k, 5] and gear
-        ):  # the stiffness of LuGre's bristles; without, it has no friction
+        # the stiffness of LuGre's bristles; without, it has no friction
+        if model.actuator_dynprm[k, 5] and gear:
             dry = dry + gear * coulomb
             excess = excess + gear * (static - coulomb)
             speed = stribeck / gear

@@ -71,10 +71,8 @@ class ChallengeSettings:
     seconds: tuple[float, ...] | None = (
         None  # of the recordings of each arm; the level's own where None
     )
-    ratio: tuple[float, float] = (
-        LOWEST,
-        HIGHEST,
-    )  # range of sizes over the smallest that theory lets detect
+    # range of sizes over the smallest that theory lets detect
+    ratio: tuple[float, float] = (LOWEST, HIGHEST)
     effects: tuple[str, ...] = ()  # ids; all where none is given
     effects_files: tuple[str, ...] = ()  # Python files with effects of the user
     level: str = LABORATORY.name

@@ -80,10 +80,8 @@ NOISE = 0.26  # Nm, of the torque channels of a large joint
 SMALLEST_JOINT = 0.25  # on which effects of torques are drawn: no wrist that carries a kilogram
 LARGEST = 30.0  # floors that an effect of no catalogue may have; of a drive that saturates:
 DEEPEST = 0.6
-VISCOUS = (
-    5.0,
-    20.0,
-)  # Nm s/rad, of an exact arm with what scales friction: of dry friction that may be an offset
+# Nm s/rad, of an exact arm with what scales friction: of dry friction that may be an offset
+VISCOUS = (5.0, 20.0)
 IDEAL_BITS = 40
 PLACES = 5  # draws of an effect, until one acts: the zero of a vertical axis does not
 NOTHING = 1e-6  # standard deviations: what moves the residuals by less does not act
@@ -111,20 +109,16 @@ class Arm:
     joints: tuple[str, ...]
     faults: tuple[Fault, ...]  # effects of the catalogue beyond what is ordinary
     foreign: tuple[Fault, ...]  # effects of no catalogue
-    ordinary: tuple[
-        Fault, ...
-    ]  # friction and calibration that every arm of the level has: no cause
-    conditions: tuple[
-        Fault, ...
-    ]  # what every arm of the level has beyond that: naming it is not wrong
-    numbers: tuple[
-        tuple[str, int, float], ...
-    ]  # true numbers as imperfections are called: what, joint, value
+    # friction and calibration that every arm of the level has: no cause
+    ordinary: tuple[Fault, ...]
+    # what every arm of the level has beyond that: naming it is not wrong
+    conditions: tuple[Fault, ...]
+    # true numbers as imperfections are called: what, joint, value
+    numbers: tuple[tuple[str, int, float], ...]
     sensors: RealisticSensors
     multiple: tuple[float, ...]  # size of each effect over its bound
-    bound: tuple[
-        float | None, ...
-    ]  # smallest size that could be known, everything ordinary marginalised
+    # smallest size that could be known, everything ordinary marginalised
+    bound: tuple[float | None, ...]
     share: tuple[float, ...]  # what each effect alone is of the sum of all excesses
     visible: bool  # whether theory lets all be seen
     since: int = 0  # first bag that has the effects

@@ -59,9 +59,8 @@ class SampledEffect:
 
     effect: Effect  # what
     fault: Fault  # with all its parameters but the size
-    direction: tuple[
-        float, ...
-    ]  # of the size's components, of length 1; a sign where the size is one number
+    # of the size's components, of length 1; a sign where the size is one number
+    direction: tuple[float, ...]
 
     @property
     def _size(self) -> Parameter:

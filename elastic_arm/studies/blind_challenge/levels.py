@@ -105,14 +105,11 @@ class Level:
     warming: float = 0.0  # largest relative change of all friction during the run
     urdf: bool = False  # whether arms are described by a URDF with their drives in an overlay
     foreign: tuple[str, ...] = ()
-    seconds: tuple[float, ...] = (
-        20.0,
-        10.0,
-    )  # of what is fitted and of what judges, or of each bag of a history
+    # of what is fitted and of what judges, or of each bag of a history
+    seconds: tuple[float, ...] = (20.0, 10.0)
     changing: bool = False  # whether bags are a history, and what is drawn begins with one of them
-    asked: dict[str, Any] = field(
-        default_factory=dict
-    )  # the question: refit, effects that are known, and priors
+    # the question: refit, effects that are known, and priors
+    asked: dict[str, Any] = field(default_factory=dict)
     bits: int | None = (
         # of the encoders of servo arms, recorded by commands and positions; None for other arms
         None

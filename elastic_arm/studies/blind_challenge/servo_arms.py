@@ -37,9 +37,8 @@ class ServoJoint:
     moments: tuple[float, ...]
     numbers: dict[str, Any] = field(default_factory=dict)  # attributes of the joint
     servo: dict[str, float] = field(default_factory=dict)  # of its actuator
-    beside: dict[str, Any] = field(
-        default_factory=dict
-    )  # of its controller, which no actuator of MuJoCo has
+    # of its controller, which no actuator of MuJoCo has
+    beside: dict[str, Any] = field(default_factory=dict)
     limit: float = LIMIT
     payload: float = 0.0
 

@@ -98,9 +98,8 @@ def judge(result: StudyResult) -> list[Claim]:
 
 SENSOR_NOISE = 0.26  # Nm, VII-1
 LINEAR = 0.99  # share of the variation over r_tot that a line must explain
-LEAST = (
-    0.01 * SENSOR_NOISE
-)  # Nm; what is smaller at every ratio is no error that grows, whatever its shape
+# Nm; what is smaller at every ratio is no error that grows, whatever its shape
+LEAST = 0.01 * SENSOR_NOISE
 EQUAL = 1e-9  # relative difference of errors that are the same but for rounding
 
 

@@ -20,9 +20,8 @@ from elastic_arm.robot.description import Robot
 class SymbolicCoupling:
     """S in symbols, a column a motor."""
 
-    rows: tuple[
-        str, ...
-    ]  # coordinates of the link side: q_1 … q_n and, with bearings, the tilts q_ix, q_iy
+    # coordinates of the link side: q_1 … q_n and, with bearings, the tilts q_ix, q_iy
+    rows: tuple[str, ...]
     matrix: sympy.Matrix  # (len(rows), n); its first n rows are the S of (8)
     # Per motor j, the sum of izz times ratio over its bodies that ride on a moving link: the
     # bracket in (9)

@@ -138,9 +138,8 @@ class CoefficientEstimate:
     true: np.ndarray
     estimate: np.ndarray
     error: np.ndarray  # as in the paper: 10 Hz, no noise
-    unfolded_error: (
-        np.ndarray | None
-    )  # of mod1 against true coefficients without the splines it counts with the links
+    # of mod1 against true coefficients without the splines it counts with the links
+    unfolded_error: np.ndarray | None
     model_error: np.ndarray  # with the bushing locked
     noise_spread: np.ndarray  # standard deviation over seeds at 10 Hz, and at 1 kHz
     fast_noise_spread: np.ndarray

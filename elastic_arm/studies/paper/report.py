@@ -53,11 +53,8 @@ PAPER_SHARES = {
 PAPER_COUNTS = {"mod1": 65, "mod2": 75, "mod3": 75}
 # Colour and size of the marks: a spline sits in its wave generator's place.
 PARTS = {"rotor": (ORANGE, 60), "wave_generator": (PURPLE, 60), "spline": (SKY, 16)}
-POSE = (
-    0.0,
-    0.4,
-    -0.5,
-)  # rad, of Fig. 1: at the zero pose the links hide each other; joints beyond these stay at zero
+# rad, of Fig. 1: at the zero pose the links hide each other; joints beyond these stay at zero
+POSE = (0.0, 0.4, -0.5)
 FRAME = 0.16  # m, length of a frame's arrows
 Row = tuple[str | int | float | None, ...]
 

@@ -53,9 +53,8 @@ class Fault:
 
     effect: str  # the id of the contract
     joint: int | None  # index of the joint, None for effects of the whole arm
-    parameters: Mapping[str, float] = field(
-        default_factory=dict
-    )  # values by the contract's names, SI units
+    # values by the contract's names, SI units
+    parameters: Mapping[str, float] = field(default_factory=dict)
     side: str = "motor"  # "motor" or "link" for friction that may sit on either
     channels: tuple[str, ...] = ()  # for `time_delay`: what is late
     # What else is chosen, of effects that this engine does not have

@@ -120,12 +120,10 @@ class Prototype:
             np.ascontiguousarray(self.T[:, : self.n]),
             self.T[:, self.n :].argmax(axis=0),
         )
-        self._among_free = (
-            self._free[:, None] * self._model.nv + self._free
-        )  # places in the flat mass matrix
-        self._delta = (
-            self.n + np.arange(self.n) * len(free) + len(free) - 1
-        )  # the drive's deflection of each joint
+        # places in the flat mass matrix
+        self._among_free = self._free[:, None] * self._model.nv + self._free
+        # the drive's deflection of each joint
+        self._delta = self.n + np.arange(self.n) * len(free) + len(free) - 1
 
     def _address(self, joint: str) -> int:
         return int(self._model.joint(joint).dofadr[0])
@@ -218,9 +216,8 @@ class Prototype:
         samples: list[_Sample] = []
         for piece in motion.pieces:
             steps, stride, h = division(piece.end - piece.start, step, rate)
-            begin = (
-                0 if piece is first else stride
-            )  # where a piece begins, the one before has ended
+            # where a piece begins, the one before has ended
+            begin = 0 if piece is first else stride
             kept = {k for k in range(begin, steps + 1, stride) if piece.start + k * h > -0.5 * h}
             state = self._follow_piece(piece, state, (steps, h), kept, samples)
             self._refuse_unless_finite(state, h)

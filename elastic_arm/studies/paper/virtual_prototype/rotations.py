@@ -54,9 +54,8 @@ def link_coordinates(
     q_x = np.arcsin(-whole[:, 1, 2])
     q_y = np.arctan2(whole[:, 0, 2], whole[:, 2, 2])
     q = np.arctan2(whole[:, 1, 0], whole[:, 1, 1])
-    q = q + 2.0 * np.pi * np.round(
-        (stacked[0][:, 0] + stacked[0][:, 3] - q) / (2.0 * np.pi)
-    )  # the turn theta is in
+    # the turn theta is in
+    q = q + 2.0 * np.pi * np.round((stacked[0][:, 0] + stacked[0][:, 3] - q) / (2.0 * np.pi))
     angles = np.column_stack([q_y, q_x, q])
     still = np.zeros_like(angles)
     jacobian = chain((Y, X, Z), angles, still, still)[3]
