@@ -1,8 +1,15 @@
 """From a recording to smoothed motion and the noise of every channel.
 
-The derivative stage is identification's: grid, noise and smoother are the same, only the smoother's
-cutoff is set wide here, because the gap's own band (:mod:`.band`) follows it and takes the same
-share from every term.
+:func:`observe` places the samples on a regular grid, estimates the noise of the encoders (cutoff
+w_c of the motion, standard deviations of angles and rates) and passes every channel through the
+smoother
+
+    H(w) = 1 / (1 + (w / w_s)^(2 ORDER))
+
+The derivative stage is identification's: grid, noise and smoother are the same. Only the cutoff w_s
+differs: 2.2 times the band of the residuals, because that band (:mod:`.band`) follows and takes the
+same share of every term. The *quiet* motion, of which columns are made, has w_s = min(w_s, w_c):
+above w_c an angle's second derivative is noise, and the same noise as in the residuals.
 """
 
 from __future__ import annotations
@@ -22,12 +29,14 @@ from elastic_arm.estimation.motion import Motion, rates_of, with_filtered_deflec
 from elastic_arm.estimation.noise import (
     HIGHEST_CUTOFF,
     ORDER,
+    SideNoise,
     Telegraph,
     encoder_steps,
     estimate_noise,
 )
-from elastic_arm.estimation.resampling import Clock, Grid, extended, read_at
+from elastic_arm.estimation.resampling import Clock, Grid, extended
 from elastic_arm.estimation.smoother import Smoother, left_out
+from elastic_arm.estimation.torque_noise import NARROWEST_BAND, Readings, torque_level
 from elastic_arm.recording import Recording, Samples
 from elastic_arm.recording.inspection.torque_spectrum import TorqueSpectrum, torque_spectra
 from elastic_arm.recording.sides import Lacking
@@ -46,26 +55,23 @@ SHORTEST = 2.0  # s
 # s without samples, up to which the motion is bridged: laws with a memory go on, and no row within
 # is looked at.
 BRIDGED = 0.5
-NARROWEST_BAND = 1.0  # Hz; the motion of an arm is slower than that nowhere
-# Of a torque's rms: noise of one that was low-passed, within its band, and of a drive by which a
-# torque is made, where nothing shows it; convention.
-ORDINARY_NOISE = 0.005
+# Smoother's cutoff over the band of the residuals: at the band's edge 0.2 % is taken of every term.
+CUTOFF_OVER_BAND = 2.2
+HIGHEST_BAND = 40.0  # Hz; the drives' resonances and what rotors excite lie below
+# Sample intervals between two parts of a recording up to which its motion counts as going on.
+UNBROKEN = 5.0
 
 
 @dataclass(frozen=True)
 class ChannelNoise:
-    """White noise of the channels, standard deviations per sample, (n,) each; None where not
-    recorded."""
+    """Standard deviations (n,) of the channels' white noise; None where not recorded."""
 
-    # q, theta: rad
-    q: Array | None
-    # dq, dtheta: rad/s
-    dq: Array | None
-    theta: Array | None
-    dtheta: Array | None
-    # tau_J, tau_m: Nm
-    tau_J: Array | None
-    tau_m: Array | None
+    q: Array | None  # rad
+    dq: Array | None  # rad/s
+    theta: Array | None  # rad
+    dtheta: Array | None  # rad/s
+    tau_J: Array | None  # Nm
+    tau_m: Array | None  # Nm
 
 
 @dataclass(frozen=True)
@@ -131,52 +137,59 @@ class Observation:
         Torques that were made of them are those of the robot's controllers, within the limits that
         they were made with.
         """
-        now = {
-            i: replace(
-                own if robot is None else robot.joints[i].controller or own, torque=own.torque
-            )
-            for i, own in self.made_by.items()
-        }
-
-        def moved(motion: Motion) -> Motion:
-            changed: dict[str, Any] = {
-                "before": None if motion.before is None else moved(motion.before)
-            }
-            for channel, lag in lags.items():
-                sign = -1.0 if channel == "command" else 1.0
-                for name in CHANNELS[channel]:
-                    if getattr(motion, name) is not None and np.any(lag):
-                        changed[name] = np.stack(
-                            [
-                                spline(np.clip(motion.t + sign * late, motion.t[0], motion.t[-1]))
-                                for spline, late in zip(
-                                    self._splines_of(motion, name), lag, strict=True
-                                )
-                            ],
-                            axis=1,
-                        )
-            if motion.r is not None and motion.tau_m is not None:
-                later = replace(motion, r=changed.get("r", motion.r))
-                changed["tau_m"] = np.array(changed.get("tau_m", motion.tau_m))
-                for i, controller in self.made_by.items():
-                    changed["tau_m"][:, i] += _followed(now[i], later, i) - _followed(
-                        controller, motion, i
-                    )
-            for name, gain in gains.items():
-                torque = changed.get(name, getattr(motion, name))
-                changed[name] = None if torque is None else torque / gain
-            return replace(motion, **changed)
-
-        noise = {
-            name: std / gain
-            for name, gain in gains.items()
-            if (std := getattr(self.noise, name)) is not None
-        }
-        pieces, quiet = (tuple(map(moved, motions)) for motions in (self.pieces, self.quiet))
+        now: dict[int, JointController] = {}
+        for i, own in self.made_by.items():
+            stated = own if robot is None else robot.joints[i].controller or own
+            now[i] = replace(stated, torque=own.torque)
+        pieces = tuple(self._moved(piece, lags, gains, now) for piece in self.pieces)
+        quiet = tuple(self._moved(piece, lags, gains, now) for piece in self.quiet)
         found = replace(self, pieces=pieces, quiet=quiet, gains=gains, driven_by=now)
-        if (made := noise.get("tau_m", self.noise.tau_m)) is not None:
+        noise: dict[str, Array] = {}
+        for name, gain in gains.items():
+            std = getattr(self.noise, name)
+            if std is not None:
+                noise[name] = std / gain
+        made = noise.get("tau_m", self.noise.tau_m)
+        if made is not None:
             noise["tau_m"] = made * found.scale(len(made))
         return replace(found, noise=replace(self.noise, **noise))
+
+    def _moved(
+        self,
+        motion: Motion,
+        lags: Mapping[str, Array],
+        gains: Mapping[str, Array],
+        now: Mapping[int, JointController],
+    ) -> Motion:
+        """Return a motion whose channels were moved by lags and divided by gains.
+
+        now: the controllers that make motor torques, by joint, in the place of `made_by`.
+        """
+        changed: dict[str, Any] = {}
+        if motion.before is not None:
+            changed["before"] = self._moved(motion.before, lags, gains, now)
+        for channel, lag in lags.items():
+            sign = -1.0 if channel == "command" else 1.0
+            for name in CHANNELS[channel]:
+                if getattr(motion, name) is not None and np.any(lag):
+                    changed[name] = self._at_other_times(motion, name, sign * lag)
+        if motion.r is not None and motion.tau_m is not None:
+            later = replace(motion, r=changed.get("r", motion.r))
+            torque = np.array(changed.get("tau_m", motion.tau_m))
+            for i, controller in self.made_by.items():
+                torque[:, i] += _followed(now[i], later, i) - _followed(controller, motion, i)
+            changed["tau_m"] = torque
+        for name, gain in gains.items():
+            torque = changed.get(name, getattr(motion, name))
+            changed[name] = None if torque is None else torque / gain
+        return replace(motion, **changed)
+
+    def _at_other_times(self, motion: Motion, name: str, later: Array) -> Array:
+        """Return a channel (N, n) that each joint had `later` (n,) s after each sample."""
+        columns = []
+        for spline, by in zip(self._splines_of(motion, name), later, strict=True):
+            columns.append(spline(np.clip(motion.t + by, motion.t[0], motion.t[-1])))
+        return np.stack(columns, axis=1)
 
     def _splines_of(self, motion: Motion, name: str) -> list[CubicSpline]:
         """Return a spline through each joint's samples of a channel; a calibration moves the same
@@ -204,10 +217,10 @@ class Observation:
         if velocity is None:
             return gain * position**2
         # Position weighs w_x² / (w_x² + w²), the integral of the velocity the rest.
-        share = np.where(
-            np.isinf(crossover), 1.0, crossover**2 / (np.minimum(crossover, 1e9) ** 2 + w**2)
-        )
-        rest = np.where(np.isinf(crossover), 0.0, w / (np.minimum(crossover, 1e9) ** 2 + w**2))
+        alone = np.isinf(crossover)
+        both = np.minimum(crossover, 1e9) ** 2 + w**2
+        share = np.where(alone, 1.0, crossover**2 / both)
+        rest = np.where(alone, 0.0, w / both)
         return gain * ((share * position) ** 2 + (rest * velocity) ** 2)
 
     def angle_spectra(self, f: Array) -> list[Array]:
@@ -244,11 +257,7 @@ class Observation:
         angle if any."""
         found = np.ones(n)
         for i, controller in self.made_by.items():
-            now, stated = (
-                next((gain for gain in one.gains if gain), 1.0)
-                for one in (self.driven_by[i], controller)
-            )
-            found[i] = now / stated
+            found[i] = _first_gain(self.driven_by[i]) / _first_gain(controller)
         return found
 
     def made(self, motion: Motion) -> dict[str, Array]:
@@ -264,10 +273,8 @@ class Observation:
 
     def torque_variances(self, n: int) -> dict[str, Array]:
         """Return the variances (n,) of a sample's white noise of tau_J and tau_m, Nm²."""
-        return {
-            channel: self.torque_spectrum(channel, np.zeros(1), n)[0]
-            for channel in ("tau_J", "tau_m")
-        }
+        still = np.zeros(1)  # Hz
+        return {name: self.torque_spectrum(name, still, n)[0] for name in ("tau_J", "tau_m")}
 
     def gain(self, f: Array) -> Array:
         """Response of the smoother at f (F,) Hz."""
@@ -291,9 +298,8 @@ class Observation:
     @cached_property
     def _finer_motors(self) -> NDArray[np.bool_]:
         """Whether the motor's encoder is finer than the link's, where a joint (n,) has both."""
-        link, motor = (
-            self.position_spectrum(side, self._quiet_frequencies) for side in ("link", "motor")
-        )
+        link = self.position_spectrum("link", self._quiet_frequencies)
+        motor = self.position_spectrum("motor", self._quiet_frequencies)
         return motor.any(axis=0) & (motor.mean(axis=0) < link.mean(axis=0))
 
     @property
@@ -312,16 +318,19 @@ class Observation:
         return min(self.cutoff, self.smoother.cutoff / (2 * np.pi))
 
 
+def _first_gain(controller: JointController) -> float:
+    """Return the first gain that is not zero; 1 where all are."""
+    return next((gain for gain in controller.gains if gain), 1.0)
+
+
 def _followed(controller: JointController, motion: Motion, i: int) -> Array:
     """Return the torque (N,) Nm that the controller of joint i makes of errors of angle and rate,
     within its limit."""
     angle, rate = (motion.q, motion.dq) if motion.theta is None else (motion.theta, motion.dtheta)
     assert motion.r is not None and angle is not None and rate is not None
-    (kp, kd, _), r, limit = (
-        controller.gains,
-        motion.r[:, i],
-        np.inf if controller.torque is None else controller.torque,
-    )
+    kp, kd, _ = controller.gains
+    limit = np.inf if controller.torque is None else controller.torque
+    r = motion.r[:, i]
     of_rate = controller.follows_rate * rates_of(motion.t, r) - rate[:, i]
     error = r - angle[:, i]
     felt = error - np.clip(error, -controller.dead_band, controller.dead_band)
@@ -333,9 +342,9 @@ def _bridged(samples: Samples, clock: Clock) -> tuple[list[Grid], Array]:
     arm may do much."""
     placed = clock.place(samples, max(clock.longest_hole, int(BRIDGED * clock.rate)))
     apart = np.diff(samples.t)
-    unknown = np.flatnonzero(
-        (apart * clock.rate > clock.longest_hole + 1.5) & (apart < BRIDGED + 2.0 / clock.rate)
-    )
+    hole = apart * clock.rate > clock.longest_hole + 1.5
+    bridged = apart < BRIDGED + 2.0 / clock.rate
+    unknown = np.flatnonzero(hole & bridged)
     return placed, np.stack([samples.t[unknown], samples.t[unknown + 1]], axis=1)
 
 
@@ -376,105 +385,54 @@ def observe(recording: Recording, band: float | None = None) -> Observation:
     placed, holes = _bridged(samples, clock)
     grids = [grid for grid in placed if len(grid) > SHORTEST * grid.rate]
     longest = _longest(grids, where)
-    band = band or widest_band(clock.rate)
-    link = None if longest.q is None else estimate_noise(longest.q, longest.dq, longest.rate)
-    motor = (
-        None
-        if longest.theta is None
-        else estimate_noise(longest.theta, longest.dtheta, longest.rate)
-    )
-    # 2.2 is the smoother's cutoff over the band: 0.2 % of a term is taken at the band's edge, from
-    # all alike
-    cutoff = min(2 * np.pi * 2.2 * band, HIGHEST_CUTOFF * clock.rate)
+    link = _encoder_noise(longest.q, longest.dq, longest.rate)
+    motor = _encoder_noise(longest.theta, longest.dtheta, longest.rate)
     designed = Smoother.from_noise(clock.rate, link, motor, recording.n)
-    # The crossovers are those of the wide band: what is negligible in a narrow one is not in this
-    # one.
-    wide_link, wide_motor = (
-        None if side is None else replace(side, cutoff=cutoff) for side in (link, motor)
-    )
-    crossing = Smoother.from_noise(clock.rate, wide_link, wide_motor, recording.n)
-    every = 1.0 if samples.read is None else float(np.median(np.diff(samples.read))) * clock.rate
-    read_band = np.inf if samples.read is None else widest_band(clock.rate / every)
-    # Readings that do not follow the motion are compared singly; smoothed less, it would fold into
-    # their band.
-    read = samples.read if read_band < designed.cutoff / (2 * np.pi) else None
-    smoother = Smoother(clock.rate, cutoff, crossing.link_crossover, crossing.motor_crossover)
-    smoother = smoother if read is None else replace(smoother, cutoff=min(cutoff, designed.cutoff))
-    spectra = torque_spectra(recording)
-    made_by = {
-        recording.joints.index(name): controller for name, controller in recording.made_by.items()
-    }
-    levels = {
-        "q": link.position_std if link else None,
-        "dq": link.velocity_std if link else None,
-        "theta": motor.position_std if motor else None,
-        "dtheta": motor.velocity_std if motor else None,
-        "tau_J": _with_low_pass(
-            torque_noise(grids, "tau_J"), longest.tau_J, spectra.get("link"), clock.rate
-        ),
-        "tau_m": _with_low_pass(
-            torque_noise(grids, "tau_m"), longest.tau_m, spectra.get("motor"), clock.rate
-        ),
-    }
-    if made_by and longest.tau_m is not None:
-        # What the encoders' noise makes of it is known by the controllers: the rest is the drive's.
-        levels["tau_m"] = ORDINARY_NOISE * np.std(longest.tau_m, axis=0)
-    pieces = tuple(smoother(extended(grid, smoother.lag)) for grid in grids)
-    torque_band = min(
-        read_band, max(NARROWEST_BAND, min((one.band for one in spectra.values()), default=np.inf))
-    )
-    for name in [
-        name for name in ("tau_J", "tau_m") if samples.read is not None and levels[name] is not None
-    ]:
-        level = ORDINARY_NOISE * np.std(getattr(longest, name), axis=0)
-        if read is None:  # they reach above the motion
-            level = torque_noise([grid[read_at(grid.t, samples.read)] for grid in grids], name)
-        levels[name] = level * every**0.5
-    if read is not None:
-        pieces = tuple(
-            replace(p, tau_J=g.tau_J, tau_m=g.tau_m) for p, g in zip(pieces, grids, strict=True)
-        )
-    noise = ChannelNoise(
-        **{name: _of_recorded(level, name, samples.lacking) for name, level in levels.items()}
-    )
-    # Above the frequency where noise outweighs motion, accelerations are noise, and the same that
-    # the residuals hold: a column made of it would be correlated with them.
+    cutoff = designed.cutoff / (2 * np.pi)
+    readings = None if samples.read is None else Readings.of(samples.read, clock.rate)
+    # Readings that do not follow the motion are compared singly.
+    singly = readings is not None and widest_band(readings.rate) < cutoff
+
+    smoother = _wide_smoother(designed, recording.n, band or widest_band(clock.rate))
     calm = replace(smoother, cutoff=min(smoother.cutoff, designed.cutoff))
-    quiet = pieces if calm == smoother else tuple(calm(extended(grid, calm.lag)) for grid in grids)
-    said = [*([clock.note] if clock.note else []), *left_out(placed, grids)]
-    if len(holes):
-        longest_hole = 1e3 * float(np.ptp(holes, axis=1).max())
-        said.append(
-            f"holes of up to {longest_hole:.0f} ms are bridged, and nothing is taken from them:"
-            f" {len(holes)}"
-        )
-    notes = (*recording.notes, *samples.notes, *(f"{where}: {words}" for words in said))
+    if singly:
+        # Smoothed less, the motion would fold into the band of the readings.
+        smoother = calm
     span = (0.0, float(samples.t[-1]))
-    pieces, quiet = (tuple(replace(piece, span=span) for piece in some) for some in (pieces, quiet))
+    pieces = _smoothed(grids, smoother, span)
+    if singly:
+        pieces = tuple(
+            replace(piece, tau_J=grid.tau_J, tau_m=grid.tau_m)
+            for piece, grid in zip(pieces, grids, strict=True)
+        )
+    quiet = pieces if calm.cutoff == smoother.cutoff else _smoothed(grids, calm, span)
+
+    spectra = torque_spectra(recording)
+    made_by = {recording.joints.index(name): own for name, own in recording.made_by.items()}
+    torques = {
+        "tau_J": torque_level(grids, "tau_J", spectra.get("link"), readings, singly),
+        "tau_m": torque_level(
+            grids, "tau_m", spectra.get("motor"), readings, singly, made=bool(made_by)
+        ),
+    }
+    noise = _channel_noise(link, motor, torques, samples.lacking)
     steps = {
         "link": encoder_steps(samples.q, noise.q),
         "motor": encoder_steps(samples.theta, noise.theta),
     }
-    telegraphs = {
-        name: Telegraph.of(position, steps[name], side, clock.rate)
-        for name, side, position in (("link", link, longest.q), ("motor", motor, longest.theta))
-        if side is not None and position is not None
-    }
-    cutoff = designed.cutoff / (2 * np.pi)
-    source = recording.source
     found = Observation(
-        pieces,
-        quiet,
-        clock.rate,
-        smoother,
-        noise,
-        cutoff,
-        source,
-        notes,
-        steps,
-        telegraphs,
-        torque_band=torque_band,
-        read=read,
+        pieces=pieces,
+        quiet=quiet,
+        rate=clock.rate,
+        smoother=smoother,
+        noise=noise,
+        cutoff=cutoff,
+        source=recording.source,
+        notes=(*recording.notes, *samples.notes, *_notes(where, clock, placed, grids, holes)),
+        steps=steps,
+        telegraphs=_telegraphs(longest, link, motor, steps),
+        torque_band=_torque_band(spectra, readings),
+        read=samples.read if singly else None,
         made_by=made_by,
         driven_by=made_by,
         holes=holes,
@@ -482,29 +440,86 @@ def observe(recording: Recording, band: float | None = None) -> Observation:
     return replace(found, quiet=tuple(found.with_filtered_deflection(piece) for piece in quiet))
 
 
-def _with_low_pass(
-    level: Array | None, torque: Array | None, spectrum: TorqueSpectrum | None, rate: float
-) -> Array | None:
-    """Return the noise (n,) of a torque channel: of what was low-passed, that of an ordinary sensor
-    within its band.
+def _encoder_noise(position: Array | None, rate: Array | None, samples: float) -> SideNoise | None:
+    """Return the noise of one side's encoders; None without any. samples: per second."""
+    return None if position is None else estimate_noise(position, rate, samples)
 
-    level: (n,) Nm a sample, from frequencies at which a torque that was low-passed holds nothing;
-    torque: (N, n) Nm; spectrum: of the channel, if it is long enough to have one.
+
+def _channel_noise(
+    link: SideNoise | None,
+    motor: SideNoise | None,
+    torques: Mapping[str, Array | None],
+    lacking: Lacking,
+) -> ChannelNoise:
+    """Return the noise of every channel, none at joints that lack it.
+
+    What stands at such a joint is another channel.
     """
-    if level is None or torque is None or spectrum is None or not spectrum.low_passed.any():
-        return level
-    knee = np.minimum(np.maximum(spectrum.knee, NARROWEST_BAND), rate / 2)
-    ordinary = ORDINARY_NOISE * np.sqrt(np.mean(torque**2, axis=0)) * np.sqrt(0.5 * rate / knee)
-    return np.where(spectrum.low_passed, np.maximum(level, ordinary), level)
+    levels = dict(torques)
+    levels["q"] = None if link is None else link.position_std
+    levels["dq"] = None if link is None else link.velocity_std
+    levels["theta"] = None if motor is None else motor.position_std
+    levels["dtheta"] = None if motor is None else motor.velocity_std
+    for name, level in levels.items():
+        if level is not None and lacking:
+            there = [(name.removeprefix("d"), joint) not in lacking for joint in range(len(level))]
+            levels[name] = np.where(there, level, 0.0)
+    return ChannelNoise(**levels)
 
 
-def _of_recorded(level: Array | None, name: str, lacking: Lacking) -> Array | None:
-    """Return noise (n,) of a channel, none where its joint lacks it: what stands there is another
-    channel."""
-    if level is None or not lacking:
-        return level
-    there = [(name.removeprefix("d"), joint) not in lacking for joint in range(len(level))]
-    return np.where(there, level, 0.0)
+def _telegraphs(
+    longest: Grid, link: SideNoise | None, motor: SideNoise | None, steps: Mapping[str, Array]
+) -> dict[str, Telegraph]:
+    """Return the noise of coarse encoders that stand, by side."""
+    found: dict[str, Telegraph] = {}
+    if link is not None and longest.q is not None:
+        found["link"] = Telegraph.of(longest.q, steps["link"], link, longest.rate)
+    if motor is not None and longest.theta is not None:
+        found["motor"] = Telegraph.of(longest.theta, steps["motor"], motor, longest.rate)
+    return found
+
+
+def _wide_smoother(designed: Smoother, n: int, band: float) -> Smoother:
+    """Return the smoother for residuals up to `band`, Hz.
+
+    Its crossovers are those of its own cutoff: a noise that is negligible in the narrow band of the
+    designed smoother is not in this one.
+    """
+    rate = designed.rate
+    cutoff = min(2 * np.pi * CUTOFF_OVER_BAND * band, HIGHEST_CUTOFF * rate)
+    link = designed.link_noise and replace(designed.link_noise, cutoff=cutoff)
+    motor = designed.motor_noise and replace(designed.motor_noise, cutoff=cutoff)
+    wide = Smoother.from_noise(rate, link, motor, n)
+    return Smoother(rate, cutoff, wide.link_crossover, wide.motor_crossover)
+
+
+def _smoothed(
+    grids: Sequence[Grid], smoother: Smoother, span: tuple[float, float]
+) -> tuple[Motion, ...]:
+    """Smooth each piece. span: begin and end of the recording, s."""
+    return tuple(replace(smoother(extended(grid, smoother.lag)), span=span) for grid in grids)
+
+
+def _torque_band(spectra: Mapping[str, TorqueSpectrum], readings: Readings | None) -> float:
+    """Return the Hz up to which all torques were recorded; infinite where nothing limits them."""
+    low_passed = min((one.band for one in spectra.values()), default=np.inf)
+    read = np.inf if readings is None else widest_band(readings.rate)
+    return min(read, max(NARROWEST_BAND, low_passed))
+
+
+def _notes(
+    where: str, clock: Clock, placed: Sequence[Grid], grids: Sequence[Grid], holes: Array
+) -> list[str]:
+    """Say what had to be assumed of the times of a recording."""
+    said = [clock.note] if clock.note else []
+    said += left_out(placed, grids)
+    if len(holes):
+        longest = 1e3 * float(np.ptp(holes, axis=1).max())
+        said.append(
+            f"holes of up to {longest:.0f} ms are bridged, and nothing is taken from them:"
+            f" {len(holes)}"
+        )
+    return [f"{where}: {words}" for words in said]
 
 
 def continued(
@@ -516,9 +531,8 @@ def continued(
     offset: s from the first sample of `first` to that of `rest`.
     """
     end = offset + max(piece.span[1] for piece in rest.pieces if piece.span)
-    # 5.0 sample intervals between two parts of a recording up to which its motion counts as going
-    # on
-    unbroken = offset - first.quiet[-1].t[-1] + rest.quiet[0].t[0] < 5.0 / rest.rate
+    apart = offset - first.quiet[-1].t[-1] + rest.quiet[0].t[0]
+    unbroken = apart < UNBROKEN / rest.rate
 
     def placed(motion: Motion, begin: float, before: Motion | None = None) -> Motion:
         return replace(motion, span=(-begin, end - begin), before=before)
@@ -537,30 +551,4 @@ def continued(
 
 def widest_band(rate: float) -> float:
     """Return the widest band (Hz) that a recording at `rate` allows."""
-    # 0.2 of the sample rate
-    return min(40.0, 0.2 * rate)  # 40.0 Hz; the drives' resonances and what rotors excite lie below
-
-
-def torque_noise(grids: Sequence[Grid], channel: str) -> Array | None:
-    """Standard deviation (n,) of a torque channel's white noise, from its spectrum above the
-    motion.
-
-    The median over frequency leaves single lines (ripple, mains) aside.
-    """
-    if getattr(grids[0], channel) is None:
-        return None
-    levels = []
-    for grid in grids:
-        values = getattr(grid, channel)
-        taper = np.hanning(len(values) - 4)[:, None]
-        # Fourth differences keep the motion's spectrum from leaking upward; their response is
-        # divided out.
-        spectrum = np.abs(np.fft.rfft(np.diff(values, 4, axis=0) * taper, axis=0)) ** 2 / np.sum(
-            taper**2
-        )
-        f = np.fft.rfftfreq(len(taper))
-        above = f > 0.2  # of the sample rate; above, torque channels hold noise alone
-        flat = spectrum[above] / np.abs(2 * np.sin(np.pi * f[above]))[:, None] ** 8
-        levels.append(np.median(flat, axis=0) / np.log(2.0))
-    weights = [len(grid) for grid in grids]
-    return np.sqrt(np.average(levels, axis=0, weights=weights))
+    return min(HIGHEST_BAND, 0.2 * rate)

@@ -9,8 +9,9 @@ import pytest
 import scipy
 
 from elastic_arm.errors import DiagnosisError
-from elastic_arm.estimation.observation import Observation, observe, torque_noise, widest_band
+from elastic_arm.estimation.observation import Observation, observe, widest_band
 from elastic_arm.estimation.resampling import Grid
+from elastic_arm.estimation.torque_noise import torque_noise
 from elastic_arm.recording import Recording
 from elastic_arm.recording.made_torque import with_made_torque
 from elastic_arm.sensors import Sensors

@@ -13,10 +13,10 @@ from elastic_arm.arrays import Array
 from elastic_arm.codegen.parallel import ahead
 from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.motion import Motion
-from elastic_arm.estimation.observation import torque_noise
 from elastic_arm.estimation.resampling import Clock, Grid
 from elastic_arm.estimation.residuals import standing_speed
 from elastic_arm.estimation.smoother import Smoother, design_smoother, left_out, runs, with_ends
+from elastic_arm.estimation.torque_noise import torque_noise
 from elastic_arm.formatting import JointUnits
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.deflection import shifts, zeros
