@@ -191,7 +191,10 @@ def bags_in(paths: Sequence[Path], *, bare: bool = False) -> list[Path]:
         inside = [] if a_bag else sorted(path.glob("*"))
         files = [one for one in inside if one.suffix in (".mcap", ".db3")]
         folders = [one for one in inside if os.path.exists(one / METADATA)]
-        found += (sorted(files + folders) if bare else [] if files else folders) or [path]
+        bags = [] if files else folders
+        if bare:
+            bags = sorted(files + folders)
+        found += bags or [path]
     return found
 
 

@@ -32,7 +32,9 @@ def literal(value: float) -> str:
     """C literal that is exactly `value`."""
     if np.isfinite(value):
         return float(value).hex() if value != int(value) or abs(value) > 1e6 else f"{value:.1f}"
-    return "NAN" if np.isnan(value) else "INFINITY" if value > 0 else "-INFINITY"
+    if np.isnan(value):
+        return "NAN"
+    return "INFINITY" if value > 0 else "-INFINITY"
 
 
 def emit_scalar(program: Program, name: str) -> str:

@@ -280,11 +280,17 @@ def _times(a: Scalar, b: Scalar) -> Scalar:
         return b
     if _is(b, 1.0):
         return a
-    return -b if _is(a, -1.0) else -a if _is(b, -1.0) else a * b
+    if _is(a, -1.0):
+        return -b
+    if _is(b, -1.0):
+        return -a
+    return a * b
 
 
 def _plus(a: Scalar, b: Scalar) -> Scalar:
-    return b if _is(a, 0.0) else a if _is(b, 0.0) else a + b
+    if _is(a, 0.0):
+        return b
+    return a if _is(b, 0.0) else a + b
 
 
 def _sum(terms: Sequence[Scalar]) -> Scalar:

@@ -80,7 +80,9 @@ class Feature:
     @property
     def count(self) -> int:
         """Number of columns."""
-        return 2 if self.phase else (1 if self.fixed else sum(p.size for p in self.linear))
+        if self.phase:
+            return 2
+        return 1 if self.fixed else sum(p.size for p in self.linear)
 
     def unit(self, parameter: Parameter) -> str:
         """Return the unit of one of its parameters at its joint."""

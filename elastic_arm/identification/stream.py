@@ -85,10 +85,11 @@ def smoothed(
 
 
 def velocity_noise(smoother: Smoother) -> Array | float:
-    """Return the standard deviation (n,) rad/s of smoothed velocities, of the motors where there
-    are such."""
+    """Return the standard deviation (n,) rad/s of smoothed velocities, if possible of motors."""
     noise = smoother.noise
-    covariance = None if noise is None else noise.link if noise.motor is None else noise.motor
+    if noise is None:
+        return 0.0
+    covariance = noise.link if noise.motor is None else noise.motor
     return 0.0 if covariance is None else np.sqrt(covariance[:, 1, 1])
 
 

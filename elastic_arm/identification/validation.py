@@ -5,6 +5,7 @@ import functools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -43,9 +44,25 @@ TRUSTS = (0.3, 0.1, 0.03, 0.01)
 # Ratio of rms errors from which a joint is predicted worse than by the description.
 WORSE = 1.1
 RARE = 6.6  # times its mean, a square of one normal deviation is once in a hundred
+TINY = 1e-300  # Nm, for logarithms of errors that are zero
 # Mean log ratio of rms errors up to which a fit predicts as well as the description: one that is
 # right already cannot be improved.
 EQUAL = 0.01
+
+
+class Comparison(NamedTuple):
+    """Errors of an arm and of the description at one equation of one joint, in one recording."""
+
+    source: str
+    side: str  # of the equation
+    joint: str
+    error: float  # rms, Nm
+    described: float  # rms of the description, Nm
+
+    @property
+    def worse(self) -> bool:
+        """Whether the arm predicts clearly worse than the description."""
+        return self.error > WORSE * self.described
 
 
 @dataclass(frozen=True)
@@ -97,62 +114,47 @@ class HeldOut:
         """Errors of the description that judge."""
         return self.errors(self.equations.described, averages=True)
 
-    def compared(self, Psi_base: Array) -> list[tuple[str, str, str, float, float]]:
-        """Return recording, equation, joint and the errors of base parameters and of the
-        description, Nm.
+    def compared(self, Psi_base: Array) -> list[Comparison]:
+        """Compare base parameters with the description, at the equations that hold a torque.
 
-        Of equations that hold a torque, where there are such.
+        All equations are compared where none holds one.
         """
         sides = self.equations.sides
         equations = self.equations.equations
         torques = [side for side in sides if equations.equation(side).torque is not None] or sides
-        return [
-            (
-                source,
-                side,
-                joint,
-                max(error, 1e-300),
-                max(self.nominal[source][side][joint], 1e-300),
-            )
-            for source, by_side in self.errors(Psi_base, averages=True).items()
-            for side in torques
-            for joint, error in by_side[side].items()
-        ]
+        found = []
+        for source, by_side in self.errors(Psi_base, averages=True).items():
+            for side in torques:
+                for joint, error in by_side[side].items():
+                    described = self.nominal[source][side][joint]
+                    found.append(
+                        Comparison(source, side, joint, max(error, TINY), max(described, TINY))
+                    )
+        return found
 
     def ratio(self, Psi_base: Array) -> float:
         """Return the mean log ratio of errors to those of the description; above 0 is worse."""
-        return float(
-            np.mean([np.log(error / described) for *_, error, described in self.compared(Psi_base)])
-        )
+        ratios = [np.log(one.error / one.described) for one in self.compared(Psi_base)]
+        return float(np.mean(ratios))
 
     def chance(self, covariance: Array) -> float:
         """Return the mean log ratio of errors to those of a right description that one fit in a
         hundred exceeds."""
-        expected = {
-            source: self.equations.by_joint(
-                np.einsum("gij,jk,gik->g", R[:, :, :-1], covariance, R[:, :, :-1])
-            )
-            for source, R in self._averages.items()
-        }
-        compared = self.compared(self.equations.described)
-        return float(
-            np.mean(
-                [
-                    0.5 * np.log1p(RARE * expected[s][side][j] / error**2)
-                    for s, side, j, error, _ in compared
-                ]
-            )
-        )
+        expected = {}
+        for source, R in self._averages.items():
+            regressor = R[:, :, :-1]
+            power = np.einsum("gij,jk,gik->g", regressor, covariance, regressor)
+            expected[source] = self.equations.by_joint(power)
+        ratios = []
+        for one in self.compared(self.equations.described):
+            share = expected[one.source][one.side][one.joint] / one.error**2
+            ratios.append(0.5 * np.log1p(RARE * share))
+        return float(np.mean(ratios))
 
     def worse(self, Psi_base: Array) -> list[str]:
         """Return the joints that some recording shows to be predicted clearly worse than by the
         description."""
-        compared = self.compared(Psi_base)
-        return list(
-            dict.fromkeys(
-                joint for *_, joint, error, described in compared if error > WORSE * described
-            )
-        )
+        return list(dict.fromkeys(one.joint for one in self.compared(Psi_base) if one.worse))
 
 
 def validated(
@@ -165,7 +167,7 @@ def validated(
 ) -> Identification:
     """Add the errors on held-out recordings; what they refute is pulled to the description until it
     is no worse."""
-    # Else each prior takes a search of its own: too long for a single joint.
+    # Otherwise each prior takes a search of its own: too long for a single joint.
     linear = not held_out.equations.summed
     if held_out.ratio(result.Psi_base) > EQUAL or (linear and held_out.worse(result.Psi_base)):
         result = _pulled(result, identifier, held_out, correlated)
@@ -178,65 +180,89 @@ def validated(
     arms = {"nominal": equations.described, "identified": result.Psi_base}
     if result.Psi is not None:
         arms["consistent"] = equations.base.T @ result.Psi
-    tables = {arm: held_out.errors(Psi) for arm, Psi in arms.items()}
-    found = {
-        source: {arm: table[source] for arm, table in tables.items()} for source in held_out.motions
-    }
+    found: dict[str, dict[str, dict[str, dict[str, float]]]] = {}
+    for arm, Psi in arms.items():
+        for source, errors in held_out.errors(Psi).items():
+            found.setdefault(source, {})[arm] = errors
+    return result.with_(validation=found, notes=(*result.notes, *_worse_notes(result, held_out)))
+
+
+def _worse_notes(result: Identification, held_out: HeldOut) -> list[str]:
+    """Say of each recording where the result predicts it worse than the description."""
     worse: dict[str, list[str]] = {}
-    for source, side, joint, error, described in held_out.compared(result.Psi_base):
-        if error > WORSE * described:
-            size = f"{error:.3g} against {described:.3g} {result.units.at(joint, 'Nm')}"
-            worse.setdefault(source, []).append(f"{joint} ({side}: {size})")
-    notes = [
+    for one in held_out.compared(result.Psi_base):
+        if one.worse:
+            unit = result.units.at(one.joint, "Nm")
+            size = f"{one.error:.3g} against {one.described:.3g} {unit}"
+            worse.setdefault(one.source, []).append(f"{one.joint} ({one.side}: {size})")
+    return [
         f"{source} is predicted worse than by the description: {', '.join(at)}"
         for source, at in worse.items()
     ]
-    return result.with_(validation=found, notes=(*result.notes, *notes))
+
+
+class _Try(NamedTuple):
+    """A fit with the description as a prior."""
+
+    width: float  # relative, of the prior
+    result: Identification
+    worse: int  # joints that are predicted worse than by the description
+    ratio: float  # :meth:`HeldOut.ratio`
+
+
+def _tries(
+    result: Identification, identifier: Identifier, held_out: HeldOut, correlated: float
+) -> list[_Try]:
+    """Fit with each width of the prior."""
+    error = description_error(identifier.fit(), held_out.equations, DOUBT)
+    laws = law_sizes(identifier.linear_blocks(), held_out.equations)
+    found = []
+    for width in PULLED:
+        prior = prior_of(held_out.equations, width, error, laws, correlated)
+        own = identifier.estimate(result.recordings, result.derivatives, identifier.fit(prior))
+        worse = len(held_out.worse(own.Psi_base))
+        found.append(_Try(width, own, worse, held_out.ratio(own.Psi_base)))
+    return found
 
 
 def _pulled(
     result: Identification, identifier: Identifier, held_out: HeldOut, correlated: float
 ) -> Identification:
-    """Return the result with the description as the prior that predicts held-out motion best, joint
-    by joint first.
+    """Return the result with the prior on the description that predicts held-out motion best.
 
     A fit that is better than the description on the whole stays as it is, unless fewer joints are
     worse with the prior.
     """
-    tries = []
-    error = description_error(identifier.fit(), held_out.equations, DOUBT)
-    laws = law_sizes(identifier.linear_blocks(), held_out.equations)
-    for width in PULLED:
-        prior = prior_of(held_out.equations, width, error, laws, correlated)
-        own = identifier.estimate(result.recordings, result.derivatives, identifier.fit(prior))
-        tries.append((len(held_out.worse(own.Psi_base)), held_out.ratio(own.Psi_base), width, own))
+    tries = _tries(result, identifier, held_out, correlated)
     now = held_out.ratio(result.Psi_base)
     worse = held_out.worse(result.Psi_base)
-    refuted = now > EQUAL
-    if refuted:
-        _, ratio, width, best = min(tries, key=lambda each: each[1])
-        alike = not worse and now <= held_out.chance(result.covariance)
-        better = ratio < now
-        said = [ALIKE if alike else f"the fit predicts {HELD_OUT} worse than the description does"]
+    if now <= EQUAL:
+        best = min(tries, key=lambda one: (one.worse, one.ratio))
+        if best.worse >= len(worse) or best.ratio > now + EQUAL:
+            return result
+        said = f"the fit predicts {', '.join(worse)} worse than the description does"
+        return _with_prior(result, best, said)
+
+    best = min(tries, key=lambda one: one.ratio)
+    alike = not worse and now <= held_out.chance(result.covariance)
+    said = ALIKE if alike else f"the fit predicts {HELD_OUT} worse than the description does"
+    if best.ratio < now:
+        result = _with_prior(result, best, said)
     else:
-        count, ratio, width, best = min(tries, key=lambda each: each[:2])
-        better = count < len(worse) and ratio <= now + EQUAL
-        said = list[str]()
-    if better:
-        said += (
-            []
-            if refuted
-            else [f"the fit predicts {', '.join(worse)} worse than the description does"]
-        )
-        said.append(described_width(width, HELD_OUT))
-        result = result.with_(
-            estimates=best.estimates, covariance=best.covariance, noise=best.noise
-        )
-    if refuted and not alike and ratio > EQUAL:
-        said.append(
-            "no fit near the description is better than it: do not use the identified numbers"
-        )
-    return result.with_(notes=(*result.notes, *said))
+        result = result.with_(notes=(*result.notes, said))
+    if best.ratio > EQUAL and not alike:
+        useless = "no fit near the description is better than it: do not use the identified numbers"
+        result = result.with_(notes=(*result.notes, useless))
+    return result
+
+
+def _with_prior(result: Identification, best: _Try, why: str) -> Identification:
+    return result.with_(
+        estimates=best.result.estimates,
+        covariance=best.result.covariance,
+        noise=best.result.noise,
+        notes=(*result.notes, why, described_width(best.width, HELD_OUT)),
+    )
 
 
 def _consistent_or_none(
@@ -249,34 +275,29 @@ def _consistent_or_none(
     inertia where the arm is taken for rigid, stay as described.
     """
     T = held_out.equations.base.T
-    worst = list[str]()
-    kept: list[str] = []
+    worst: list[str] = []
     for trust in (None, *TRUSTS):
         tried = result if trust is None else consistent(trust)
-        for last in (False, True):
-            if tried.Psi is None:
-                break
-            worse = held_out.worse(T @ tried.Psi)
-            if not worse and held_out.ratio(T @ tried.Psi) <= 0.0:
-                return (
-                    tried.with_(notes=(*tried.notes, _described(kept, held_out.equations)))
-                    if last
-                    else tried
-                )
-            worst = worst or worse
-            if last or not worse:
-                break
-            kept = worse
-            tried = consistent(trust, described=kept)
-    where = f" at {', '.join(worst)}" if worst else ""
-    said = (
-        []
-        if ALIKE in result.notes
-        else [f"the consistent arm predicts {HELD_OUT} worse than the description{where}"]
-    )
-    return result.with_(
-        identified=None, notes=(*result.notes, ": ".join([*said, "no robot.yaml is written"]))
-    )
+        if tried.Psi is None:
+            continue
+        worse = held_out.worse(T @ tried.Psi)
+        if not worse and held_out.ratio(T @ tried.Psi) <= 0.0:
+            return tried
+        worst = worst or worse
+        if not worse:
+            continue
+        tried = consistent(trust, described=worse)
+        if tried.Psi is None or held_out.worse(T @ tried.Psi):
+            continue
+        if held_out.ratio(T @ tried.Psi) <= 0.0:
+            kept = _described(worse, held_out.equations)
+            return tried.with_(notes=(*tried.notes, kept))
+    said = "no robot.yaml is written"
+    if ALIKE not in result.notes:
+        where = f" at {', '.join(worst)}" if worst else ""
+        reason = f"the consistent arm predicts {HELD_OUT} worse than the description{where}"
+        said = f"{reason}: {said}"
+    return result.with_(identified=None, notes=(*result.notes, said))
 
 
 def _described(joints: Sequence[str], equations: BaseRegression) -> str:

@@ -189,7 +189,13 @@ def _reasons(
 
 def verdicts(relative_std: Array) -> tuple[str, ...]:
     """Return "well", "poorly" or "not" for each relative standard deviation."""
-    return tuple("well" if s <= WELL else "poorly" if s <= POORLY else "not" for s in relative_std)
+    return tuple(_verdict(std) for std in relative_std)
+
+
+def _verdict(relative_std: float) -> str:
+    if relative_std <= WELL:
+        return "well"
+    return "poorly" if relative_std <= POORLY else "not"
 
 
 def relative_std(equations: BaseRegression, Psi_base: Array, std: Array) -> Array:
@@ -239,12 +245,12 @@ def checked(
     """Return the verdicts `words` with what is impossible called "not" determined, and what is
     hopeless not "well"."""
     wrong = impossible(equations, fit.Psi)
-    hopeless = (fit.condition > HOPELESS) | (
-        equations.base.T[:, _constants(equations, one_way)] != 0.0
-    ).any(axis=1)
+    with_constants = equations.base.T[:, _constants(equations, one_way)] != 0.0
+    hopeless = (fit.condition > HOPELESS) | with_constants.any(axis=1)
     found = []
     for word, bad, doubted in zip(words, wrong.tolist(), hopeless.tolist(), strict=True):
-        found.append("not" if bad else "poorly" if doubted and word == "well" else word)
+        at_best = "poorly" if doubted and word == "well" else word
+        found.append("not" if bad else at_best)
     return tuple(found)
 
 

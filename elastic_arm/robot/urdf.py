@@ -227,11 +227,10 @@ class _Reading:
     def _limits(self, element: ET.Element, name: str) -> Limits:
         limit = agreed(element, "limit", f"joint {name!r}")
         # A limit that is infinite is none.
-        stated = {} if limit is None else {k: None if _endless(v) else v for k, v in limit.items()}
-        given = {
-            k: None if v is None else number(v, f"joint {name!r}: limit {k}")
-            for k, v in stated.items()
-        }
+        given: dict[str, float | None] = {}
+        for what, value in ({} if limit is None else limit).items():
+            where = f"joint {name!r}: limit {what}"
+            given[what] = None if _endless(value) else number(value, where)
         lower = given.get("lower", 0.0)
         upper = given.get("upper", 0.0)
         bounded = element.get("type") != "continuous" and lower != upper

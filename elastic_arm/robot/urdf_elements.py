@@ -89,9 +89,9 @@ def _statements(transmission: ET.Element) -> dict[str, list[tuple[str, float]]]:
     found: dict[str, list[tuple[str, float]]] = {"rotor_inertia": [], "ratio": []}
     for element in transmission.iter():
         tag = str(element.tag).rpartition("}")[2].rpartition(":")[2]
-        quantity = "rotor_inertia" if tag == "rotor_inertia" else "ratio" if tag in _RATIOS else ""
-        if not quantity:
+        if tag != "rotor_inertia" and tag not in _RATIOS:
             continue
+        quantity = "rotor_inertia" if tag == "rotor_inertia" else "ratio"
         what = f"transmission {transmission.get('name')!r}: {tag}"
         value = number(element.get("value") or element.text or "", what)
         if quantity == "rotor_inertia" and value < 0.0:

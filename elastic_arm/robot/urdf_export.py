@@ -174,7 +174,8 @@ def _fixed(tree: ET.Element, ground: str, placement: Array) -> None:
 def _moving(tree: ET.Element, joint: Joint, parent: str, placement: Array, axis: Array) -> None:
     limits = joint.limits
     bounded = limits.position_min is not None and limits.position_max is not None
-    kind = "prismatic" if joint.prismatic else "revolute" if bounded else "continuous"
+    turning = "revolute" if bounded else "continuous"
+    kind = "prismatic" if joint.prismatic else turning
     element = ET.SubElement(tree, "joint", name=joint.name, type=kind)
     ET.SubElement(element, "parent", link=parent)
     ET.SubElement(element, "child", link=joint.link_name)

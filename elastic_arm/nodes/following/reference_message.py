@@ -88,13 +88,16 @@ def reference_points(
         position[:] = held
     for values, column in zip((position, velocity, acceleration), columns, strict=True):
         values[:, named] = column[:, order]
-    degree = [
-        LINEAR if not point.velocities else QUINTIC if point.accelerations else CUBIC
-        for point in message.points
-    ]
-    return np.array(after, dtype=np.int64), Points(
-        position, velocity, acceleration, np.array(degree, dtype=np.int64)
-    )
+    degree = np.array([_degree(point) for point in message.points], dtype=np.int64)
+    points = Points(position, velocity, acceleration, degree)
+    return np.array(after, dtype=np.int64), points
+
+
+def _degree(point: JointTrajectoryPoint) -> int:
+    """Return the degree of the polynomial that reaches a point."""
+    if not point.velocities:
+        return LINEAR
+    return QUINTIC if point.accelerations else CUBIC
 
 
 def commanded(command: JointState, period: float) -> JointTrajectory | None:

@@ -60,7 +60,9 @@ def _filled(kind: Any, content: Mapping[str, Any], **given: Any) -> Any:
 def _sent(value: Any, kind: str) -> Any:
     if "[" in kind or "<" in kind:
         return [_number(one) for one in value] if "double" in kind else list(value)
-    return _number(value) if kind == "double" else "" if value is None else value
+    if kind == "double":
+        return _number(value)
+    return "" if value is None else value
 
 
 def _residual(found: Mapping[str, Any], joint: str, side: str) -> GapResidual:

@@ -68,8 +68,10 @@ def followed(recording: Recording) -> Iterator[Finding]:
     told = "they were made of the recording; record what the drives were told"
     samples = np.round(lag / float(np.median(np.diff(t))))
     for shift in np.unique(samples[copied]).tolist():
-        count = f"{abs(shift):.0f} sample{'s' if abs(shift) > 1.0 else ''}"
-        which = "themselves" if not shift else f"of {count} {'later' if shift > 0.0 else 'before'}"
+        which = "themselves"
+        if shift:
+            count = f"{abs(shift):.0f} sample{'s' if abs(shift) > 1.0 else ''}"
+            which = f"of {count} {'later' if shift > 0.0 else 'before'}"
         of_shift = copied & (samples == shift)
         off = (
             f"but for {span_of(1e2 * left[of_shift])} % of their spread, closer than any drive"

@@ -304,11 +304,10 @@ def _told(motion: SideMotion, side: str, fit: GravityFit, robot: Robot) -> Itera
     several = len(motion.measured) > 1 and float(np.sqrt(np.mean(motion.dq**2))) > CREEP
     confused = _size(fit, side) or (_arranged(few, side, robot, arm) if several else [])
     yield confused
-    yield (
-        []
-        if confused
-        else _judged(fit, side, robot) or (_sized(few, side, robot, arm) if several else [])
-    )
+    judged = [] if confused else _judged(fit, side, robot)
+    if several and not confused and not judged:
+        judged = _sized(few, side, robot, arm)
+    yield judged
 
 
 def _spread(model: Model) -> Array:

@@ -72,12 +72,10 @@ def about(
 ) -> list[Finding]:
     """Return what the words state of a channel of the chosen joints (n,); nothing where none is
     chosen."""
+    if not chosen.any():
+        return []
     message = f"{what} of {listed(joints, chosen)} {words}"
-    return (
-        [Finding(severity, code, f"{message}: {remedy}" if remedy else message)]
-        if chosen.any()
-        else []
-    )
+    return [Finding(severity, code, f"{message}: {remedy}" if remedy else message)]
 
 
 @dataclass

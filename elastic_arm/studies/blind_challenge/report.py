@@ -48,10 +48,10 @@ def shares(level: str, table: Mapping[str, Any]) -> MplFigure:
         ax = axes[0, 0]
         for row, (name, s) in enumerate(named):
             wanted = target(name, level)
-            good = wanted is not None and (
-                s["share"] <= wanted if name in AT_MOST else s["share"] >= wanted
-            )
-            colour = GREY if wanted is None else GREEN if good else VERMILION
+            colour = GREY
+            if wanted is not None:
+                good = s["share"] <= wanted if name in AT_MOST else s["share"] >= wanted
+                colour = GREEN if good else VERMILION
             ax.plot(
                 [100 * v for v in s["interval"]], [row, row], color=colour, linewidth=3, alpha=0.45
             )

@@ -182,15 +182,14 @@ def level_table(lines: Sequence[Line], withheld: Sequence[Line]) -> dict[str, An
         shares[f"intervals of {kind} cover"] = proportion([True] * held + [False] * (asked - held))
     told = [(c, r) for x in lines for c, r in x["told"]]
     missed = [x for x in own if x["truth"] and not x["effect_right"]]
+    squares = [(c - r) ** 2 for c, r in told]
+    of_truth = [c if r else 1 - c for c, r in told]
+    logarithms = [np.log(max(probability, LEAST)) for probability in of_truth]
     return {
         "shares": shares,
         "calibration": calibration([(c, r) for c, r in told if c > 0.0]),
-        "brier": float(np.mean([(c - r) ** 2 for c, r in told])) if told else None,
-        "log_score": (
-            float(-np.mean([np.log(max(c if r else 1 - c, LEAST)) for c, r in told]))
-            if told
-            else None
-        ),
+        "brier": float(np.mean(squares)) if told else None,
+        "log_score": float(-np.mean(logarithms)) if told else None,
         "seconds": _seconds(lines),
         "foreign": {x["name"]: [*x["foreign"], x["verdict"], *x["named"]] for x in foreign},
         "missed": {x["name"]: [*x["truth"], x["verdict"], *x["named"]] for x in missed},
@@ -295,8 +294,11 @@ def target(name: str, level: str) -> float | None:
 
 def _target(name: str, level: str) -> str:
     value = target(name, level)
-    bound = "≤ " if name in AT_MOST else "≥ " if name in TARGETS else ""
-    return "" if value is None else f"{bound}{100 * value:g} %"
+    if value is None:
+        return ""
+    at_least = "≥ " if name in TARGETS else ""
+    bound = "≤ " if name in AT_MOST else at_least
+    return f"{bound}{100 * value:g} %"
 
 
 def _effect(lines: Sequence[Line]) -> dict[str, Any]:

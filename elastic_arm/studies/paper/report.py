@@ -184,7 +184,9 @@ def table_i(robot: Robot) -> list[tuple[str, DH]]:
 
 def _turned(k: int, row: DH) -> str:
     offset = f"{math.degrees(row.offset):g}°"
-    return offset if k == 0 else f"theta_{k}" if row.offset == 0.0 else f"theta_{k} + {offset}"
+    if k == 0:
+        return offset
+    return f"theta_{k}" if row.offset == 0.0 else f"theta_{k} + {offset}"
 
 
 def _arm(ax: Axes3D, robot: Robot, pose: np.ndarray) -> np.ndarray:
