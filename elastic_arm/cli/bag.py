@@ -129,7 +129,7 @@ def check(
                 )
         # What was never recorded no copy can mend: gaps and the like are left to be judged.
         good = report.ok if after is None else after.usable
-        status = status if good else 1
+        status = max(status, 0 if good else 1)
     if json:
         print_json(told[0] if len(told) == 1 else {"bags": told})
     raise typer.Exit(status)
