@@ -1,7 +1,7 @@
 """Estimates as text: no more digits than their standard deviations warrant."""
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 
 MOST_DIGITS = 7  # significant, however small the deviation
@@ -19,6 +19,11 @@ def rounded(value: float, std: float) -> tuple[str, str]:
     place = _place(float(f"{std:.1e}")) - 1
     plain = max(abs(value), std) < LARGEST_PLAIN
     return _to_place(value, place, plain), _to_place(std, place, plain)
+
+
+def short_numbers(values: Iterable[float]) -> str:
+    """Return numbers with three digits each, in a row."""
+    return " ".join(f"{value:.3g}" for value in values)
 
 
 def linear_unit(unit: str) -> str:

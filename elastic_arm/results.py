@@ -74,7 +74,8 @@ class Result:
         rows = tables[table or next(iter(tables))]
         # a column holds whole numbers and others
         mixed = {"strict": False} if library == "polars" else {}
-        columns = {name: [row[name] for row in rows] for name in (rows[0] if rows else ())}
+        names = list(rows[0]) if rows else []
+        columns = {name: [row[name] for row in rows] for name in names}
         return import_module(library).DataFrame(columns, **mixed)
 
     def to_csv(self, folder: str | Path) -> list[Path]:
@@ -83,13 +84,8 @@ class Result:
         written = []
         for name, rows in self.tables().items():
             if rows:
-                short = [
-                    {k: f"{v:.9g}" if isinstance(v, float) else v for k, v in row.items()}
-                    for row in rows
-                ]
-                written.append(
-                    write_result(Path(folder) / f"{name}.csv", csv_text(list(rows[0]), short))
-                )
+                text = csv_text(list(rows[0]), list(map(_short, rows)))
+                written.append(write_result(Path(folder) / f"{name}.csv", text))
         return written
 
     def plot(self) -> Any:
@@ -98,3 +94,8 @@ class Result:
 
     def _repr_html_(self) -> str:
         return str(import_module(self._report).head(self))
+
+
+def _short(row: Row) -> dict[str, Any]:
+    """Return a row with nine digits of each number that is not whole."""
+    return {k: f"{v:.9g}" if isinstance(v, float) else v for k, v in row.items()}

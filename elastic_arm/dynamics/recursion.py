@@ -77,7 +77,8 @@ def inverse_dynamics(
             wrench.add(*_newton_euler(motion, inertia))
     forces: list[Scalar] = [0.0] * bodies.dof
     for spin in bodies.spins:
-        speed, acceleration = (_sum([_times(r, d[k]) for k, r in spin.gears]) for d in (dx, ddx))
+        speed = _sum([_times(ratio, dx[k]) for k, ratio in spin.gears])
+        acceleration = _sum([_times(ratio, ddx[k]) for k, ratio in spin.gears])
         h = Psi[spin.parameter] * speed
         dh = Psi[spin.parameter] * acceleration
         along = dh

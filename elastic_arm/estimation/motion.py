@@ -91,8 +91,8 @@ class Motion:
         An angle that a joint lacks is made of its other one, with whose noise.
         """
         n = next(v.shape[1] for v in (self.q, self.theta) if v is not None)
-        has = [[name in self.recorded_at(joint) for joint in range(n)] for name in ("q", "theta")]
-        q, theta = (np.diag(np.array(there, dtype=float)) for there in has)
+        q = np.diag([float("q" in self.recorded_at(joint)) for joint in range(n)])
+        theta = np.diag([float("theta" in self.recorded_at(joint)) for joint in range(n)])
         return np.block([[q, np.eye(n) - q], [np.eye(n) - theta, theta]])
 
     def channels(self) -> dict[str, Array]:
@@ -281,9 +281,9 @@ def drive_constants(model: Model) -> tuple[Array, Array]:
     drives = [spring for spring in model.bodies.springs if spring.against is not None]
     if not drives:
         return np.zeros(model.n), np.zeros(model.n)
-    return model.Psi[[spring.stiffness for spring in drives]], model.Psi[
-        [spring.damping for spring in drives]
-    ]
+    stiffness = [spring.stiffness for spring in drives]
+    damping = [spring.damping for spring in drives]
+    return model.Psi[stiffness], model.Psi[damping]
 
 
 def rates_of(t: Array, values: Array) -> Array:

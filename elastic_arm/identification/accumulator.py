@@ -130,13 +130,11 @@ def averaged(
     starts = starts[starts < len(motion)]
     counts = np.diff(starts, append=len(motion))
     # What is shorter, at the end, counts less.
-    rows = (
-        np.add.reduceat(equations.rows(motion), starts, axis=1)
-        / np.sqrt(counts * unit / parts)[:, None]
-    )
-    sums = [gram(group) for group in rows]
+    weight = np.sqrt(counts * unit / parts)[:, None]
+    rows = np.add.reduceat(equations.rows(motion), starts, axis=1) / weight
+    hi, lo = zip(*map(gram, rows), strict=True)
     count = max(round(len(motion) * parts / unit), 1)
-    return (np.stack([hi for hi, _ in sums]), np.stack([lo for _, lo in sums])), count
+    return (np.stack(hi), np.stack(lo)), count
 
 
 def _thinning(blocks: Blocks, unit: int) -> tuple[int, int]:

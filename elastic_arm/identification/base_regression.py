@@ -114,9 +114,10 @@ class BaseRegression:
         wound = self.wound if self.summed and encoder_columns else ()
         self._encoders = _encoder_columns(self.joints, wound, model.robot.units)
         added = (*self._encoders, *self.columns)
-        self.names = tuple(p.name for p in own) + tuple(c.name for c in added)
-        self.units = tuple(p.unit for p in own) + tuple(c.unit for c in added)
-        self.nominal: Array = np.array([p.nominal for p in own] + [c.nominal for c in added])
+        every: list[Any] = [*own, *added]
+        self.names = tuple(one.name for one in every)
+        self.units = tuple(one.unit for one in every)
+        self.nominal: Array = np.array([one.nominal for one in every])
         self._springs = np.array(
             [k for k, p in enumerate(own) if p.name.rpartition(".")[2] in ("K", "D")], dtype=int
         )
@@ -173,9 +174,8 @@ class BaseRegression:
             or ("joint" in self.sides and len(self._armatures))
         )
         if self.columns or sums or apart:
-            rows = self.rows(motion)
-            parts = [gram(group) for group in rows]
-            return np.stack([hi for hi, _ in parts]), np.stack([lo for _, lo in parts])
+            products, rests = zip(*map(gram, self.rows(motion)), strict=True)
+            return np.stack(products), np.stack(rests)
         both = self._both_sides(motion)
         x, dx, ddx = (self._coordinates(both, name) for name in ("", "d", "dd"))
         measured = [self._measured(motion, side).T for side in self.sides if side != "drive"]

@@ -140,16 +140,13 @@ class _LawColumns:
         sign_speed: float | Sequence[float],
     ) -> None:
         self.robot = robot
-        terms = [
-            Term(
-                instance.effect,
-                law_joints(instance, robot),
-                {c.name: instance.parameters[c.name] for c in instance.effect.choices},
-                _linear(instance.effect),
-                [{p.name: instance.parameters[p.name] for p in instance.effect.parameters}],
-            )
-            for instance in instances
-        ]
+        terms = []
+        for instance in instances:
+            effect = instance.effect
+            choices = {choice.name: instance.parameters[choice.name] for choice in effect.choices}
+            values = {one.name: instance.parameters[one.name] for one in effect.parameters}
+            joints = law_joints(instance, robot)
+            terms.append(Term(effect, joints, choices, _linear(effect), [values]))
         self.columns = CompiledColumns(terms, ArmEquations(robot, model), engine=None)
         self.standstill = np.broadcast_to(np.asarray(sign_speed, dtype=float), (robot.n,)).copy()
         self.last: tuple[Motion, Array] | None = None

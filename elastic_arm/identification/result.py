@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -179,16 +179,17 @@ class Identification(Result):
         counts = f"{words.count('poorly')} poorly, {words.count('not')} not at all"
         found = [f"{words.count('well')} of {len(words)} parameters are well determined, {counts}."]
         for recording, arms in (self.validation or {}).items():
-            worst = [
-                max((e, j, s) for s, at in arms[arm].items() for j, e in at.items())
-                for arm in ARMS[:2]
-            ]
-            sizes = [f"{e:.3g} {self.units.at(j, 'Nm')} ({j}, {COMPARED[s]})" for e, j, s in worst]
-            errors = (
-                f"the nominal arm errs by up to {sizes[0]}, the identified one by up to {sizes[1]}"
-            )
-            found.append(f"On {recording}, which no fit has seen, {errors}.")
+            nominal, identified = (self._largest_error(arms[arm]) for arm in ARMS[:2])
+            errors = f"the nominal arm errs by up to {nominal}, the identified one by up to"
+            found.append(f"On {recording}, which no fit has seen, {errors} {identified}.")
         return found
+
+    def _largest_error(self, errors: Mapping[str, Mapping[str, float]]) -> str:
+        """Return the largest error, by equation and joint, with its place as text."""
+        error, joint, side = max(
+            (error, joint, side) for side, at in errors.items() for joint, error in at.items()
+        )
+        return f"{error:.3g} {self.units.at(joint, 'Nm')} ({joint}, {COMPARED[side]})"
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as plain data; numbers that are not finite become null."""

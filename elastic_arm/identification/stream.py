@@ -247,10 +247,10 @@ class Identifier:
         Raises an IdentificationError if the channels allow no equation, or others than before.
         """
         there = {name for name in SENSED if getattr(channels, name) is not None}
-        recorded = tuple(
-            frozenset(there - {c for c, j in channels.lacking if j == i})
-            for i in range(self.model.n)
-        )
+        by_joint = [set(there) for _ in range(self.model.n)]
+        for channel, joint in channels.lacking:
+            by_joint[joint].discard(channel)
+        recorded = tuple(map(frozenset, by_joint))
         if self.accumulator is None:
             self.accumulator = self._empty(recorded)
             self._recorded = recorded

@@ -158,11 +158,10 @@ class Recording:
         of them have."""
         if len(parts) == 1:
             return parts[0]
-        sides = {name: [part.sides().get(name) for part in parts] for name in parts[0].sides()}
-        together: dict[str, Any] = {
-            name: joined_sides([side for side in own if side is not None]) if all(own) else None
-            for name, own in sides.items()
-        }
+        together: dict[str, Any] = {}
+        for name in parts[0].sides():
+            sides = [part.sides()[name] for part in parts if name in part.sides()]
+            together[name] = joined_sides(sides) if len(sides) == len(parts) else None
         notes = tuple(dict.fromkeys(note for part in parts for note in part.notes))
         return replace(parts[-1], **together, notes=notes)
 
@@ -182,13 +181,10 @@ class Recording:
         other = f"{', '.join(called)} are {', '.join(joints)} by their names without what all share"
         notes = self.notes if called == list(joints) else (*self.notes, other)
         columns = [self.joints.index(name) for name in called]
-        cut: dict[str, Any] = {
-            side_name: Side(
-                side.stamp_ns,
-                **{name: values[:, columns] for name, values in side.channels().items()},
-            )
-            for side_name, side in self.sides().items()
-        }
+        cut: dict[str, Any] = {}
+        for name, side in self.sides().items():
+            channels = {channel: values[:, columns] for channel, values in side.channels().items()}
+            cut[name] = Side(side.stamp_ns, **channels)
         return replace(self, joints=tuple(joints), notes=notes, **cut)
 
     def _followed(self, stamp_ns: Stamps) -> Array:

@@ -93,10 +93,12 @@ def joined_sides(parts: Sequence[Side]) -> Side:
     left out."""
     stamps = np.concatenate([part.stamp_ns for part in parts])
     later = stamps > np.maximum.accumulate(np.concatenate([stamps[:1] - 1, stamps[:-1]]))
-    names = [name for name in CHANNELS if all(name in part.channels() for part in parts)]
-    return Side(
-        stamps, **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
-    ).at(later)
+    channels: dict[str, Array] = {}
+    for name in CHANNELS:
+        values = [part.channels()[name] for part in parts if name in part.channels()]
+        if len(values) == len(parts):
+            channels[name] = np.concatenate(values)
+    return Side(stamps, **channels).at(later)
 
 
 def _real(name: str, values: object) -> Array:
@@ -197,9 +199,8 @@ class Samples:
     tau_m: Array | None
     stamp_ns: Stamps  # (N,) the stamps of `t`
     notes: tuple[str, ...] = ()  # what was done to bring the channels together
-    clock: ClockMode | None = (
-        None  # what stamps mean where the user knows it; None where the motion decides
-    )
+    # what stamps mean where the user knows it; None where the motion decides
+    clock: ClockMode | None = None
     # q, theta, tau_J, tau_m, each with the index of a joint that lacks it while others have it:
     # there the angle is that of the joint's other side, and the torque is zero
     lacking: Lacking = frozenset()

@@ -30,28 +30,25 @@ def robot_to_dict(robot: Robot) -> dict[str, Any]:
         base |= _floats(vars(robot.base_dh))
     else:
         base["placement"] = robot.base_placement.tolist()
+    ratios = {total: list(map(float, split)) for total, split in robot.total_ratios_studied.items()}
     content: dict[str, Any] = {
         "name": robot.name,
         "gravity": robot.gravity.tolist(),
         "base": base,
         "joints": [_joint(j) for j in robot.joints],
-        "total_ratios_studied": {
-            r: [float(v) for v in split] for r, split in robot.total_ratios_studied.items()
-        },
+        "total_ratios_studied": ratios,
         "torque_noise_std": float(robot.torque_noise_std),
         "sample_rate": float(robot.sample_rate),
     }
     if robot.effects:
         content["effects"] = [plain(effect) for effect in robot.effects]
-    stated = {
-        joint.name: joint.controller for joint in robot.joints if joint.controller is not None
-    }
-    if stated:
-        given = {
-            name: {k: v for k, v in vars(drive).items() if v is not None}
-            for name, drive in stated.items()
-        }
-        content["controller"] = plain(given)
+    controllers = {}
+    for joint in robot.joints:
+        if joint.controller is not None:
+            fields = vars(joint.controller)
+            controllers[joint.name] = {k: v for k, v in fields.items() if v is not None}
+    if controllers:
+        content["controller"] = plain(controllers)
     return content
 
 

@@ -139,9 +139,9 @@ class TiltRegressor:
     def _bearings(self) -> tuple[Array, Array]:
         gears = [joint.transmission for joint in self.equations.robot.joints]
         bearings = [gear.bearing for gear in gears if gear is not None and gear.bearing is not None]
-        return np.array([b.stiffness for b in bearings * 2]), np.array(
-            [b.damping for b in bearings * 2]
-        )
+        stiffness = np.array([bearing.stiffness for bearing in bearings * 2])
+        damping = np.array([bearing.damping for bearing in bearings * 2])
+        return stiffness, damping
 
     def residuals(self, signals: MotionSignals, values: Mapping[str, Any]) -> Array:
         """Return what the tilts add to the residuals, (N, 3 n)."""

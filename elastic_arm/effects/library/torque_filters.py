@@ -76,10 +76,8 @@ class DelayedTorques(FilteredTorques):
             equations = self.equations
             n = self.equations.robot.n
             gears = [joint.transmission for joint in equations.robot.joints]
-            K, D = (
-                np.array([getattr(g, of) if g else 0.0 for g in gears])
-                for of in ("stiffness", "damping")
-            )
+            K = np.array([gear.stiffness if gear else 0.0 for gear in gears])
+            D = np.array([gear.damping if gear else 0.0 for gear in gears])
             v = signals.values
             wound = K * v["dx"][:, :n] + D * v["ddx"][:, :n]
             for j in values["joints"]:

@@ -172,19 +172,18 @@ class DerivativeStage:
         angle = "theta" if self._longest.theta is not None else "q"
         lost = 2 * self._smoother.lag
         grids = [grid for grid in self._grids if len(grid) > lost]
-        names = [name for name in (angle, f"d{angle}") if getattr(grids[0], name) is not None]
-        alone = (Grid(g.t, g.rate, **{name: getattr(g, name) for name in names}) for g in grids)
-        velocity = (
-            getattr(self._smoother(run), f"d{angle}") for grid in alone for run in runs(grid, lost)
-        )
-        fastest = np.max([np.abs(v).max(axis=0) for v in velocity], axis=0)
-        spans = [(getattr(g, angle).min(axis=0), getattr(g, angle).max(axis=0)) for g in grids]
-        travel = np.max([high for _, high in spans], axis=0) - np.min(
-            [low for low, _ in spans], axis=0
-        )
-        return np.where(
-            travel >= STILL, standing_speed(fastest, velocity_noise(self._smoother)), 0.0
-        )
+        fastest, low, high = [], [], []
+        for grid in grids:
+            position = getattr(grid, angle)
+            low.append(position.min(axis=0))
+            high.append(position.max(axis=0))
+            channels = {angle: position, f"d{angle}": getattr(grid, f"d{angle}")}
+            for run in runs(Grid(grid.t, grid.rate, **channels), lost):
+                velocity = getattr(self._smoother(run), f"d{angle}")
+                fastest.append(np.abs(velocity).max(axis=0))
+        travel = np.max(high, axis=0) - np.min(low, axis=0)
+        standing = standing_speed(np.max(fastest, axis=0), velocity_noise(self._smoother))
+        return np.where(travel >= STILL, standing, 0.0)
 
     def __call__(
         self, equations: BaseRegression | None = None, *, ends: bool = False, stuck: bool = False

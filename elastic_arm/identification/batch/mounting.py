@@ -18,6 +18,7 @@ from scipy.special import fdtrc
 from elastic_arm.arrays import Array
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.estimation.motion import Motion
+from elastic_arm.formatting import short_numbers
 from elastic_arm.identification.verdict import MotionStatistics
 from elastic_arm.recording.inspection.described_gravity import (
     LEFT,
@@ -65,10 +66,9 @@ class Mounting:
     @property
     def note(self) -> str:
         """What the reader should know of it."""
-        gravities = (
-            " ".join(f"{value:.3g}" for value in each) for each in (self.shown, self.described)
-        )
-        note = WORDS.format(*gravities, np.degrees(self.x), np.degrees(self.y))
+        shown = short_numbers(self.shown)
+        described = short_numbers(self.described)
+        note = WORDS.format(shown, described, np.degrees(self.x), np.degrees(self.y))
         overhead = angle_between(self.shown, self.described) >= OVERHEAD
         return f"{note}; slow torques of the wrong sign look the same" if overhead else note
 

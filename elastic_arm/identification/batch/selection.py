@@ -317,11 +317,12 @@ def standstill(sign_speed: float | Sequence[float], robot: Robot) -> str:
         robot.joint_names, np.broadcast_to(sign_speed, robot.n).tolist(), strict=True
     ):
         by_unit.setdefault(robot.units.at(name, "rad/s"), []).append(speed)
-    spans = [
-        (" to ".join(f"{v:g}" for v in dict.fromkeys((min(s), max(s)))), unit)
-        for unit, s in by_unit.items()
-    ]
-    return " and ".join(f"{span} {unit}" for span, unit in spans)
+    spans = []
+    for unit, speeds in by_unit.items():
+        low = f"{min(speeds):g}"
+        high = f"{max(speeds):g}"
+        spans.append(f"{low} {unit}" if low == high else f"{low} to {high} {unit}")
+    return " and ".join(spans)
 
 
 def turning_speed(errors: Array) -> float:

@@ -54,7 +54,8 @@ def interpolate(
     left = np.clip(np.searchsorted(stamps, wanted, side="right") - 1, 0, len(stamps) - 2)
     h = np.asarray((stamps[left + 1] - stamps[left]) * 1e-9, dtype=np.float64)[:, None]
     u = ((wanted - stamps[left]) * 1e-9)[:, None] / h
-    start, end = (Row(*(values[at] for values in points)) for at in (left, left + 1))
+    start = Row(*(values[left] for values in points))
+    end = Row(*(values[left + 1] for values in points))
     kind = np.minimum(degree[left], degree[left + 1])[:, None]
     c = _coefficients(start, end, h, kind)
     position = ((((c[5] * u + c[4]) * u + c[3]) * u + c[2]) * u + c[1]) * u + start.position

@@ -195,14 +195,14 @@ class Collector:
         ]
         faults = self.faults
         losses = self.losses
+        unreadable = sum(box.unreadable for box in self.inboxes.values())
+        overflowed = sum(box.overflowed for box in self.inboxes.values())
         counts = {
             f"messages do not name the joints {', '.join(self.joints)}": faults.foreign,
             "messages hold numbers that are not finite": faults.not_finite,
             "messages have other fields than those before": faults.changed,
-            "messages cannot be read": sum(box.unreadable for box in self.inboxes.values()),
-            "messages were dropped, as this node was busy": sum(
-                box.overflowed for box in self.inboxes.values()
-            ),
+            "messages cannot be read": unreadable,
+            "messages were dropped, as this node was busy": overflowed,
             "samples came too late": losses.late,
             "samples have no partner on the other topic": losses.unmatched,
         }

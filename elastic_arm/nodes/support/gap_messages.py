@@ -2,7 +2,7 @@
 joint."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from elastic_arm_msgs.msg import (
@@ -21,19 +21,19 @@ from elastic_arm.estimation.equations import SIDES
 
 def diagnosis_message(found: Mapping[str, Any]) -> GapDiagnosis:
     """Return the content of `diagnosis.json` as a message; its stamp is left to the caller."""
+    content = {**found, **found["recordings"]}
+    content["shrink_interval"] = found["shrink_interval"] or (None, None)
+    residuals = [_residual(found, joint, side) for joint in found["noise"] for side in SIDES]
+    unexplained = [_filled(GapPlace, place) for place in found["unexplained"]]
     return _filled(
         GapDiagnosis,
-        {
-            **found,
-            **found["recordings"],
-            "shrink_interval": found["shrink_interval"] or (None, None),
-        },
+        content,
         header=Header(),
-        residuals=[_residual(found, joint, side) for joint in found["noise"] for side in SIDES],
-        causes=[_cause(cause) for cause in found["causes"]],
-        unexplained=[_filled(GapPlace, place) for place in found["unexplained"]],
-        changes=[_change(change) for change in found["changes"]],
-        trust_probability=[_number(p) for p in found["trust"].values()],
+        residuals=residuals,
+        causes=list(map(_cause, found["causes"])),
+        unexplained=unexplained,
+        changes=list(map(_change, found["changes"])),
+        trust_probability=_numbers(found["trust"].values()),
     )
 
 
@@ -51,15 +51,13 @@ def _filled(kind: Any, content: Mapping[str, Any], **given: Any) -> Any:
     """Return a message of what is given, and of what the content has by the names of its other
     fields."""
     fields = kind.get_fields_and_field_types()
-    return kind(
-        **given,
-        **{name: _sent(content[name], fields[name]) for name in fields if name not in given},
-    )
+    sent = {name: _sent(content[name], fields[name]) for name in fields if name not in given}
+    return kind(**given, **sent)
 
 
 def _sent(value: Any, kind: str) -> Any:
     if "[" in kind or "<" in kind:
-        return [_number(one) for one in value] if "double" in kind else list(value)
+        return _numbers(value) if "double" in kind else list(value)
     if kind == "double":
         return _number(value)
     return "" if value is None else value
@@ -81,10 +79,10 @@ def _cause(cause: Mapping[str, Any]) -> GapCause:
 
 
 def _change(change: Mapping[str, Any]) -> GapChange:
-    by_recording = {
-        name: [one[name] for one in change["values"]] for name in ("recording", "value", "std")
-    }
-    return _filled(GapChange, {**change, **by_recording})
+    content = dict(change)
+    for name in ("recording", "value", "std"):
+        content[name] = [one[name] for one in change["values"]]
+    return _filled(GapChange, content)
 
 
 def _parameter(name: str, estimate: Mapping[str, Any], stated: Any = None) -> GapParameter:
@@ -92,17 +90,23 @@ def _parameter(name: str, estimate: Mapping[str, Any], stated: Any = None) -> Ga
     words = [part for part in value if isinstance(part, str)]
     if words:
         return GapParameter(name=name, words=words, unit=estimate["unit"])
-    std = std if len(std) == len(value) else [None] * len(value)
-    numbers = {"value": value, "std": std, "stated": [] if stated is None else _listed(stated)}
+    if len(std) != len(value):
+        std = [None] * len(value)
     return GapParameter(
         name=name,
         unit=estimate["unit"],
-        **{k: [_number(v) for v in vs] for k, vs in numbers.items()},
+        value=_numbers(value),
+        std=_numbers(std),
+        stated=[] if stated is None else _numbers(_listed(stated)),
     )
 
 
 def _listed(value: Any) -> list[Any]:
     return list(value) if isinstance(value, list | tuple) else [value]
+
+
+def _numbers(values: Iterable[float | None]) -> list[float]:
+    return [_number(value) for value in values]
 
 
 def _number(value: float | None) -> float:

@@ -117,11 +117,8 @@ def _together(parts: Sequence[Report]) -> Iterator[Finding]:
     """Yield what was found in parts of a bag, each in the first that has it; of the whole what all
     of them have."""
     seen = set[str]()
-    every = (
-        set[str].intersection(*({one.code for one in part.findings} for part in parts))
-        if parts
-        else set()
-    )
+    codes = [{one.code for one in part.findings} for part in parts]
+    every = set[str].intersection(*codes) if codes else set[str]()
     first = next((part.begin_ns for part in parts if part.begin_ns is not None), 0)
     for k, part in enumerate(parts):
         offset = ((part.begin_ns or first) - first) * 1e-9
@@ -247,9 +244,8 @@ def _check_names(content: Content, report: Report, joints: Sequence[str] | None)
             report.add(
                 "note" if joints is not None else "warning", "unknown_joint", message, topic=topic
             )
-        if len({piece.names for piece in series.pieces}) > len(
-            {frozenset(piece.names) for piece in series.pieces}
-        ):
+        orders = {piece.names for piece in series.pieces}
+        if len(orders) > len(set(map(frozenset, orders))):
             message = f"{topic} names its joints in several orders; they are matched by name"
             report.add("note", "joint_order", message, topic=topic)
         if not series.has("effort") and JOINT_TORQUES not in content.series:

@@ -28,7 +28,7 @@ from scipy.stats import t as student
 
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.effects.equations import ArmEquations
-from elastic_arm.formatting import rounded
+from elastic_arm.formatting import rounded, short_numbers
 from elastic_arm.recording.inspection.plausibility import is_motion
 from elastic_arm.recording.inspection.report import FEWEST, Finding, warning
 from elastic_arm.recording.recording import Recording
@@ -314,20 +314,20 @@ def _spread(model: Model) -> Array:
     """Return by how much masses, first moments and inertias may be off, (P,); stiffness and damping
     do not act here."""
     names = [parameter.name.rpartition(".") for parameter in model.parameters]
-    mass, inertia = ({owner: 0.0 for owner, *_ in names} for _ in range(2))
+    mass = {owner: 0.0 for owner, *_ in names}
+    inertia = dict(mass)
     for (owner, _, what), value in zip(names, model.Psi.tolist(), strict=True):
         mass[owner] += value if what == "m" else 0.0
         inertia[owner] += 0.5 * value if what in {"Ixx", "Iyy", "Izz"} else 0.0
-    of_all = [
-        float(np.mean([each[owner] for owner in mass if mass[owner]])) for each in (mass, inertia)
-    ]
+    heavy = [owner for owner in mass if mass[owner]]
+    mean_mass = float(np.mean([mass[owner] for owner in heavy]))
+    mean_inertia = float(np.mean([inertia[owner] for owner in heavy]))
     sizes = []
     for (owner, *_), parameter in zip(names, model.parameters, strict=True):
-        m = mass[owner] + of_all[0]
-        j = inertia[owner] + of_all[1]
-        sizes.append(
-            MASSES * {"kg": m, "kg m": np.sqrt(m * j), "kg m^2": j}.get(parameter.unit, 0.0)
-        )
+        m = mass[owner] + mean_mass
+        j = inertia[owner] + mean_inertia
+        by_unit = {"kg": m, "kg m": np.sqrt(m * j), "kg m^2": j}
+        sizes.append(MASSES * by_unit.get(parameter.unit, 0.0))
     return np.array(sizes)
 
 
@@ -566,9 +566,8 @@ def _likelihood(
             break
     if free is None:
         free = np.zeros(motion.torque.shape[1])
-        free[motion.measured] = [
-            _independent(r, r) for r in (r - c @ size for r, c in zip(rows, columns, strict=True))
-        ]
+        rests = [row - column @ size for row, column in zip(rows, columns, strict=True)]
+        free[motion.measured] = [_independent(rest, rest) for rest in rests]
         return _likelihood(motion, torque, arm, free, Y)[0], free
     right = weight @ rights
     likely = -0.5 * float(worth @ np.log(squares / count) + weight @ power - right @ spread @ right)
@@ -610,9 +609,9 @@ def _judged(fit: GravityFit, side: str, robot: Robot) -> list[Finding]:
     turned = angle_between(shown, robot.gravity)
     size = float(np.linalg.norm(shown) / np.linalg.norm(robot.gravity))
     if left < LEFT * straight and turned > TURNED and SIZE[0] < size < SIZE[1]:
-        numbers = (" ".join(f"{value:.3g}" for value in each) for each in (shown, robot.gravity))
-        message = "{} effort shows gravity of {} m/s², where the description has {}".format(
-            side, *numbers
+        message = (
+            f"{side} effort shows gravity of {short_numbers(shown)} m/s², where the description"
+            f" has {short_numbers(robot.gravity)}"
         )
         remedy = (
             "the arm is mounted otherwise (base in its arm file; identify and diagnose look for it"

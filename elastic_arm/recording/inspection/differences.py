@@ -37,26 +37,24 @@ class RecordingDifference:
 
     joints: tuple[str, ...]  # Names
     offset: float  # s to add to times of the real recording for those of the simulated one
-    aligned_by: (
-        str  # "reference", or the channel that was brought to cover where no reference was recorded
-    )
+    # "reference", or the channel that was brought to cover where no reference was recorded
+    aligned_by: str
     t: Array  # (N,) s of the real recording that both hold
     channels: tuple[ChannelDifference, ...]  # What both hold
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as plain data."""
         names = ("rms", "largest", "mean", "share", "lag")
+        channels: dict[str, dict[str, dict[str, float | None]]] = {}
+        for one in self.channels:
+            by_joint = channels.setdefault(one.channel, {})
+            for k, joint in enumerate(self.joints):
+                by_joint[joint] = {name: _number(getattr(one, name)[k]) for name in names}
         return {
             "offset_s": float(f"{self.offset:.6g}"),
             "aligned_by": self.aligned_by,
             "seconds": float(f"{np.ptp(self.t):.6g}"),
-            "channels": {
-                one.channel: {
-                    joint: {name: _number(getattr(one, name)[k]) for name in names}
-                    for k, joint in enumerate(self.joints)
-                }
-                for one in self.channels
-            },
+            "channels": channels,
         }
 
 
