@@ -36,8 +36,10 @@ class ModelParameter:
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """A frame that turns about one axis or slides along it: parent . before . R or T(axis,
-    coordinate) . after."""
+    """A frame on one axis: parent . before . R or T(axis, coordinate) . after.
+
+    It turns about the axis or slides along it.
+    """
 
     parent: int  # index of the parent frame, :data:`GROUND` for the base
     # before, after: (4, 4), constant placements on either side of the turn or the slide
@@ -69,8 +71,9 @@ class Body:
 
 @dataclass(frozen=True, eq=False)
 class Spin:
-    """A row of the gear matrix G: a solid turns by sum(ratio x coordinate) about `axis`, relative
-    to its frame.
+    """A row of the gear matrix G: a solid turns by sum(ratio x coordinate) about `axis`.
+
+    Its turn is relative to its frame.
 
     Carried by :data:`GROUND` it does not feel the arm's motion: its inertia enters B alone.
     """
@@ -140,8 +143,10 @@ class Bodies:
 
 
 def moved(parameters: np.ndarray, placement: np.ndarray) -> np.ndarray:
-    """Express inertial parameters (10, ...) of a body about the origin of the frame in which it has
-    `placement`."""
+    """Express inertial parameters (10, ...) of a body about the origin of another frame.
+
+    The body's own frame has `placement` there.
+    """
     rotation = placement[:3, :3]
     p = placement[:3, 3]
     columns = parameters.reshape(10, -1)

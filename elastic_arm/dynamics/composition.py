@@ -216,8 +216,7 @@ def _bearing(joint: Joint) -> Bearing:
 
 
 def on_link(joint: Joint, component: Component) -> np.ndarray:
-    """Placement, in the frame of the link a joint moves, of a component that turns with it at
-    ``O_{i-1}``."""
+    """Placement of a component at ``O_{i-1}`` in the frame of the link that a joint moves."""
     return snap(np.linalg.inv(joint.after) @ placed(position=component.position))
 
 

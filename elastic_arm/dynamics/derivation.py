@@ -70,8 +70,10 @@ def energy(bodies: Bodies) -> ca.Function:
 
 
 def terms(bodies: Bodies) -> ca.Function:
-    """(x, dx, Psi) -> M, S, B, c, c1, c2, g of (1); springs left out. With bearings the tilts count
-    as link side."""
+    """(x, dx, Psi) -> M, S, B, c, c1, c2, g of (1), without springs.
+
+    With bearings the tilts count as link side.
+    """
     s = Symbols(bodies)
     link = list(bodies.link_side)
     motor = list(bodies.motor_side)
@@ -101,8 +103,9 @@ DERIVATIONS: dict[str, Callable[[Bodies], ca.Function]] = {
 
 
 def solve(matrix: ca.SX, right: ca.SX) -> ca.SX:
-    """Solve a symmetric positive definite system by L D LT without square roots, as straight-line
-    code.
+    """Solve a symmetric positive definite system by L D LT without square roots.
+
+    The code has no branches.
 
     Rows are eliminated in the order of least fill (minimum degree), so structural zeros cost
     nothing.

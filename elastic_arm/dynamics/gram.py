@@ -88,8 +88,10 @@ class Information:
         self.samples = 0
 
     def grams(self) -> Pair:
-        """Return hi, lo (rows, P + 1, P + 1): the matrices are hi + lo, |lo| below a unit of hi; y
-        comes last."""
+        """Return hi, lo (rows, P + 1, P + 1): the matrices are hi + lo.
+
+        |lo| is below a unit of hi; y comes last.
+        """
         hi, lo = np.zeros((2, self.rows, self.columns + 1, self.columns + 1))
         row, i, j = self._places
         for target, packed in ((hi, self._hi), (lo, self._lo)):
@@ -131,8 +133,9 @@ def _triangle(size: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def gram(matrix: np.ndarray) -> Pair:
-    """Return hi, lo with hi + lo = AT A of `matrix` A (N, k), to more than 80 bits of the columns'
-    norms.
+    """Return hi, lo with hi + lo = AT A of `matrix` A (N, k).
+
+    To more than 80 bits of the columns' norms.
 
     Every column is cut into slices whose products sum without rounding, which ordinary matrix
     products then do (K. Ozaki, T. Ogita, S. Oishi, S. M. Rump, Error-free transformations of matrix

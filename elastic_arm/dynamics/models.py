@@ -78,8 +78,7 @@ class Model:
         self._kernels: dict[tuple[str, tuple[int, ...] | None], kernels.Kernel] = {}
 
     def at(self, Psi: np.ndarray) -> Model:
-        """Return the same model at other parameters (P,), which need not be those of physical
-        bodies."""
+        """Return the model at other parameters (P,), physical or not."""
         moved = copy(self)
         moved.Psi = np.asarray(Psi, dtype=float)
         return moved
@@ -117,8 +116,9 @@ class Model:
         columns: Columns | None = None,
         out: np.ndarray | None = None,
     ) -> np.ndarray:
-        """Phi of (10), (N, dof, P), or only its `columns`; written to `out`, if given, of that
-        shape.
+        """Phi of (10), (N, dof, P), or only its `columns`.
+
+        Written to `out`, if given, of that shape.
 
         x, dx, ddx: (N, dof) rad, rad/s and rad/s².
         """
@@ -173,8 +173,9 @@ class Model:
     def energy(
         self, x: np.ndarray, dx: np.ndarray, Psi: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Kinetic and potential energy, (N,) each, J; springs included, gravity counted from the
-        ground's origin.
+        """Kinetic and potential energy, (N,) each, J.
+
+        Springs are included; gravity counts from the ground's origin.
 
         x, dx: (N, dof) rad and rad/s; Psi: (P,) parameters; the description's when None.
         """
@@ -182,8 +183,9 @@ class Model:
         return kinetic[:, 0], potential[:, 0]
 
     def accumulator(self, columns: Columns | None = None, *, rounded: bool = False) -> Information:
-        """Empty sum of information matrices of Phi (or of its `columns`); feed it by ``add(x, dx,
-        ddx, y=y)``.
+        """Empty sum of information matrices of Phi (or of its `columns`).
+
+        Feed it by ``add(x, dx, ddx, y=y)``.
 
         `rounded` allows fixed point, which is faster; see
         :class:`~elastic_arm.dynamics.gram.Information`.
@@ -211,8 +213,7 @@ class Model:
         return total.grams()
 
     def function(self, name: str) -> casadi.Function:
-        """CasADi SX function of that name, to build on: see
-        :mod:`elastic_arm.dynamics.derivation`."""
+        """CasADi SX function of that name: see :mod:`elastic_arm.dynamics.derivation`."""
         if name not in self._functions:
             from elastic_arm.dynamics.derivation import DERIVATIONS
 

@@ -95,8 +95,10 @@ def inverse_dynamics(
 def spring_forces(
     bodies: Bodies, x: Sequence[Scalar], dx: Sequence[Scalar], Psi: Sequence[Scalar]
 ) -> list[Scalar]:
-    """K (q - theta) + D (dq - dtheta) on the link side of (1), the opposite on the motor side;
-    bearings likewise."""
+    """K (q - theta) + D (dq - dtheta) on the link side of (1).
+
+    The opposite acts on the motor side; bearings likewise.
+    """
     forces: list[Scalar] = [0.0] * bodies.dof
     for s in bodies.springs:
         d = x[s.coordinate]
@@ -114,8 +116,10 @@ def spring_forces(
 def energy(
     bodies: Bodies, x: Sequence[Scalar], dx: Sequence[Scalar], Psi: Sequence[Scalar], trig: Trig
 ) -> tuple[Scalar, Scalar]:
-    """Kinetic and potential energy; the latter counts springs, and gravity from the ground frame's
-    origin."""
+    """Kinetic and potential energy.
+
+    The latter counts springs, and gravity from the ground frame's origin.
+    """
     kinetic: Scalar = 0.0
     potential: Scalar = 0.0
     angular: list[Vec] = []
@@ -146,8 +150,10 @@ def energy(
 
 
 def frame_inertias(bodies: Bodies, Psi: Sequence[Scalar]) -> list[tuple[Scalar, Vec, Vec] | None]:
-    """Mass, first moment and tensor (xx xy xz yy yz zz) of all that rests in each frame, about its
-    origin."""
+    """Mass, first moment and tensor of all that rests in each frame.
+
+    About its origin; the tensor is xx xy xz yy yz zz.
+    """
     sums: list[Vec | None] = [None] * len(bodies.frames)
     for body in bodies.bodies:
         if body.frame == GROUND:

@@ -90,15 +90,19 @@ class Catalogue(Mapping[str, Effect]):
         return found
 
     def withholding(self, effect_id: str) -> Catalogue:
-        """Return the catalogue with an effect that no diagnosis names; what every arm has of it
-        stays ordinary."""
+        """Return the catalogue with an effect that no diagnosis names.
+
+        What every arm has of it stays ordinary.
+        """
         return Catalogue(
             [replace(e, searched=False) if e.id == effect_id else e for e in self.values()]
         )
 
     def find(self, effect_id: str) -> Effect:
-        """Return an effect by id; EffectError, with the ids that come close, where there is
-        none."""
+        """Return an effect by id.
+
+        An EffectError, with the ids that come close, where there is none.
+        """
         if effect_id in self:
             return self[effect_id]
         close = difflib.get_close_matches(effect_id, self, n=3, cutoff=0.5)
@@ -111,8 +115,7 @@ class Catalogue(Mapping[str, Effect]):
 
 
 def discover(folder: ModuleType = library) -> Catalogue:
-    """Return the `EFFECT`, or the `EFFECTS`, of every module of a package, the library, that has
-    one."""
+    """Return the `EFFECT` or the `EFFECTS` of every module of a package that has one."""
     modules = sorted(m.name for m in pkgutil.iter_modules(folder.__path__))
     return Catalogue(
         [e for m in modules for e in _held(importlib.import_module(f"{folder.__name__}.{m}"))]
@@ -210,8 +213,9 @@ EFFECTS = discover()
 def from_dict(
     entry: Mapping[str, Any], robot: Robot | None = None, catalogue: Catalogue | None = None
 ) -> EffectInstance:
-    """Read an effect as an arm file holds it: `{"effect": id, "joint": name or None, "parameters":
-    {…}}`.
+    """Read an effect as an arm file holds it.
+
+    `{"effect": id, "joint": name or None, "parameters": {…}}`
 
     The joint is checked where there is a robot. Raises an EffectError if it is no such entry, or
     makes no sense.

@@ -121,7 +121,9 @@ def _checked(effect: Effect, part: object) -> Contribution:
 
 
 def law_joints(instance: EffectInstance, robot: Robot) -> tuple[int, ...]:
-    """Return the joints for which a law is evaluated: once for the whole arm where it acts on all
-    at once."""
+    """Return the joints for which a law is evaluated.
+
+    Once for the whole arm where it acts on all joints at once.
+    """
     joints = instance.joint_indices(robot)
     return joints[:1] if instance.effect.scope is Scope.ARM else joints

@@ -66,8 +66,10 @@ class ArmEquations:
         return ca.vertcat(*inertias)
 
     def left_side(self, x: SX, dx: SX, ddx: SX, *, model: str | None = None) -> SX:
-        """Return the left side of (1) with K and D (dof, 1); of another variant with its nominal
-        numbers."""
+        """Return the left side of (1) with K and D (dof, 1).
+
+        That of another variant has its nominal numbers.
+        """
         if model is None:
             return _left_side(self.bodies, x, dx, ddx, _entries(self.Psi))
         bodies = compose(self.robot, model, bearings=self._bearings)
@@ -94,8 +96,10 @@ class ArmEquations:
         )
 
     def gravity_columns(self, x: SX) -> SX:
-        """Return the derivative of the left side of (1) by the gravity vector in the ground frame,
-        (dof, 3)."""
+        """Return the derivative of (1)'s left side by the gravity vector, (dof, 3).
+
+        The vector is in the ground frame.
+        """
         return self._gravity_columns(x, self.Psi)
 
     @cached_property
@@ -116,8 +120,7 @@ class ArmEquations:
     def moved_and_pulled(
         self, x: Array, dx: Array, ddx: Array, *, motors: bool
     ) -> tuple[Array, Array]:
-        """Return what the motion and what gravity take of each joint of the nominal arm, for arrays
-        of samples."""
+        """Return torques of motion and of gravity at the nominal arm, for samples."""
         # A few thousand samples once: the recursion runs over them, and nothing is derived for
         # them.
         still: list[Any] = [0.0] * self.dof

@@ -22,8 +22,10 @@ Numbers = Mapping[str, Any]  # parameters, choices and internal states of an eff
 
 
 def amount(name: str, unit: str, low: float, high: float, meaning: str, **more: Any) -> Parameter:
-    """Return a size that no arm has below zero, and at zero no effect; `more` as of
-    :class:`.Parameter`."""
+    """Return a size that no arm has below zero, without effect at zero.
+
+    `more` as of :class:`.Parameter`.
+    """
     return Parameter(name, unit, low, high, neutral=0.0, least=0.0, meaning=meaning, **more)
 
 

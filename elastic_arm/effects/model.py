@@ -50,8 +50,10 @@ class Scope(Enum):
 
 @dataclass(frozen=True)
 class Confusion:
-    """Another effect that a recording may not separate from this one: when, and which motion
-    would."""
+    """Another effect that a recording may not separate from this one.
+
+    When, and which motion would.
+    """
 
     effect: str
     when: str
@@ -211,8 +213,7 @@ class Effect:
         }[self.scope]
 
     def candidates(self, robot: Robot) -> Iterator[EffectInstance]:
-        """Return the effect at every place and in every choice, at no effect where it has such a
-        value.
+        """Return the effect at every place and choice, without effect where it can be.
 
         Parameters without a neutral value stand at their default, or in the middle of their
         plausible range.
@@ -253,8 +254,10 @@ class StructuralEffect(Effect):
 
 @dataclass(frozen=True)
 class ControllerEffect(Effect):
-    """An effect of what a drive's controller is; its law is written in commands, as of controllers
-    that are stated."""
+    """An effect of a drive's controller.
+
+    Its law is written in commands, and it is one of controllers that are stated.
+    """
 
     change: Callable[[JointController, Mapping[str, Any]], JointController] = field(kw_only=True)
 

@@ -28,8 +28,7 @@ SX = ca.SX
 
 @dataclass(frozen=True)
 class Contribution:
-    """What an effect adds to the three residuals of each joint, and how its internal states
-    move."""
+    """What an effect adds to each joint's three residuals, and how its states move."""
 
     # link, drive, motor: (n, 1) Nm, added to `tau_J - (model's link torque)`, `tau_J - K (theta -
     # q) - D (dtheta - dq)` and `tau_m - (model's motor torque) - tau_J`: positive where the arm
@@ -147,8 +146,9 @@ class SymbolicMotion:
         return self.theta + self.twist - self.q
 
     def deflection_under_load(self, i: int, law: Callable[[SX], SX]) -> SX:
-        """Return the deflection at which spring i and a law beside it, nearly a stiffness, carry
-        the load.
+        """Return the deflection at which spring i and a law beside it carry the load.
+
+        The law is nearly a stiffness.
 
         The stiffness itself is regressed on the predicted load. Beside it a column of the encoders'
         deflection would fit their noise, which the residual holds, too (errors in variables;
@@ -186,13 +186,11 @@ class SymbolicMotion:
         return self.equations.D
 
     def left_side(self, model: str) -> SX:
-        """Return the left side of (1) in a model variant of this arm, with its nominal numbers
-        (dof, 1)."""
+        """Return the left side of (1) in a variant of this arm, nominal, (dof, 1)."""
         return self.equations.left_side(self.x, self.dx, self.ddx, model=model)
 
     def carried_body(self, link: int, mass: SX, moment: SX, inertia: SX) -> SX:
-        """Return what a body fixed to link `link` (index) adds to the left side of (1), (dof,
-        1)."""
+        """Return what a body fixed to `link` (index) adds to (1)'s left side, (dof, 1)."""
         return self.equations.carried_body(link, mass, moment, inertia, self.x, self.dx, self.ddx)
 
     def velocity(self, side: str) -> SX:

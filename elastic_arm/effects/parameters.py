@@ -25,8 +25,7 @@ class Role(Enum):
 
 
 class Scale(Enum):
-    """How values of a parameter are spread over its range: at equal distances, or at equal
-    ratios."""
+    """Whether a parameter's values are at equal distances or at equal ratios."""
 
     LINEAR = "linear"
     LOG = "log"
@@ -128,8 +127,7 @@ class Parameter:
 
     @property
     def component_names(self) -> list[str]:
-        """Names of its components: its own, with the axis for a vector of three and a number for
-        another."""
+        """Names of its components: its own, with axis or number for a vector."""
         if self.size == 1:
             return [self.name]
         return [f"{self.name}_{'xyz'[k] if self.size == 3 else k}" for k in range(self.size)]
@@ -156,8 +154,10 @@ class Parameter:
         return (self.neutral or 0.0) + coefficient
 
     def checked(self, value: Any, of: str) -> float | tuple[float, ...]:
-        """Return `value` as a number, or a tuple of them for a vector; EffectError where it makes
-        no sense."""
+        """Return `value` as a number, or a tuple for a vector.
+
+        An EffectError where it makes no sense.
+        """
         numbers = tuple(value) if isinstance(value, list | tuple) else (value,)
         what = "a number" if self.size == 1 else f"{self.size} numbers"
         unit = f" in {self.unit}" if self.unit != "1" else ""
@@ -194,8 +194,10 @@ class Choice:
         self.checked(self.default, "the default")
 
     def checked(self, value: Any, of: str) -> str | tuple[str, ...]:
-        """Return the choice, a tuple where several may be made; EffectError where there is no such
-        choice."""
+        """Return the choice, a tuple where several may be made.
+
+        An EffectError where there is no such choice.
+        """
         chosen = (value,) if isinstance(value, str) else tuple(value)
         wrong = [v for v in chosen if v not in self.values]
         if wrong or not chosen or (len(chosen) > 1 and not self.several):

@@ -18,8 +18,10 @@ Made = TypeVar("Made")
 
 
 class Once:
-    """Keeps what regressors make of the motion alone: they are asked at many values of an effect's
-    parameters."""
+    """Keeps what regressors make of the motion alone.
+
+    They are evaluated at many values of an effect's parameters.
+    """
 
     def __init__(self) -> None:
         self._made: dict[str, Any] = {}

@@ -54,8 +54,9 @@ class _ParsedInstance:
 def parse(
     text: str, robot: Robot | None = None, catalogue: Catalogue | None = None
 ) -> EffectInstance:
-    """Read an effect on an arm, such as `payload:mass=5,position=0/0/0.1` or
-    `base_tilt:x=0.01,y=0`.
+    """Read an effect on an arm.
+
+    Such as `payload:mass=5,position=0/0/0.1` or `base_tilt:x=0.01,y=0`.
 
     Components of a vector are joined by `/`, several choices by `+`:
     `time_delay:channels=joint_torque+motor_torque`. The joint is checked where there is a robot.
@@ -87,8 +88,9 @@ def known_effects(
 def parse_laws(
     texts: Sequence[str], robot: Robot, catalogue: Catalogue | None = None
 ) -> list[EffectInstance]:
-    """Read effects whose linear parameters are to be identified; without a joint they sit on every
-    joint.
+    """Read effects whose linear parameters are to be identified.
+
+    Without a joint they are on every joint.
 
     Raises an EffectError or IdentificationError if there is no such effect, none of its parameters
     is linear, or a value is given for one that is.

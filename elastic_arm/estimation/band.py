@@ -51,13 +51,17 @@ class Band:
         return self.rate / self.step
 
     def at(self, rate: float) -> Self:
-        """Return the same band of a recording of another rate; clocks that run apart by a little
-        are one rate."""
+        """Return the same band of a recording of another rate.
+
+        Clocks whose rates differ by a little have one rate.
+        """
         return self if abs(rate / self.rate - 1.0) < ALIKE else type(self)(self.cutoff, rate)
 
     def apply(self, values: Array) -> Array:
-        """Filter and thin columns (N, k) -> (N', k), without the ends that would need samples from
-        outside."""
+        """Filter and thin columns (N, k) -> (N', k).
+
+        Ends that would need samples from outside are left out.
+        """
         length = len(self.taps)
         if len(values) < length:
             return np.empty((0, *values.shape[1:]))
@@ -121,16 +125,20 @@ class Band:
         return t[first :: self.step][: self._kept(len(t))]
 
     def reached(self, piece: slice) -> slice:
-        """Return the rows that :meth:`apply` gives which a piece of samples acts on; their end may
-        lie beyond all."""
+        """Return the rows of :meth:`apply` on which a piece of samples acts.
+
+        Their end may lie beyond all rows.
+        """
         length = len(self.taps)
         first = self._first
         start = -(-(piece.start - first - length + 1) // self.step)
         return slice(max(0, start), max(0, (piece.stop - 1 - first) // self.step + 1))
 
     def samples(self, rows: slice) -> slice:
-        """Return samples of which alone :meth:`apply` gives certain rows; their end may lie beyond
-        all."""
+        """Return the samples of which :meth:`apply` makes certain rows.
+
+        Their end may lie beyond all samples.
+        """
         return slice(
             rows.start * self.step, (rows.stop - 1) * self.step + self._first + len(self.taps)
         )
@@ -154,8 +162,7 @@ class Band:
 
 @dataclass(frozen=True)
 class LowPass:
-    """A zero-phase low pass without decimation, for looking at a narrower band of what a
-    :class:`Band` kept."""
+    """A zero-phase low pass without decimation, for a narrower part of a :class:`Band`."""
 
     cutoff: float  # upper edge, Hz; beyond twice as much nothing is left
     rate: float  # samples per second

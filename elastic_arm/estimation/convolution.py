@@ -31,8 +31,9 @@ MOST_THREADS = 2
 
 
 def convolve(signals: Sequence[Array], responses: Array, every: int = 1) -> Array:
-    """Convolve signals with responses and add up, keeping what needs no sample from outside
-    (overlap-save).
+    """Convolve signals with responses and add up (overlap-save).
+
+    Samples that would need others from outside are left out.
 
     Where one of `every` samples is kept, a signal is taken for so many, of every so-manieth sample
     each, and so is a response: transforms are shorter, and what is not kept is never made
@@ -113,8 +114,7 @@ class Harmonics:
         return len(self.ends)
 
     def coordinates(self, spectra: NDArray[np.complexfloating]) -> Array:
-        """Return the coordinates (..., 2 H) of signals with spectra (..., H), which are times
-        `scale` already."""
+        """Return the coordinates (..., 2 H) of spectra (..., H), times `scale` already."""
         own = np.ascontiguousarray(spectra).view(float)
         return np.asarray(own - ((own @ self.ends) * (1.0 - self.left)) @ self.ends.T)
 

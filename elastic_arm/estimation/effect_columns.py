@@ -95,8 +95,7 @@ class Feature:
 
     @cached_property
     def sensed(self) -> frozenset[str]:
-        """The channels in which a sensor's effect is seen: what it changes; none for an effect of
-        the arm.
+        """The channels that a sensor's effect changes; none for an effect of the arm.
 
         A link encoder is seen beside the motor encoder.
         """
@@ -109,8 +108,7 @@ class Feature:
 
     @property
     def read_torque(self) -> str | None:
-        """The torque channel to whose reading it adds at its joint, as a wrong zero does; None for
-        what does not."""
+        """The torque channel whose reading it shifts, as a wrong zero does, or None."""
         first = next((p.unit for p in self.effect.parameters if p.role is Role.LINEAR), None)
         added = self.joint is not None and first in READINGS
         return next(iter(self.sensed & {"tau_J", "tau_m"}), None) if added else None
@@ -156,8 +154,7 @@ class Feature:
 
     @property
     def bends(self) -> bool:
-        """Whether its columns are the effect to first order alone: its law is not linear in its
-        sizes."""
+        """Whether its law is not linear in its sizes, so that columns are of first order."""
         return (
             bool(self.linear)
             and self.phase is None
@@ -179,8 +176,10 @@ class Feature:
 
     @property
     def follows_load(self) -> bool:
-        """Whether its law takes the deflection that the load makes, of which the drive carries a
-        part by this law."""
+        """Whether its law takes the deflection under the load.
+
+        The drive carries a part of the load by this law.
+        """
         return self._compiled.follows_load
 
     def columns(
@@ -230,8 +229,10 @@ class Feature:
 
     @property
     def by_size(self) -> Feature:
-        """The feature whose columns are derivatives by the sizes: itself, or that of which it is
-        the whole."""
+        """The feature whose columns are derivatives by the sizes.
+
+        It is itself, or the feature of which it is the whole.
+        """
         return self
 
     def at(self, equations: ArmEquations) -> Feature:
@@ -277,8 +278,7 @@ class Whole(Feature):
 
 @dataclass(frozen=True, eq=False)
 class OwnRegressor(Whole):
-    """A whole effect by the regressor of its file: at each value of its parameters the size is
-    known."""
+    """A whole effect by the regressor of its file; at given parameters its size is known."""
 
     @cached_property
     def _regressor(self) -> Regressor:

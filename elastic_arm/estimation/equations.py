@@ -62,16 +62,16 @@ class Equation:
 
     @property
     def torque(self) -> str | None:
-        """Channel that it is an equation for; None where it holds no torque, or the difference of
-        both."""
+        """Channel that it is an equation for; None with no torque, or both."""
         held = np.array(self.combination) @ _TORQUE_COEFFICIENTS
         found = [name for name, coefficient in zip(TORQUES, held, strict=True) if coefficient]
         return found[0] if len(found) == 1 else None
 
     @property
     def lines(self) -> tuple[int, int, int]:
-        """Coefficients in it of the link's and the motor's line of (1), springs included, and of
-        the spring torque.
+        """Coefficients of the link's and motor's line of (1) and of the spring torque.
+
+        The lines include the springs.
 
         The lines hold the spring with opposite signs; the residuals hold the torque sensor in its
         place.
@@ -249,8 +249,7 @@ class EquationSet:
 
     @cached_property
     def apart(self) -> Array:
-        """Combinations (R, R) of the rows of which at most one of each joint holds its torque
-        sensor.
+        """Combinations (R, R) of rows, at most one a joint with its torque sensor.
 
         The last row that holds tau_J alone stays, and is taken off the others. How badly the noise
         of that sensor is known then spoils one row, not what the rows have in common.

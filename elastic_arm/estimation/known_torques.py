@@ -35,8 +35,10 @@ class ActingEffect:
     known: bool = True  # whether it acts in every set of terms that is compared
 
     def torques(self, signals: Signals) -> tuple[Array, Array, Array, Array]:
-        """Return what it adds to joint torque, motor torque, that of the spring, and beside the
-        read deflection, Nm."""
+        """Return what it adds to torques of joint, motor and spring, Nm.
+
+        The last entry is beside the deflection that is read.
+        """
         entries = self.feature.entries(signals, self.searched)
         link, drive, motor = np.split(entries.weighted(self.coefficients), 3, axis=1)
         return link, link + motor, link if self.feature.effect.twist else link - drive, drive
@@ -97,8 +99,7 @@ def known_torques(
 def loads_of(
     model: Model, acting: Sequence[ActingEffect], standstill: tuple[Array, Array]
 ) -> Loads | None:
-    """Return by what effects that act load the drives beside the model's own torques; None where
-    none does.
+    """Return the effects that load the drives beside the model's torques, or None.
 
     standstill: speeds (n,) below which velocities of links and motors have no sign, rad/s.
     """
@@ -144,8 +145,7 @@ def inertia_of(model: Model, poses: Array, acting: Sequence[ActingEffect]) -> Ar
 
 
 def wound_under(torque: Array, t: Array, model: Model) -> Array:
-    """Return the deflections (N, n) rad of springs and dampers that carry torques (N, n) Nm at
-    times t (N,) s.
+    """Return deflections (N, n) rad of drives under torques (N, n) Nm at times t (N,) s.
 
     The damper lets a deflection lag behind its torque by D / K. A law of the deflection that
     neglects it, as that of a nonlinear stiffness, would take a part of the damping with it.
@@ -162,8 +162,7 @@ def wound_under(torque: Array, t: Array, model: Model) -> Array:
 def true_load(
     model: Model, observation: Observation, known: KnownTorques, f: Array, noise: Array | None
 ) -> tuple[Array, Array]:
-    """Return the load (N, n) Nm of each joint, twice: with as little noise as both ways to know it
-    allow, and clear.
+    """Return each joint's load (N, n) Nm twice: with the least noise, and clear.
 
     The second one has only the frequencies at which it is far above its noise. That noise is in the
     residuals, too, where torque sensors with more of it do not show it: a law over the load that

@@ -79,14 +79,15 @@ class Motion:
         return frozenset(name for name in self.recorded if (name, joint) not in self.lacking)
 
     def follows_link_at(self, joint: int) -> bool:
-        """Whether a motor's motion has to be made of the link's, for an equation of its own beside
-        torque sensors."""
+        """Whether a motor's motion has to be made of the link's motion.
+
+        That is for an equation of its own beside torque sensors.
+        """
         return self.recorded_at(joint) == {"q", "tau_J", "tau_m"}
 
     @property
     def encoders(self) -> Array:
-        """Which encoders angles come from, (2 n, 2 n): from [link, motor] to [q, theta], as
-        :func:`completed` has them.
+        """Which encoders angles come from, (2 n, 2 n): [link, motor] to [q, theta].
 
         An angle that a joint lacks is made of its other one, with whose noise.
         """
@@ -115,8 +116,7 @@ class Motion:
 
 @dataclass(frozen=True)
 class CompletedMotion(Motion):
-    """Motion with every channel, as :func:`completed` makes it: of the same class, its fields typed
-    as present."""
+    """Motion with every channel, as :func:`completed` makes it."""
 
     q: Array
     dq: Array
@@ -129,8 +129,7 @@ class CompletedMotion(Motion):
     before: CompletedMotion | None = None
 
     def coordinates(self, rate: str = "", *, elastic: bool = True) -> Array:
-        """Return generalized coordinates [q, theta] (N, 2 n) or [q], or their `rate` "d" or
-        "dd"."""
+        """Return coordinates [q, theta] (N, 2 n) or [q], or their `rate` "d" or "dd"."""
         q = getattr(self, rate + "q")
         theta = getattr(self, rate + "theta")
         return np.hstack([q, theta]) if elastic else q
@@ -208,8 +207,9 @@ def completed(motion: Motion, model: Model, loads: Loads | None = None) -> Compl
 def with_filtered_deflection(
     motion: Motion, rate: float, f: Array, noise: Array, finer_motors: NDArray[np.bool_]
 ) -> Motion:
-    """Return motion with the coarser encoder of each joint made of the finer one and the
-    deflection, filtered.
+    """Return motion with less noise in the deflections.
+
+    The coarser encoder of each joint is made of the finer one and the filtered deflection.
 
     A deflection is little more than the steps of the encoders that it is the difference of. What a
     drive's laws are made of, first of all laws with a state, then follows the noise: loops of
@@ -242,8 +242,7 @@ def with_filtered_deflection(
 def wound_by_load(
     model: Model, motion: CompletedMotion, loads: Loads | None = None
 ) -> CompletedMotion:
-    """Return motion with the drives wound by the load of the model, instead of as the two encoders
-    read.
+    """Return motion whose deflections follow the model's load, not the two encoders.
 
     Where no joint torque is measured, the deflection stands in the residual itself, times the
     stiffness. Made of it, the columns of effects of the drive would hold the errors of both
@@ -276,8 +275,7 @@ def _deflection(model: Model, t: Array, load: Array, cutoff: float) -> tuple[Arr
 
 
 def drive_constants(model: Model) -> tuple[Array, Array]:
-    """Return K (n,) Nm/rad and D (n,) Nm s/rad of the model; nothing for an arm without
-    transmissions."""
+    """Return K (n,) Nm/rad and D (n,) Nm s/rad; zero without transmissions."""
     drives = [spring for spring in model.bodies.springs if spring.against is not None]
     if not drives:
         return np.zeros(model.n), np.zeros(model.n)
@@ -287,8 +285,7 @@ def drive_constants(model: Model) -> tuple[Array, Array]:
 
 
 def rates_of(t: Array, values: Array) -> Array:
-    """Return the time derivatives (N, …) of signals (N, …) at their own instants t (N,), by cubic
-    splines."""
+    """Return time derivatives (N, …) of signals (N, …) at their times t (N,), by cubic splines."""
     spline = scipy.interpolate.CubicSpline(t, values)
     # At an instant the derivative is a coefficient of the piece that begins there.
     return np.concatenate([spline.c[2], spline(t[-1:], 1)])

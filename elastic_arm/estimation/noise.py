@@ -146,8 +146,9 @@ def estimate_noise(position: Array, velocity: Array | None, rate: float) -> Side
 
 
 class Telegraph(NamedTuple):
-    """Noise of encoders that round an angle that nearly stands: the reading goes to and fro between
-    two steps.
+    """Noise of encoders that round an angle that nearly stands.
+
+    The reading goes to and fro between two steps.
 
     While an angle moves, rounding makes white noise, of power a. Where it stands, the noise is as
     strong, and slow: its spectrum is c / (f² + f0²), the integral of which is the white noise's
@@ -161,8 +162,9 @@ class Telegraph(NamedTuple):
 
     @staticmethod
     def of(position: Array, step: Array, side: SideNoise, rate: float) -> Telegraph:
-        """Return the noise of encoders; white where they are finer than their noise, or never
-        stand.
+        """Return the noise of encoders.
+
+        It is white where steps are finer than the noise, or where the angle never stands.
 
         position: (N, n) rad on a regular grid; step: (n,) rad, 0 where they are finer than their
         noise.
@@ -376,8 +378,7 @@ def encoder_steps(position: Array | None, noise: Array | None) -> Array:
 
 
 def noise_filter(values: Array, rate: float, f: Array, noise: Array) -> Callable[[Array], Array]:
-    """Return the filter without lag, (N,) -> (N,), that takes off a signal what is noise above its
-    own frequencies.
+    """Return a filter without lag, (N,) -> (N,), that removes noise above the signal.
 
     Each frequency is reduced to its share of signal, or to the largest share above it: what moves
     slowly, in a few lines, is not thinned out between them.

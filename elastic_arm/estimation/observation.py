@@ -129,8 +129,7 @@ class Observation:
     def corrected(
         self, lags: Mapping[str, Array], gains: Mapping[str, Array], robot: Robot | None = None
     ) -> Observation:
-        """Return it with late channels moved back to the time at which they were true, and torques
-        without gain.
+        """Return it with delays of channels and gains of torques removed.
 
         lags: channel ("link_encoder", "joint_torque", "motor_torque", "command") -> (n,) s; gains:
         "tau_J", "tau_m" -> (n,), recorded / true. Commands are moved to when the drives had them.
@@ -202,8 +201,10 @@ class Observation:
         return self._splines[key]
 
     def position_spectrum(self, side: str, f: Array) -> Array:
-        """Noise of the smoothed position of "link" or "motor" at f (F,) Hz: (F, n), 1 = white of 1
-        rad a sample."""
+        """Return the noise of smoothed positions of a side at f (F,) Hz: (F, n).
+
+        1 is white noise of 1 rad a sample; side: "link" or "motor".
+        """
         position, velocity, crossover = {
             "link": (self.noise.q, self.noise.dq, self.smoother.link_crossover),
             "motor": (self.noise.theta, self.noise.dtheta, self.smoother.motor_crossover),
@@ -224,8 +225,10 @@ class Observation:
         return gain * ((share * position) ** 2 + (rest * velocity) ** 2)
 
     def angle_spectra(self, f: Array) -> list[Array]:
-        """Noise of the angles of links and of motors, (F, n), by whichever encoder: see
-        :meth:`position_spectrum`."""
+        """Return the noise (F, n) of the angles of links and of motors.
+
+        It is that of the encoders that they come from: see :meth:`position_spectrum`.
+        """
         spectra = np.hstack([self.position_spectrum(side, f) for side in ("link", "motor")])
         return np.split(spectra @ self.pieces[0].encoders.T, 2, axis=1)
 
@@ -239,8 +242,7 @@ class Observation:
         return self.gain(f)[:, None] ** 2 * (np.zeros(n) if std is None else std**2)
 
     def impedance(self, f: Array, n: int) -> NDArray[np.complex128]:
-        """Return kp + s kd (F, n) of the controllers that made motor torques, by the angle that
-        they are made of.
+        """Return kp + s kd (F, n) of the controllers that made motor torques.
 
         The gains are those at present, but kd in its described ratio to kp: what a joint's friction
         makes of the noise of its angle is no part of the noise either, and kd would explain what
@@ -253,16 +255,17 @@ class Observation:
         return found * self.scale(n)
 
     def scale(self, n: int) -> Array:
-        """Return the present gains (n,) of controllers over the described ones, of the error of the
-        angle if any."""
+        """Return present gains over described gains (n,) of controllers.
+
+        Gains of the error of the angle are compared where there are such.
+        """
         found = np.ones(n)
         for i, controller in self.made_by.items():
             found[i] = _first_gain(self.driven_by[i]) / _first_gain(controller)
         return found
 
     def made(self, motion: Motion) -> dict[str, Array]:
-        """Return "kp" and "kd" of the controllers that made motor torques, and what else they make,
-        "fed", (N, n)."""
+        """Return "kp", "kd" and the other torque, "fed", of controllers, (N, n) each."""
         if motion.r is None or motion.tau_m is None:
             return {}
         kp, kd, fed = np.zeros((3, *motion.r.shape))
@@ -290,8 +293,10 @@ class Observation:
         return with_filtered_deflection(quiet, self.rate, f, noise, self._finer_motors)
 
     def quiet_link_spectrum(self, f: Array) -> Array:
-        """Noise of the quiet motion's link angles at f (F,) Hz: (F, n), that of the finer encoder
-        of a joint's two."""
+        """Return the noise (F, n) of the quiet motion's link angles at f (F,) Hz.
+
+        It is that of the finer of a joint's two encoders.
+        """
         link, motor = self.angle_spectra(f)
         return np.where(self._finer_motors, motor, link) * self.quiet_gain(f)[:, None] ** 2
 
@@ -525,8 +530,7 @@ def _notes(
 def continued(
     first: Observation, rest: Observation, offset: float
 ) -> tuple[Observation, Observation]:
-    """Return the parts of a recording that was cut in two as what they are: one motion that goes
-    on.
+    """Return the two parts of a recording as one motion that goes on.
 
     offset: s from the first sample of `first` to that of `rest`.
     """

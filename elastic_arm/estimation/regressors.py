@@ -82,8 +82,7 @@ class Signals(MotionSignals):
     def of_samples(
         motion: CompletedMotion, standstill: tuple[Array, Array], *, elastic: bool = True
     ) -> Signals:
-        """Take the signals from samples that need not follow one another: the rates of torques are
-        zero.
+        """Take the signals from samples in any order: rates of torques are zero.
 
         standstill: (n,) rad/s for link and motor side, below which a velocity has no sign; elastic:
         whether the arm has transmissions; x is then [q, theta], otherwise [q].
@@ -93,15 +92,19 @@ class Signals(MotionSignals):
 
     @cached_property
     def arrays(self) -> list[Array]:
-        """The arguments in the order of :data:`INPUTS`; without friction and command where none was
-        given."""
+        """The arguments in the order of :data:`INPUTS`.
+
+        Friction and command are left out where they were not given.
+        """
         none = np.zeros_like(self.values["tau_J"])
         return [self.values.get(name, none) for name in INPUTS]
 
     @cached_property
     def between(self) -> Array:
-        """The arguments side by side (N', …) in the middle of each step, from where the motion is
-        known."""
+        """The arguments side by side (N', …) in the middle of each step.
+
+        They begin where the motion is known.
+        """
         stacked = np.hstack(self.arrays)
         if self.before is not None:
             stacked = np.vstack([np.hstack(self.before.arrays), stacked])
@@ -109,8 +112,7 @@ class Signals(MotionSignals):
         return stacked
 
     def wound_by(self, deflection: Array) -> Signals:
-        """Return the signals with deflections (N, n) rad of springs under the load, which laws may
-        take."""
+        """Return the signals with deflections (N, n) rad of springs under the load."""
         return replace(
             self, values={**self.values, "wound": deflection, "loaded": np.ones((len(self.t), 1))}
         )
@@ -128,8 +130,10 @@ class Signals(MotionSignals):
         )
 
     def curved(self, k: int) -> Signals:
-        """Return the signals with L sin(k pi t / L), L the length of the recording, in the place of
-        the time t."""
+        """Return the signals with L sin(k pi t / L) instead of t.
+
+        L is the length of the recording.
+        """
         share = self.values["progress"] + 0.5
         # t / share is L, and sin(k pi share) / share finite where both vanish.
         return replace(
@@ -278,8 +282,10 @@ class CompiledColumns:
         self._compile(columns, symbols, argument, state, engine)
 
     def at(self, equations: ArmEquations) -> CompiledColumns | None:
-        """Return them for the same arm with other numbers; None where these stand in what was
-        compiled."""
+        """Return them for the same arm with other numbers.
+
+        None where the numbers are constants of the compiled code.
+        """
         left_out = self._equations.nominal == 0.0
         if self._moved_states or equations.nominal[left_out].any():
             return None

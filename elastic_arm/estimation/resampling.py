@@ -108,8 +108,7 @@ class Clock:
 
     @staticmethod
     def of(samples: Samples, source: str = "the recording") -> Clock:
-        """Find the rate, and the mode by the evidence in the recording where `samples.clock` does
-        not give it.
+        """Find the rate, and the mode of the clock unless `samples.clock` gives it.
 
         Raises an IdentificationError if there are too few samples, time does not advance, or no arm
         is recorded at such a rate.
@@ -175,8 +174,10 @@ class Placing:
         self._begin()
 
     def add(self, samples: Samples | None, last: bool = False) -> Iterator[Segment]:
-        """Take later samples; yield the points that they complete, all of them when there will be
-        no others."""
+        """Take later samples and yield the points that they complete.
+
+        The last samples complete all points.
+        """
         held = [each for each in (self._kept, samples) if each is not None]
         if not held:
             return
@@ -257,8 +258,10 @@ class Placing:
 
 
 def read_at(t: Array, read: Array | None) -> NDArray[np.intp]:
-    """Return which of regular times t (N,) are those at which torques were read; all where none are
-    given."""
+    """Return which of the times t (N,) are those at which torques were read.
+
+    All where none are given.
+    """
     if read is None:
         return np.arange(len(t))
     k = np.rint((read - t[0]) / (t[1] - t[0])).astype(np.intp)
@@ -266,8 +269,9 @@ def read_at(t: Array, read: Array | None) -> NDArray[np.intp]:
 
 
 def interpolate(known: Array, values: Array, wanted: Array, step: float) -> Array:
-    """Interpolate columns (N, n), known at increasing times, by the polynomial through the six
-    nearest points.
+    """Interpolate columns (N, n) by the polynomial through the six nearest points.
+
+    The times are increasing.
 
     Across a hole it is that of least squares through more on either side, the more are missing:
     noise does not grow.
@@ -374,9 +378,10 @@ def _roughness(position: Array) -> float:
 
 
 def extended(grid: Grid, count: int) -> Grid:
-    """Continue a stretch at both ends by its mirror image, through the point for angles, so that
-    smoothing keeps its length: internal states need the motion from the first sample on. The rows
-    made of it are dropped.
+    """Continue a stretch at both ends by its mirror image, so that smoothing keeps its length.
+
+    Angles are mirrored at the point, not at the line. Internal states need the motion from the
+    first sample on. The rows made of it are dropped.
 
     Raises an IdentificationError if the stretch is shorter than that.
     """

@@ -62,8 +62,7 @@ def raw_residuals(model: Model, motion: CompletedMotion) -> Array:
 
 
 def armatures(model: Model) -> Array:
-    """Return the armatures (n,) kg m² of an arm without transmissions; zero where its description
-    states none."""
+    """Return the armatures (n,) kg m² of an arm without transmissions; zero if not stated."""
     found = np.zeros(model.n)
     for spin in model.bodies.spins:
         found[spin.gears[0][0]] += model.Psi[spin.parameter]
@@ -71,8 +70,7 @@ def armatures(model: Model) -> Array:
 
 
 def predicted_torques(model: Model, motion: CompletedMotion) -> tuple[Array, Array]:
-    """Return the joint torque and the motor torque (N, n) that the model predicts for a motion,
-    Nm."""
+    """Return the joint and motor torques (N, n) Nm that the model predicts."""
     n = model.n
     raw = raw_residuals(model, motion)
     load = motion.tau_J - raw[:, :n]
@@ -93,8 +91,7 @@ class Stretch:
     read: NDArray[np.intp] | None = None
 
     def in_band(self, values: Array) -> Array:
-        """Return columns (N, k) at the recording's rate in the band, known when torques were, (N',
-        k)."""
+        """Return columns (N, k) in the band, (N', k), where torques were known."""
         if self.read is not None and values.shape[1]:
             values = CubicSpline(self.read, values[self.read])(np.arange(len(values)))
         return np.asarray(self.band.apply(values)[self.kept])
@@ -266,8 +263,7 @@ class FreeTorques:
         return out
 
     def shares(self, count: int, rows: int, band: Band) -> Array:
-        """Return the share (N', R) of the power of noise in the band that is left of so many
-        rows."""
+        """Return the share (N', R) of noise power in the band that is left."""
         left = np.ones((count, rows))
         for free in self.found:
             # Of a basis in the band; the band holds fewer independent values than there are
@@ -285,8 +281,9 @@ class FreeTorques:
 
 
 def standing_speed(fastest: Array | float, noise: Array | float) -> Array:
-    """Return the speed (n,) rad/s below which joints stand, by the fastest that they turn and their
-    velocity's noise.
+    """Return the speed (n,) rad/s below which joints stand.
+
+    It follows from their fastest speed and the noise of the velocity.
 
     `noise` is a standard deviation. Where the sign of a velocity is not known, that of the dry
     friction is not.

@@ -52,8 +52,10 @@ def in_parts(recording: Recording, least: int = 2) -> list[Recording]:
 
 
 def of_one_rate(recording: Recording, lasting: float) -> list[Recording]:
-    """Return the parts of a recording between changes of its rate, so many s or more: each has
-    noise of its own."""
+    """Return the parts of a recording between changes of its rate.
+
+    Parts shorter than so many s are left out. Each has noise of its own.
+    """
     samples = recording.samples()
     found = rates_of(samples.t, lasting)
     if len(found) < 2:
@@ -178,8 +180,10 @@ class MostTelling:
         return [self._segments[k] for k in sorted(kept)]
 
     def recording(self) -> Recording:
-        """Return what was taken, as one recording with holes; its notes say how much of it that
-        is."""
+        """Return what was taken as one recording with holes.
+
+        Its notes state how much of the whole it is.
+        """
         assert self._first is not None and self._last is not None
         if not self._segments:
             return self._first  # without motion, as whoever asks for it will say

@@ -124,8 +124,10 @@ class Smoother:
         )
 
     def filter(self, values: Array, every: int = 1) -> Array:
-        """Pass columns (N, m) through H, and keep one of `every` samples; `lag` samples are lost at
-        each end."""
+        """Filter columns (N, m) with H and keep one of `every` samples.
+
+        `lag` samples are lost at each end.
+        """
         self._require(len(values))
         response = _even_taps(self.cutoff / self.rate, self.lag)[None, None]
         out = np.zeros((-(-(len(values) - 2 * self.lag) // every), values.shape[1]))
@@ -149,8 +151,10 @@ class Smoother:
         return self.thinned(np.tanh(CubicSpline(t, velocity)(fine) / standstill), FINER)
 
     def thinned(self, values: Array, finer: int) -> Array:
-        """Pass values (N, m) at `finer` times the rate through H, and keep one of `finer`; the ends
-        are continued."""
+        """Filter values (N, m) of `finer` times the rate and keep one of `finer`.
+
+        The ends are continued.
+        """
         lag = self.lag * finer
         taps = _even_taps(self.cutoff / (self.rate * finer), lag)
         return oaconvolve(

@@ -90,8 +90,10 @@ class NoiseModel:
         return np.asarray(self.measure - np.linalg.slogdet(self.covariance)[1])
 
     def autocovariance(self, band: Band) -> Array:
-        """Return that of the rows (lags, R), Nm², at the band's kept rate; beyond the band as at
-        its edge."""
+        """Return that of the rows (lags, R), Nm², at the band's kept rate.
+
+        Beyond the band it is as at its edge.
+        """
         power = np.real(np.einsum("frr->fr", self.covariance))
         edge = int(np.searchsorted(self.f, band.cutoff))
         power[edge:] = power[edge - 1]
@@ -105,8 +107,10 @@ class NoiseModel:
         return np.sqrt(trapezoid(density, self.f, axis=0) * 2.0 / self.rate)
 
     def whitener(self, f: NDArray[Any]) -> NDArray[np.complex128]:
-        """Return W (F', R, R) with W covariance W^H = 1 at f (F',) Hz within the band; worked out
-        once for each f."""
+        """Return W (F', R, R) with W covariance W^H = 1 at f (F',) Hz.
+
+        The frequencies are within the band. The result for each f is kept.
+        """
         key = f.tobytes()
         if key not in self._whiteners:
             covariance = self.covariance[
@@ -119,8 +123,10 @@ class NoiseModel:
         return self._whiteners[key]
 
     def whitening_gains(self, count: int, band: Band) -> CircularGains:
-        """Return what :func:`filtered_circularly` whitens so many rows of a band with; worked out
-        once."""
+        """Return the gains by which :func:`filtered_circularly` whitens rows.
+
+        They are kept.
+        """
         if count not in self._gains:
             f = np.fft.rfftfreq(count, 1 / band.kept_rate)
             self._gains[count] = circular_gains(
@@ -229,8 +235,7 @@ def _inertias(
 
 @dataclass(frozen=True)
 class Part:
-    """One stretch with what is needed to make columns for it, and the number of its recording among
-    the data's.
+    """One stretch, what makes columns for it, and the number of its recording.
 
     The shares are what each effect that acts adds to tau_J and tau_m, (N, n) Nm.
     """
@@ -243,8 +248,7 @@ class Part:
     shares: tuple[tuple[Array, Array], ...] = ()
 
     def gain(self, feature: Feature) -> float:
-        """Return by what the torque was divided to whose reading an effect adds; 1 for any other
-        effect."""
+        """Return the gain of the torque channel to which an effect adds; otherwise 1."""
         channel = feature.read_torque
         if channel is None or channel not in self.gains:
             return 1.0
@@ -344,16 +348,17 @@ class WhitenedData:
         self.white = self.whiten([y[:, :, None] for y in self.y])[:, 0]
 
     def weighted(self, columns: Sequence[Array], *, in_place: bool = False) -> list[Array]:
-        """Return columns (N', R, …) of all stretches without torques that no law states, perhaps in
-        the same."""
+        """Return columns (N', R, …) without torques that no law states.
+
+        The result may be written into the same arrays.
+        """
         return [
             free.remove(values, in_place=in_place)
             for values, free in zip(columns, self._free, strict=True)
         ]
 
     def shares(self) -> list[Array]:
-        """Return which share of the noise's power is left (N', R) of each stretch without those
-        torques."""
+        """Return the share (N', R) of noise power that is left of each stretch."""
         each = zip(self.parts, self._free, self.y, strict=True)
         return [free.shares(len(y), y.shape[1], part.stretch.band) for part, free, y in each]
 
@@ -388,8 +393,7 @@ class WhitenedData:
         return starting_state(self.y[k], columns, size)
 
     def in_band(self, part: Part, columns: Array | Entries) -> Array:
-        """Carry columns (N, 3 n, k) at the recording's rate over to the usable equations in the
-        band, (N', R, k)."""
+        """Filter columns (N, 3 n, k) to the usable equations in the band, (N', R, k)."""
         entries = columns if isinstance(columns, Entries) else Entries.of(columns)
         # Fewer samples first: filter and combination commute.
         thin = Entries(
@@ -398,8 +402,9 @@ class WhitenedData:
         return self.layout.combine(thin.dense())
 
     def whiten(self, columns: Sequence[Array]) -> Array:
-        """Whiten columns (N', R, k) of all stretches: (rows, k), all rows of the first residual
-        first, slow ones first.
+        """Whiten columns (N', R, k) of all stretches into rows (rows, k).
+
+        All rows of the first residual come first, slow ones first.
 
         Rows are harmonics. Equations are made independent in their order: null before the first in
         which it shows.
@@ -432,8 +437,10 @@ class WhitenedData:
 
     @property
     def density(self) -> float:
-        """Ln of the density of the recorded values over that of the whitened rows: it depends on
-        the linearisation."""
+        """Ln of the density of the recorded values over that of the rows.
+
+        It depends on the linearisation.
+        """
         found = 0.0
         for part, own in zip(self.parts, self.harmonics, strict=True):
             f = frequencies(own, part.stretch.band.kept_rate)

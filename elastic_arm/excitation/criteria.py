@@ -95,8 +95,9 @@ class BaseRegressor:
 
 
 def distinct_columns(W: Array) -> NDArray[np.intp]:
-    """Return the largest set of columns of W (rows, B) that can be distinguished: sorted indices,
-    (at most B,).
+    """Return the largest set of columns of W (rows, B) that can be distinguished.
+
+    Sorted indices, (at most B,).
 
     A base column is one that *some* state separates from the others. Where that takes link and
     motor accelerations that differ by much, no motion of a stiff arm does.

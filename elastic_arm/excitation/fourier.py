@@ -29,8 +29,10 @@ _CURVATURE = _STEP.deriv(2)
 
 @dataclass(frozen=True, eq=False)
 class FourierTrajectory:
-    """A periodic motion of n joints that starts and stops smoothly; an ExcitationError if the
-    numbers make none."""
+    """A periodic motion of n joints that starts and stops smoothly.
+
+    An ExcitationError if the numbers make none.
+    """
 
     omega: float  # base frequency, rad/s
     # a, b: (n, H) Velocity amplitudes of the sines' and cosines' harmonics 1 to H, rad/s
@@ -82,8 +84,10 @@ class FourierTrajectory:
         ramp: float,
         joints: Any = (),
     ) -> Self:
-        """Make a trajectory that holds `periods` whole periods of `period` seconds between its
-        ramps."""
+        """Make a trajectory of whole periods of `period` seconds between its ramps.
+
+        There are `periods` of them.
+        """
         require(period > 0.0, f"period is {period:g} s", "Give a time above zero")
         require(periods > 0.0, f"{periods:g} periods are asked for", "Ask for at least one")
         return cls(
@@ -111,8 +115,9 @@ class FourierTrajectory:
         return self.ramp, self.duration - self.ramp
 
     def evaluate(self, t: Array) -> tuple[Array, Array, Array]:
-        """Return q, dq, ddq, each (N, n), at times t (N,); at rest at either end outside [0,
-        duration].
+        """Return q, dq, ddq, each (N, n), at times t (N,).
+
+        It is at rest outside [0, duration].
 
         Units are rad, rad/s and rad/s^2.
         """
@@ -122,13 +127,14 @@ class FourierTrajectory:
         return self.q0 + w * p, dw * p + w * dp, ddw * p + 2.0 * dw * dp + w * ddp
 
     def samples(self, count: int) -> Array:
-        """Return `count` times (count,) evenly over one period of the periodic section, its end
-        left out."""
+        """Return `count` times (count,) evenly over one period.
+
+        The end of the period is left out.
+        """
         return self.ramp + self.period * np.arange(count) / count
 
     def scaled(self, factor: Array | float) -> Self:
-        """Return the same motion about q0 with amplitudes times `factor`, one number or one a
-        joint."""
+        """Return the motion about q0 with amplitudes times `factor`, () or (n,)."""
         column = np.broadcast_to(factor, (self.n,))[:, None]
         return replace(self, a=self.a * column, b=self.b * column)
 

@@ -51,8 +51,10 @@ FEWEST_SAMPLES = 200
 
 @dataclass(frozen=True, eq=False)
 class MotionLimits:
-    """Limits of all joints, (n,) each, and of the workspace; see :data:`DEFAULTS` and
-    :data:`LINEAR_DEFAULTS`."""
+    """Limits of all joints, (n,) each, and of the workspace.
+
+    See :data:`DEFAULTS` and :data:`LINEAR_DEFAULTS`.
+    """
 
     joints: tuple[str, ...]  # their names
     # position_min, position_max, velocity, acceleration, torque: rad, rad/s, rad/s^2, Nm, of
@@ -90,8 +92,10 @@ class MotionLimits:
         workspace: Workspace | None = None,
         margin: float = MARGIN,
     ) -> MotionLimits:
-        """Take the limits of `robot`, defaults where it states none, lowered to the given ones (all
-        joints alike)."""
+        """Take the limits of `robot`, lowered to the given ones.
+
+        Defaults where it states none; the given ones are for all joints alike.
+        """
         values: dict[str, Array] = {}
         assumed: list[str] = []
         for name in DEFAULTS:
@@ -145,8 +149,7 @@ class MotionLimits:
         return 0.5 * (self.position_max - self.position_min)
 
     def fitted(self, trajectory: FourierTrajectory, share: float = 1.0) -> FourierTrajectory:
-        """Return the motion with joints that exceed `share` of a kinematic limit turned down to
-        it."""
+        """Return the motion with joints turned down to `share` of their kinematic limits."""
         q, dq, ddq = trajectory.evaluate(limit_times(trajectory))
         swing = q - trajectory.q0
         below = share * self.half_range + trajectory.q0 - self.centre
@@ -206,8 +209,10 @@ class LimitUse:
 
     @property
     def excess(self) -> Array:
-        """Violation of each limit (6,), not above 0 where it is kept: four shares, and two
-        clearances in m."""
+        """Violation of each limit (6,), at most 0 where it is kept.
+
+        Four shares, and two clearances in m.
+        """
         shares = [float(getattr(self, kind).max()) - 1.0 for kind in self.kinds]
         gaps = [-1.0 if np.isinf(gap) else self.margin - gap for gap in (self.floor, self.links)]
         return np.array(shares + gaps)
@@ -255,8 +260,10 @@ class LimitUse:
         return None if unlimited else float(getattr(self, kind)[joint])
 
     def gaps(self) -> list[tuple[str, float]]:
-        """Return the smallest gaps, m, by what is met there; nothing where there is nothing to
-        meet."""
+        """Return the smallest gaps, m, by what is met there.
+
+        Nothing where there is nothing to meet.
+        """
         return [
             (name, gap)
             for name, gap in (("the floor", self.floor), ("another link", self.links))
@@ -265,8 +272,10 @@ class LimitUse:
 
 
 def limit_times(trajectory: FourierTrajectory) -> Array:
-    """Return times at which a motion's peaks are found: ramps and one period, which stands for the
-    rest."""
+    """Return times at which a motion's peaks are found.
+
+    They are those of the ramps and of one period.
+    """
     span = min(trajectory.duration, trajectory.period + 2.0 * trajectory.ramp)
     per_period = max(FEWEST_SAMPLES, SAMPLES_PER_WAVE * trajectory.harmonics)
     t = np.linspace(0.0, span, int(np.ceil(per_period * span / trajectory.period)) + 1)
@@ -275,8 +284,7 @@ def limit_times(trajectory: FourierTrajectory) -> Array:
 
 
 def generalized(model: Model, values: Array) -> Array:
-    """Return joint values (N, n) as generalized coordinates (N, dof): theta = q, bearings not
-    tilted."""
+    """Return joint values (N, n) as coordinates (N, dof): theta = q, no tilt of bearings."""
     x = np.zeros((len(values), model.dof))
     for k in range(2 if model.robot.elastic else 1):
         x[:, k * model.n : (k + 1) * model.n] = values
@@ -284,8 +292,10 @@ def generalized(model: Model, values: Array) -> Array:
 
 
 def rigid_torque(model: Model, q: Array, dq: Array, ddq: Array) -> Array:
-    """Return the torque (N, n) that moves the arm with stiff drives: both rows of (1) together,
-    Nm."""
+    """Return the torque (N, n) Nm that moves the arm with stiff drives.
+
+    It is both rows of (1) together.
+    """
     rows = model.inverse_dynamics(*(generalized(model, values) for values in (q, dq, ddq)))
     return rows[:, : model.n] + (rows[:, model.n : 2 * model.n] if model.robot.elastic else 0.0)
 

@@ -31,8 +31,10 @@ TELLING = 10
 
 @dataclass(frozen=True)
 class Shape:
-    """What kind of motion is sought: harmonics, period and ramp in s, and periods between the
-    ramps."""
+    """What kind of motion is sought.
+
+    Harmonics, period and ramp in s, and periods between the ramps.
+    """
 
     harmonics: int = 5
     period: float = 10.0
@@ -69,8 +71,9 @@ def random_trajectories(
     rng: np.random.Generator,
     shape: Shape | None = None,
 ) -> list[FourierTrajectory]:
-    """Return `count` random motions within the limits: coefficients uniform, turned down to the
-    limits.
+    """Return `count` random motions within the limits.
+
+    Coefficients are uniform and turned down to the limits.
 
     Raises an ExcitationError if one of them finds no place within the limits.
     """
@@ -87,8 +90,10 @@ def random_trajectories(
 
 
 def liveliest(motions: Sequence[FourierTrajectory], count: int) -> list[FourierTrajectory]:
-    """Return the motions whose slowest joint gets fastest, the best last: where a joint rests,
-    nothing shows of it."""
+    """Return the motions whose slowest joint gets fastest, the best last.
+
+    Where a joint rests, nothing shows of it.
+    """
 
     def slowest(motion: FourierTrajectory) -> float:
         return float(
@@ -137,8 +142,10 @@ class Problem:
         return self._limits.fitted(motion, SHARE)
 
     def random(self, rng: np.random.Generator) -> Array:
-        """Draw a motion; turn it down, then move it elsewhere, until torque and workspace are
-        kept."""
+        """Draw a motion that keeps torque and workspace.
+
+        It is turned down, then moved elsewhere, until it does.
+        """
         best = np.zeros(self.size)
         least = np.inf
         for u in self._places(rng):
@@ -176,8 +183,7 @@ class Problem:
         return self._limits.use(self.trajectory(u), self._model).excess[3:]
 
     def refer_to(self, points: Sequence[Array]) -> tuple[int, ...]:
-        """Take the scale of the columns from these ordinary motions; return the columns they cannot
-        distinguish."""
+        """Take the columns' scale from ordinary motions; return indistinct columns."""
         motions = [self._regressor(self.trajectory(u)) for u in points]
         distinct = distinct_columns(np.concatenate(motions[:TELLING]))
         self._scale = np.median([np.linalg.norm(W[:, distinct], axis=0) for W in motions], axis=0)

@@ -97,8 +97,7 @@ def optimise(
     random: int = 50,
     progress: Progress | None = None,
 ) -> ExcitationResult:
-    """Find a motion within limits that determines the base parameters of `model`, its base
-    `columns`, well.
+    """Find a motion within limits that determines the base `columns` of `model` well.
 
     The same state of `rng` gives the same motion. `noise` (dof,) is the standard deviation of each
     equation's error, Nm, all alike when None; `evaluations` the budget of the search beside the

@@ -18,8 +18,10 @@ REMEDY = "Give a file in a folder you may write to"
 def write_csv(
     path: Path, trajectory: FourierTrajectory, joints: Sequence[str], rate: float
 ) -> None:
-    """Write time, positions, velocities and accelerations of every joint, `rate` rows a second; or
-    an episode."""
+    """Write time, positions, velocities and accelerations, `rate` rows a second.
+
+    Or an episode.
+    """
     if path.suffix.lower() == ".parquet":
         _write_episode(path, trajectory, rate)
         return
@@ -33,8 +35,7 @@ def write_csv(
 def write_goal(
     path: Path, trajectory: FourierTrajectory, joints: Sequence[str], rate: float
 ) -> None:
-    """Write a goal of control_msgs/action/FollowJointTrajectory, `rate` points a second with all
-    derivatives."""
+    """Write a FollowJointTrajectory goal, `rate` points a second with all derivatives."""
     t, *values = _sampled(trajectory, rate)
     stamps = [divmod(round(1e9 * at), 10**9) for at in t]
     points = [

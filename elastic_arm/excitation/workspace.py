@@ -56,8 +56,9 @@ class Workspace:
         return cls(robot, radius, floor, heights, pairs[~touching])
 
     def clearance(self, q: Array) -> tuple[Array, Array]:
-        """Return the smallest gap to the floor and between links, (N,) each, m; negative where they
-        overlap.
+        """Return the smallest gaps to the floor and between links, (N,) each, m.
+
+        Negative where they overlap.
 
         Infinite where there is nothing to touch.
         """

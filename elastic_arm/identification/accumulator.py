@@ -43,8 +43,7 @@ class Accumulator:
         self._waiting: list[Motion] = []
 
     def expect(self, samples: int) -> None:
-        """Begin with blocks as long as those that at least so many samples end with: fewer steps to
-        these.
+        """Begin with blocks for so many samples at least, which takes fewer steps.
 
         Short ones begin half as long, so that noise is taken from as many samples as in a stream.
         Blocks that were begun stay as they are.
@@ -153,8 +152,7 @@ def _unit(motion: Motion) -> int:
 
 
 def closes(fit: Fit, blocks: Blocks) -> bool:
-    """Whether the equations close so well that samples with a trace of foreign motion would make
-    them worse."""
+    """Whether foreign motion in a sample would be larger than what the equations leave."""
     square = np.sum([hi[:, -1, -1] for hi, _ in blocks.grams], axis=0) / max(blocks.samples, 1)
     torque = np.sqrt(np.maximum(square, 0.0))  # next to none, rounding may leave less than nothing
     carries = torque > 0.0

@@ -131,8 +131,7 @@ class BaseRegression:
         )
 
     def rows(self, motion: Motion) -> Array:
-        """Return regressor columns of the base parameters and, last, the measured side: (groups, N,
-        B + 1).
+        """Return base columns of the regressor and the measured side, (groups, N, B + 1).
 
         Rows that hold the friction of a joint that sticks are zero.
         """
@@ -147,8 +146,7 @@ class BaseRegression:
         return rows
 
     def counted(self, motion: Motion) -> Array:
-        """Return how many rows of each group, (groups,), do not hold the friction of a joint that
-        sticks."""
+        """Return how many rows of each group, (groups,), have no joint that sticks."""
         counts = np.full(len(self.groups), float(len(motion)))
         for k, stuck in self._stuck(motion):
             counts[k] -= np.count_nonzero(stuck)
@@ -163,8 +161,10 @@ class BaseRegression:
                     yield k, motion.stuck[:, joint]
 
     def information(self, motion: Motion) -> Pair:
-        """Return [Phi y]'[Phi y] of all groups, hi and lo (groups, B + 1, B + 1), in twice the
-        working precision."""
+        """Return [Phi y]'[Phi y] of all groups as hi + lo, (groups, B + 1, B + 1) each.
+
+        Together they have twice the working precision.
+        """
         # Equations that no line of the model stands for alone: sums of both, one line measured
         # twice, or a part of one.
         sums = self.summed or ("whole" in self.sides and (self.elastic or "joint" in self.sides))
@@ -230,8 +230,7 @@ class BaseRegression:
 
     @cached_property
     def drive_columns(self) -> list[tuple[int, int]]:
-        """The places of K and D among the base columns of each joint whose deflection is
-        measured."""
+        """The base columns of K and D of joints whose deflection is measured."""
         place = {self.names[c]: k for k, c in enumerate(self.base.columns.tolist())}
         joints = [self.model.robot.joint_names[j] for j in self.wound]
         if lost := [
@@ -244,8 +243,7 @@ class BaseRegression:
         return [(place[f"{joint}.K"], place[f"{joint}.D"]) for joint in joints]
 
     def predict(self, motion: Motion, Psi_base: Array) -> dict[str, Array]:
-        """Return the right sides of all equations, side -> (N, n) Nm, for base parameters
-        `Psi_base`.
+        """Return right sides of all equations, side -> (N, n) Nm, for `Psi_base`.
 
         Zero where they hold the friction of a joint that sticks.
         """
@@ -263,8 +261,10 @@ class BaseRegression:
         return {side: rows[k * self.n : (k + 1) * self.n].T for k, side in enumerate(self.sides)}
 
     def by_joint(self, values: Array) -> dict[str, dict[str, float]]:
-        """Return numbers (groups,) as equation -> joint -> number, without equations that a joint
-        lacks."""
+        """Return numbers (groups,) as equation -> joint -> number.
+
+        Equations that a joint lacks are left out.
+        """
         found: dict[str, dict[str, float]] = {side: {} for side in self.sides}
         for (side, joint), value, live in zip(
             self.groups, values.tolist(), self.equations.live, strict=True
@@ -297,8 +297,10 @@ class BaseRegression:
         return values.T
 
     def laws(self, motion: Motion) -> Array:
-        """Return the columns of the laws beyond the model, (N, 3 n, k) for link, drive and motor
-        residuals."""
+        """Return columns (N, 3 n, k) of the laws beyond the model.
+
+        They are those of link, drive and motor residuals.
+        """
         return self._stacked(self._both_sides(motion), self.columns)
 
     def _stacked(self, motion: Motion, columns: Sequence[Column]) -> Array:

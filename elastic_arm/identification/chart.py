@@ -29,8 +29,7 @@ _UNIT = [float(i == j) for i, j in PAIRS]  # coordinates of the unit matrix: of 
 
 @dataclass
 class Chart:
-    """Parameters near the nominal: Psi = Psi0 + G (x - x0), x dimensionless and x = x0 at the
-    nominal."""
+    """Parameters near the nominal: Psi = Psi0 + G (x - x0), x without unit."""
 
     Psi0: Array
     columns: list[Array] = field(default_factory=list)  # of G
@@ -83,8 +82,10 @@ class Chart:
         self.positive += [(first, 1.0), (first + 1, 2.0), (first + 2, 1.0)]
 
     def add_number(self, k: int, nominal: float, law: Column | None, *, physical: bool) -> None:
-        """Add parameter k: relative to its nominal value or to what is ordinary of it, if either is
-        stated."""
+        """Add parameter k, relative to its nominal or its ordinary value.
+
+        It stays as it is where neither is stated.
+        """
         place = len(self.start)
         relative = physical and nominal > 0
         # Where masses have to be positive, the zeros of sensors have more to take up than is
@@ -113,8 +114,7 @@ class Chart:
 
 
 def chart_of(equations: BaseRegression) -> Chart:
-    """Put parameters into coordinates in which the nominal is x0 and every step of size one is as
-    bold."""
+    """Return coordinates in which the nominal is x0 and unit steps are equally bold."""
     names = equations.names
     nominal = equations.nominal
     robot = equations.model.robot
@@ -139,8 +139,7 @@ def chart_of(equations: BaseRegression) -> Chart:
 
 
 def folded(robot: Robot, equations: BaseRegression, body: Body) -> Array:
-    """Return what the nominal body's ten parameters have beyond the link: the folded spline of
-    mod1, else nothing."""
+    """Return what the nominal body has beyond the link: the spline of mod1, else nothing."""
     link = next(j.link for j in robot.joints if j.link_name == body.name)
     own = inertial_parameters(link)
     return equations.nominal[list(body.parameters)] - own

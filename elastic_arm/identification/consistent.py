@@ -64,8 +64,9 @@ class Consistent:
 def consistent(
     fit: Fit, equations: BaseRegression, correlated: float = 1.0, trust: float | None = None
 ) -> Consistent:
-    """Find the physically consistent parameters that fit best, close to the nominal where the data
-    determine nothing.
+    """Find the physically consistent parameters that fit best.
+
+    They stay close to the nominal where the data determine nothing.
 
     Raises an IdentificationError if the solver fails.
     """
@@ -82,8 +83,10 @@ def consistent(
 
 
 def description_covariance(equations: BaseRegression) -> Array:
-    """Return the covariance (P, P) of all parameters for a description with relative errors of one;
-    laws have none."""
+    """Return the covariance (P, P) of a description with relative errors of one.
+
+    Laws have none.
+    """
     chart = chart_of(equations)
     variance = chart.variances()
     variance[chart.free + chart.held] = 0.0
@@ -115,8 +118,7 @@ def with_consistency(
     correlated: float = 1.0,
     described: Collection[str] = (),
 ) -> Identification:
-    """Add all parameters, physically consistent, and the arm that has them; where there are
-    such."""
+    """Add all parameters, physically consistent, and the arm that has them, if any."""
     equations = identifier.equations
     try:
         found = consistent(identifier.fit(), equations, correlated, trust)

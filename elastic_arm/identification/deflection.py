@@ -53,8 +53,10 @@ class Deflections:
         self.nominal = equations.described
 
     def transform(self, Psi: Array, fixed: Mapping[int, float], groups: int) -> Array:
-        """Return (groups, B + 1, B + 1) from the rows [Phi y] to those of the problem linearised at
-        `Psi`."""
+        """Return the map from rows [Phi y] to the problem linearised at `Psi`.
+
+        It is (groups, B + 1, B + 1).
+        """
         width = len(Psi) + 1
         found = np.broadcast_to(np.eye(width), (groups, width, width)).copy()
         for row, k in zip(self.rows, self.stiffness, strict=True):
@@ -73,8 +75,7 @@ class Deflections:
         return found
 
     def stepped(self, Psi: Array, solved: Array) -> Array:
-        """Return the next point: 1 / K, in which the rows are linear, goes where the linear problem
-        sends it."""
+        """Return the next point; in 1 / K, in which rows are linear, it is exact."""
         new = solved.copy()
         K = Psi[self.stiffness]
         softening = np.clip(2.0 - solved[self.stiffness] / K, 1.0 / LONGEST_STEP, LONGEST_STEP)
@@ -82,8 +83,7 @@ class Deflections:
         return new
 
     def unknown(self, found: Fit) -> list[int]:
-        """Return the places of springs that the recording does not determine, or that no spring can
-        have."""
+        """Return the springs that are not determined, or that no spring can have."""
         places = [*self.stiffness.tolist(), *self.damping.tolist()]
         Psi = found.Psi
         std = found.std
@@ -158,8 +158,7 @@ def zeros(motions: Sequence[Motion], model: Model) -> tuple[Array, Array]:
 
 
 def shifts(found: tuple[Array, Array], first: tuple[Array, Array]) -> Array:
-    """Return what to add to the link angles (n,) rad so that their zeros are those of the first
-    recording."""
+    """Return what to add to link angles (n,) rad to have the first recording's zeros."""
     apart = found[0] - first[0]
     certain = np.abs(apart) > np.maximum(CERTAIN * np.hypot(found[1], first[1]), SMALLEST)
     return np.where(certain, apart, 0.0)

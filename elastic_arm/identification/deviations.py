@@ -86,8 +86,9 @@ def scattered(
 
 
 def resembling(scores: Array) -> int:
-    """Return over how many neighbours the scores of blocks (blocks, k) resemble each other, 1 where
-    they do not.
+    """Return over how many neighbours scores of blocks (blocks, k) resemble each other.
+
+    1 where they do not.
 
     Andrews' bandwidth of Bartlett's window for what follows its neighbour by one and the same
     share.
@@ -117,8 +118,9 @@ def _unit_errors(k: int, known: Array | None) -> tuple[Array, Array]:
 
 
 def shrunk(scores: Array) -> tuple[Array, float, float]:
-    """Return the covariance (k, k) of a sum of scores (blocks, k), a multiple of the unit matrix,
-    and that one's share.
+    """Return a shrunk covariance (k, k) of a sum of scores (blocks, k), and the share.
+
+    It is drawn to a multiple of the unit matrix by that share.
 
     Ledoit and Wolf's estimate: the mixture of the two that is closest to the true covariance on the
     average.
@@ -132,8 +134,7 @@ def shrunk(scores: Array) -> tuple[Array, float, float]:
 
 
 def widening(squares: Array, own: float = 1.0) -> Array:
-    """Return the matrix (k, k) by which whitened errors are widened for the few blocks that
-    determine them.
+    """Return the matrix (k, k) that widens whitened errors because blocks are few.
 
     Satterthwaite's degrees of freedom along each eigenvector: the number of blocks where they share
     alike, fewer where some determine it alone; one is lost to the estimate itself. `squares` (k, k)
@@ -173,8 +174,7 @@ def largest_terms(r: Array, Psi: Array) -> Array:
 
 
 def inflation(robust: Array, white: Array) -> float:
-    """Return how many times larger variances are than those of white errors, in the median of what
-    is determined."""
+    """Return the median ratio of variances to those of white errors."""
     by_scatter = np.diag(robust)
     by_noise = np.diag(white)
     known = np.isfinite(by_scatter) & np.isfinite(by_noise) & (by_noise > 0)

@@ -32,8 +32,7 @@ WHITE_SHARE = 0.14
 
 
 def noise_sums(equations: BaseRegression, motion: Motion, every: int, first: int) -> Array | None:
-    """Return what the noise of `motion` adds on the average to [Phi y]'[Phi y] of all groups,
-    (groups, B + 1, B + 1).
+    """Return what noise adds on average to [Phi y]'[Phi y], (groups, B + 1, B + 1).
 
     None where the motion is taken for exact. To second order E[G(x + e)] - G(x) = 1/2 sum_jk C_jk
     d²G / dx_j dx_k, with G = [Phi y]'[Phi y]; with directions v that make up C, 1/2 sum_v d²G/dv².
@@ -127,8 +126,10 @@ def correction_share(whole: Array, noise: Array) -> float:
 def covariance_left(
     noise: Array, whole: Array, Psi: Array, described: Array, samples: int
 ) -> Array:
-    """Return what is not known of the noise, as a covariance (B + 1, B + 1) of the sums' right
-    side."""
+    """Return the covariance (B + 1, B + 1) of what is not known of the noise.
+
+    It is of the sums' right side.
+    """
     total = noise.sum(axis=0)
     level = noise @ np.append(-Psi, 1.0) / np.sqrt(WHITE_SHARE * samples)
     likely = np.where(np.abs(described) > np.abs(Psi), described, Psi)

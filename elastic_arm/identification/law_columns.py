@@ -63,8 +63,7 @@ def law_columns(
 
 
 def place_of(instance: EffectInstance, robot: Robot) -> str:
-    """Return what the names of an effect's parameters begin with, such as
-    "coulomb_friction:joint_2"."""
+    """Return how parameters of an effect begin, such as "coulomb_friction:joint_2"."""
     return _place(instance.effect.id, instance.joint, robot)
 
 
@@ -79,8 +78,7 @@ def with_stated(
     motored: bool,
     catalogue: Catalogue | None = None,
 ) -> tuple[EffectInstance, ...]:
-    """Return laws that the description states, such as the friction of a simulator's joints, then
-    the user's own."""
+    """Return the laws of the description, such as friction, then the user's own."""
     own = {(instance.effect.id, instance.joint) for instance in effects}
     stated = [
         instance
@@ -96,8 +94,9 @@ def with_stated(
 def on_recorded_side(
     effects: Sequence[EffectInstance], robot: Robot, *, motored: bool
 ) -> tuple[tuple[EffectInstance, ...], list[str]]:
-    """Return laws that a rigid arm's joint torque sensors feel in the place of those of motors that
-    nobody recorded.
+    """Return laws on the side whose torques were recorded.
+
+    A rigid arm's joint torque sensors feel those of motors that nobody recorded.
 
     An arm that is taken for rigid has one side: its description does not tell whether a gear's
     friction acts before the sensor or behind it.
@@ -170,7 +169,9 @@ class _LawColumns:
 
 
 def joint_of_law(name: str) -> str | None:
-    """Return the joint of a law's parameter, such as "coulomb_friction:joint_2.torque"; None for
-    other names."""
+    """Return the joint of a law's parameter; None for other names.
+
+    Such a name is "coulomb_friction:joint_2.torque".
+    """
     law, _, rest = name.partition(":")
     return rest.rpartition(".")[0] if rest and law != "link_encoder" else None

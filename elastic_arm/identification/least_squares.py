@@ -79,8 +79,10 @@ class Blocks:
         return self.span - self._units
 
     def add(self, gram: Pair, count: int, units: int = 1, known_noise: Array | None = None) -> None:
-        """Add the sums of the next `count` samples, which are `units` units, at most
-        :attr:`room`."""
+        """Add the sums of the next `count` samples, which are `units` units.
+
+        There are at most :attr:`room`.
+        """
         noise = np.zeros_like(gram[0]) if known_noise is None else known_noise
         if self._units:
             self.grams[-1] = add(self.grams[-1], gram)

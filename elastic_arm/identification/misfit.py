@@ -33,8 +33,10 @@ COUNTED = 1000
 def poor_fits(
     equations: BaseRegression, motion: Motion, Psi_base: Array, noise: Mapping[str, Array]
 ) -> list[str]:
-    """Return in words which joints' torques the fit leaves unexplained, by `noise`, channel -> (n,)
-    Nm."""
+    """Return in words which joints' torques the fit leaves unexplained.
+
+    `noise`: channel -> (n,) Nm.
+    """
     measured = equations.measured(motion)
     predicted = equations.predict(motion, Psi_base)
     found = []
@@ -79,8 +81,7 @@ def poor_fits(
 def resonance(
     equations: BaseRegression, motion: Motion, Psi_base: Array, side: str, joint: int
 ) -> float | None:
-    """Return the frequency, Hz, at which a joint answers its torque most, None where no peak stands
-    out."""
+    """Return the frequency, Hz, at which a joint answers its torque most, or None."""
     still = {}
     acceleration = None
     for name in ("ddq", "ddtheta"):

@@ -18,8 +18,10 @@ MOST_PERIODS = 10  # beyond which a motion is not repeated: another one is bette
 def judged(
     model: Model, trajectory: FourierTrajectory, periods: int | None = None
 ) -> tuple[int, Excitation]:
-    """Judge a motion that is repeated so many times; where None, as many as make it good, if some
-    do."""
+    """Judge a motion that is repeated so many times.
+
+    None: as many times as make it good, if some do.
+    """
     count = round(RATE * trajectory.period)
     n = model.n
     states = elastic_motion(model, trajectory, count)

@@ -46,8 +46,9 @@ def prior_of(
     laws: Array | None = None,
     correlated: float = 1.0,
 ) -> Prior:
-    """Return the description as a prior of relative error `width`; laws beyond the model are free
-    up to a size.
+    """Return the description as a prior of relative error `width`.
+
+    Laws beyond the model are free up to a size.
 
     `error`, by which the description is off as far as is known, counts in the deviations where it
     exceeds `width`. Variances are `correlated` times those of white errors, for which the data's
@@ -66,8 +67,7 @@ def prior_of(
 
 
 def law_sizes(blocks: Blocks, equations: BaseRegression) -> Array:
-    """Return the standard deviations (B,) of priors of the laws beyond the model; NaN for the
-    others.
+    """Return the priors' standard deviations (B,) of laws; NaN for other parameters.
 
     That of a law is what is ordinary of it, where that is stated, else the size at which it makes
     all the torque of its joint. A joint that never reverses shows friction and the zero of its
@@ -114,8 +114,7 @@ def _description_errors(equations: BaseRegression) -> tuple[NDArray[np.intp], Ar
 
 
 def description_error(fit: Fit, equations: BaseRegression, doubt: float = 0.0) -> float:
-    """Return the relative error of the description that the parameters which the data do determine
-    speak for.
+    """Return the relative error of the description by the parameters that data determine.
 
     The width of the prior in `fit`'s estimate less the description, by maximum likelihood
     (empirical Bayes; B. Efron, Large-Scale Inference, 2010, 1), parameter by parameter. The width
@@ -139,8 +138,10 @@ def description_error(fit: Fit, equations: BaseRegression, doubt: float = 0.0) -
 def chosen_width(
     blocks: Blocks, fit: Fit, equations: BaseRegression, correlated: float = 1.0
 ) -> float | None:
-    """Return the width of the prior that cross-validation prefers; None where none predicts clearly
-    better."""
+    """Return the prior's width that cross-validation prefers.
+
+    None where none predicts clearly better.
+    """
     if len(blocks.grams) < 2 * FOLDS:
         return None
     laws = law_sizes(blocks, equations)
@@ -203,7 +204,6 @@ def solved(gram: Array, prior: Prior | None) -> Array:
 
 
 def described_width(width: float, judge: str) -> str:
-    """Return in words that the description served as a prior, and what chose how far it is
-    trusted."""
+    """Return in words how far the description is trusted as a prior, and why."""
     prior = f"a prior of {100 * width:.2g} % of it"
     return f"regularised towards the description, with {prior}: {judge} are predicted best so"

@@ -65,8 +65,7 @@ class Estimate:
 
     @property
     def is_friction(self) -> bool:
-        """Whether it is of a law that was identified too, as friction is, and not of the model's
-        own bodies."""
+        """Whether it belongs to a law, as friction does, and not to the bodies."""
         return ":" in self.name
 
 
@@ -155,8 +154,10 @@ class Identification(Result):
         return replace(self, **changes)
 
     def tables(self) -> dict[str, Sequence[Row]]:
-        """Return "parameters", and "residuals": root mean squares, of the fit and on data that no
-        fit has seen."""
+        """Return "parameters" and "residuals".
+
+        Residuals are root mean squares, of the fit and on data that no fit has seen.
+        """
         parameters = [{"short": e.short, **asdict(e)} for e in self.estimates]
         sizes = {"fit": {"identified": self.noise}, **(self.validation or {})}
         residuals = [
@@ -173,8 +174,7 @@ class Identification(Result):
         return [(e.name, e.unit, e.value, e.std, e.nominal, e.verdict) for e in self.estimates]
 
     def summary(self) -> list[str]:
-        """Return what was found as sentences: what is known, and how right the identified arm is on
-        other motions."""
+        """Return in sentences what is known, and how well other motions are predicted."""
         words = [e.verdict for e in self.estimates]
         counts = f"{words.count('poorly')} poorly, {words.count('not')} not at all"
         found = [f"{words.count('well')} of {len(words)} parameters are well determined, {counts}."]
@@ -243,8 +243,10 @@ class Identification(Result):
 
 @dataclass(frozen=True)
 class Comparison:
-    """A base parameter beside the truth of a simulated arm; `z` is the error in standard
-    deviations."""
+    """A base parameter beside the truth of a simulated arm.
+
+    `z` is the error in standard deviations.
+    """
 
     name: str
     unit: str
@@ -255,8 +257,9 @@ class Comparison:
 
 
 def compare(identification: Identification, true_robot: Robot) -> list[Comparison]:
-    """Compare an identification with the arm that was simulated; only code that scores may know
-    that.
+    """Compare an identification with the arm that was simulated.
+
+    Only code that scores may know that arm.
 
     Raises an IdentificationError if the true arm is not made of the same bodies.
     """
@@ -278,8 +281,9 @@ def compare(identification: Identification, true_robot: Robot) -> list[Compariso
 
 
 def chi_square(identification: Identification, true: Array) -> float:
-    """Return the size of all errors together, their correlations included; chi-squared with B
-    degrees of freedom.
+    """Return the chi-squared of all errors, with their correlations.
+
+    It has B degrees of freedom.
 
     true: (B,) values of the base parameters; only code that scores may know them.
     """

@@ -126,8 +126,7 @@ class IncomingRun:
         return kept
 
     def first_in_motion(self, wait: bool) -> Samples | None:
-        """Return the samples from which clock and smoother are chosen; None where there are
-        none."""
+        """Return the samples that choose clock and smoother, or None."""
         if self.buffer is None:
             return None
         onset = _onset(self.buffer)
@@ -219,8 +218,10 @@ class Identifier:
         )
 
     def pause(self) -> None:
-        """Ignore samples until :meth:`resume`. Those from which no smoother could be chosen yet are
-        given up."""
+        """Ignore samples until :meth:`resume`.
+
+        Samples from which no smoother could be chosen yet are given up.
+        """
         self.paused = True
         self._end_piece(wait=True)
 
@@ -318,8 +319,10 @@ class Identifier:
         return fit(blocks, MISFIT_POWER if self.equations.rigid else 1.0, prior=prior)
 
     def linear_blocks(self, found: Fit | None = None) -> Blocks:
-        """Return the sums of rows that are linear in the base parameters, at the estimate where
-        they are not."""
+        """Return sums of rows that are linear in the base parameters.
+
+        Rows that are not are linearised at the estimate.
+        """
         blocks = self._ready().snapshot()
         if not self.equations.summed:
             return blocks
@@ -335,8 +338,10 @@ class Identifier:
         methods: tuple[str, ...] = (),
         found: Fit | None = None,
     ) -> Identification:
-        """Return the estimate with its standard deviations and verdicts; see :meth:`fit` for
-        errors."""
+        """Return the estimate with standard deviations and verdicts.
+
+        See :meth:`fit` for errors.
+        """
         found = found or self.fit()
         return result_of(
             found, self.equations, self.excitation(), self.progress.samples, recordings, methods

@@ -96,8 +96,9 @@ class HeldOut:
     def errors(
         self, Psi_base: Array, *, averages: bool = False
     ) -> dict[str, dict[str, dict[str, float]]]:
-        """Return recording -> equation -> joint -> rms, Nm, of base parameters; that of averages is
-        what judges an arm.
+        """Return recording -> equation -> joint -> rms, Nm, of base parameters.
+
+        An arm is judged by that of averages.
 
         Noise in accelerations is weighed by the inertias that predict, so that of two arms the one
         with less inertia would seem to be better by the rows themselves.
@@ -138,8 +139,10 @@ class HeldOut:
         return float(np.mean(ratios))
 
     def chance(self, covariance: Array) -> float:
-        """Return the mean log ratio of errors to those of a right description that one fit in a
-        hundred exceeds."""
+        """Return the mean log ratio that one right fit in a hundred exceeds.
+
+        It is of errors to those of a right description.
+        """
         expected = {}
         for source, R in self._averages.items():
             regressor = R[:, :, :-1]
@@ -152,8 +155,7 @@ class HeldOut:
         return float(np.mean(ratios))
 
     def worse(self, Psi_base: Array) -> list[str]:
-        """Return the joints that some recording shows to be predicted clearly worse than by the
-        description."""
+        """Return joints that some recording shows to be clearly worse than described."""
         return list(dict.fromkeys(one.joint for one in self.compared(Psi_base) if one.worse))
 
 
@@ -165,8 +167,10 @@ def validated(
     held_out: HeldOut,
     correlated: float = 1.0,
 ) -> Identification:
-    """Add the errors on held-out recordings; what they refute is pulled to the description until it
-    is no worse."""
+    """Add errors on held-out recordings.
+
+    A fit that they refute is pulled to the description until it is no worse.
+    """
     # Otherwise each prior takes a search of its own: too long for a single joint.
     linear = not held_out.equations.summed
     if held_out.ratio(result.Psi_base) > EQUAL or (linear and held_out.worse(result.Psi_base)):

@@ -62,8 +62,7 @@ class Excitation:
 
 @dataclass
 class MotionStatistics:
-    """Running sums over a motion, from which its typical frequency and its number of independent
-    samples follow."""
+    """Running sums of a motion: typical frequency and independent samples."""
 
     samples: int = 0
     seconds: float = 0.0
@@ -89,8 +88,7 @@ class MotionStatistics:
 
     @property
     def frequency(self) -> float:
-        """Typical frequency of the motion, Hz: of the joint that is quickest to and fro of those
-        that move."""
+        """Typical frequency of the motion, Hz, of the quickest joint that moves."""
         if not self.samples or not np.any(self.speed):
             return 0.0
         speed = np.atleast_1d(self.speed)
@@ -199,8 +197,9 @@ def _verdict(relative_std: float) -> str:
 
 
 def relative_std(equations: BaseRegression, Psi_base: Array, std: Array) -> Array:
-    """Return the standard deviations over natural scale, over the estimate itself for laws beyond
-    the model.
+    """Return standard deviations over the natural scale.
+
+    Those of laws beyond the model are over the estimate itself.
 
     Numbers that no arm has below zero are judged by the estimate, too, where it is the smaller:
     noise in the regressor draws them to zero (:mod:`.errors_in_variables`), and their deviations
@@ -226,8 +225,7 @@ def directions(undetermined: Array, names: Sequence[str]) -> tuple[str, ...]:
 
 
 def impossible(equations: BaseRegression, Psi: Array) -> NDArray[np.bool_]:
-    """Return which base parameters are below zero though all that they are made of is above,
-    (B,)."""
+    """Return which base parameters (B,) are below zero though all their parts are above."""
     return (Psi < 0) & _positive(equations)
 
 
@@ -242,8 +240,10 @@ def _positive(equations: BaseRegression) -> NDArray[np.bool_]:
 def checked(
     words: Sequence[str], fit: Fit, equations: BaseRegression, one_way: Sequence[str] = ()
 ) -> tuple[str, ...]:
-    """Return the verdicts `words` with what is impossible called "not" determined, and what is
-    hopeless not "well"."""
+    """Return the verdicts, corrected for the impossible and the hopeless.
+
+    The impossible is "not" determined, the hopeless not "well".
+    """
     wrong = impossible(equations, fit.Psi)
     with_constants = equations.base.T[:, _constants(equations, one_way)] != 0.0
     hopeless = (fit.condition > HOPELESS) | with_constants.any(axis=1)
@@ -261,8 +261,10 @@ def _constants(equations: BaseRegression, joints: Sequence[str]) -> list[int]:
 
 
 def remarks(fit: Fit, equations: BaseRegression, one_way: Sequence[str] = ()) -> tuple[str, ...]:
-    """Return what was fixed, is impossible or cannot be told apart, and how link encoders lag and
-    are offset."""
+    """Return what was fixed, is impossible or inseparable, and lags of link encoders.
+
+    Offsets of link encoders are named, too.
+    """
     names = equations.base.names
     found = []
     if fit.fixed:

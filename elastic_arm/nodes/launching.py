@@ -72,8 +72,10 @@ def scenario(
 
 
 def declared(arguments: Mapping[str, tuple[Any, str]]) -> list[DeclareLaunchArgument]:
-    """Return the declarations of arguments: default (None: it has to be given) and words of
-    each."""
+    """Return declarations of arguments, each with its default and words.
+
+    A default of None: it has to be given.
+    """
     return [
         DeclareLaunchArgument(name, default_value=given, description=text)
         for name, (given, text) in arguments.items()

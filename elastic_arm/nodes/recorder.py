@@ -125,8 +125,10 @@ _FIELD = re.compile(r"^\s*(?:(\w+)/(?:msg/)?)?([A-Z]\w*)", flags=re.MULTILINE)
 
 
 def installed_definition(type_name: str) -> tuple[str, str]:
-    """Return the full ros2msg text of a type and all it is made of, and its RIHS01 hash; empty
-    where not found."""
+    """Return the full ros2msg text of a type, and its RIHS01 hash.
+
+    Empty where not found.
+    """
     package, _, name = type_name.split("/")
     texts: dict[str, str] = {}
     try:

@@ -133,8 +133,10 @@ class Pace:
             self._due = max(self._due, now)
 
     def achieved(self, now: float) -> float:
-        """Return the steps per real second since the last call, relative to the rate set; 1 before
-        the first step."""
+        """Return the steps per real second since the last call, over the rate set.
+
+        1 before the first step.
+        """
         if self._window is None or now <= self._window[0]:
             return 1.0
         began, steps = self._window

@@ -104,8 +104,10 @@ class Plan:
 
 
 class TrajectoryGenerator(ArmNode):
-    """Waits for the arm, leads it to the start of a trajectory and streams the trajectory, a little
-    ahead of time."""
+    """Waits for the arm, moves it to the start and streams the trajectory.
+
+    The stream is a little ahead of time.
+    """
 
     def __init__(self) -> None:
         super().__init__("trajectory_generator")

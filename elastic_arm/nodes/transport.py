@@ -24,8 +24,7 @@ LOOPBACK_PROFILE = Path(__file__).with_name("fastdds_loopback.xml")
 
 
 def choose_transport(environment: MutableMapping[str, str]) -> None:
-    """Set the variables that Fast DDS and rmw_fastrtps read; other middleware does not look at
-    them.
+    """Set the variables of Fast DDS and rmw_fastrtps; other middleware ignores them.
 
     A profile or transports of the user's own count. Static peers beside `LOCALHOST` keep what
     rmw_fastrtps sets up.

@@ -142,8 +142,10 @@ class Layouts:
         self._walked = 0
 
     def groups(self, spans: Spans) -> Iterator[tuple[Layout, Offsets | None]]:
-        """Yield the layouts that occur among messages, each with the indices of its messages; None
-        for all of them."""
+        """Yield the layouts among messages, each with their indices.
+
+        None stands for all messages.
+        """
         # Nearly always all messages of a block are like those before: then nothing has to be picked
         # out.
         if self._latest is not None and self._latest.matches(spans).all():

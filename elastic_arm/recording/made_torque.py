@@ -37,8 +37,9 @@ def is_commanded(recording: Recording) -> bool:
 
 
 def with_made_torque(recording: Recording, robot: Robot) -> Recording:
-    """Return a recording of commands and positions with the motor torques that the described
-    controllers make of them.
+    """Return a recording with the motor torques that described controllers make.
+
+    They make them of commands and positions.
 
     Any other recording is returned as it is. The reference becomes the command as the drives take
     it, at the stamps of the positions; what lies before the first command and after the last is

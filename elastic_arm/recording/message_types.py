@@ -45,8 +45,10 @@ _EMPTY: list[Any] = [("structure_needs_at_least_one_member", (Nodetype.BASE, ("u
 
 @lru_cache(maxsize=1)
 def typestore() -> Typestore:
-    """Return Jazzy's standard types with those of elastic_arm_msgs (whose .msg files lie in
-    `recording/msg`)."""
+    """Return Jazzy's standard types with those of elastic_arm_msgs.
+
+    Their .msg files are in `recording/msg`.
+    """
     store = get_typestore(Stores.ROS2_JAZZY)
     types = {}
     for file in sorted(
@@ -76,8 +78,7 @@ def definition(type_name: str) -> tuple[str, str]:
 
 
 def types_of(topic: Topic) -> Typesdict:
-    """Return the types that a topic's messages are made of: as the bag defines them, or else the
-    known ones."""
+    """Return the types of a topic's messages: those of the bag, or the known ones."""
     types = parse_definition(topic.type_name, topic.encoding, topic.definition)
     if topic.type_name not in types:
         problem = f"message type {topic.type_name} is not defined in the bag"
@@ -98,8 +99,10 @@ _FOREIGN["ros1msg"] = (
 
 @lru_cache(maxsize=64)
 def parse_definition(type_name: str, encoding: str, text: str) -> Typesdict:
-    """Return the fields of a type and of all that it is made of; those known where there is no
-    text."""
+    """Return the fields of a type and of its parts.
+
+    Known types are taken where there is no text.
+    """
     if not text:
         return typestore().fielddefs
     if encoding in _FOREIGN:

@@ -134,8 +134,7 @@ def contents(
     strict: bool = True,
     most: float = np.inf,
 ) -> Iterator[Content]:
-    """Yield what bags, parts of one recording, hold of its topics, or of those `wanted`, with their
-    series.
+    """Yield the topics of bags, parts of one recording, or those `wanted`, with their series.
 
     Whenever it has grown by `most` messages, and at the end. With `strict` a damaged chunk raises,
     otherwise it is skipped and noted.
@@ -181,8 +180,9 @@ def read_parts(
     namespace: str | None = None,
     most: float = PART,
 ) -> Iterator[tuple[Recording, float]]:
-    """Read a bag as :func:`read_recording` does, in parts of so many messages; yield each, and the
-    share that is read.
+    """Read a bag as :func:`read_recording` does, in parts of so many messages.
+
+    Yields each part and the share that is read.
 
     A bag of fewer is one part. Parts of a longer one that lack a topic of the first are left out,
     and those after a clock was set back come a second after what was before, as within a part.
@@ -247,8 +247,10 @@ def recording_of(
     *,
     arrival: bool = False,
 ) -> tuple[Recording, list[Finding]]:
-    """Return the recording that decoded topics hold, and what had to be assumed or mended; its
-    notes say so, too."""
+    """Return the recording of decoded topics, and what was assumed or mended.
+
+    Its notes state that, too.
+    """
     source = content.source
     series = content.series
     if arrival or (channels is not None and channels.time != "header"):

@@ -114,8 +114,10 @@ class Recording:
         return (max(int(side.stamp_ns[-1]) for side in self._measured()) - self.start_ns) * 1e-9
 
     def samples(self) -> Samples:
-        """Bring both sides to one time base; see
-        :func:`elastic_arm.recording.timebase.joining.join`."""
+        """Bring both sides to one time base.
+
+        See :func:`elastic_arm.recording.timebase.joining.join`.
+        """
         try:
             for side_name, side in self.measured().items():
                 if not (side.stamp_ns[1:] > side.stamp_ns[:-1]).all():
@@ -154,8 +156,7 @@ class Recording:
 
     @staticmethod
     def joined(parts: Sequence[Recording]) -> Recording:
-        """Return parts of one recording, in the order of their times, as one: the channels that all
-        of them have."""
+        """Return parts of one recording, in order, with the channels that all have."""
         if len(parts) == 1:
             return parts[0]
         together: dict[str, Any] = {}

@@ -81,8 +81,7 @@ class Series:
         return Series(self.topic, self.type_name, again, len(rows))
 
     def holding(self, joints: Sequence[str]) -> list[tuple[Series, list[str]]]:
-        """Return as few kinds of messages as together name all joints, each with the joints to take
-        from it."""
+        """Return as few kinds of messages as name all joints, with the joints of each."""
         counts: dict[frozenset[str], int] = {}
         for piece in self.pieces:
             own = frozenset(piece.names) & set(joints)
@@ -104,8 +103,10 @@ class Series:
         return found
 
     def fullest(self, paths: Iterable[str], found: list[Finding]) -> Series:
-        """Return the series without messages that leave fields empty which others fill, which
-        `found` gets."""
+        """Return the series without messages that leave fields empty which others fill.
+
+        `found` gets a finding about them.
+        """
         partly = [path for path in paths if len({piece.has(path) for piece in self.pieces}) > 1]
         full = self.keep(lambda piece: all(piece.has(path) for path in partly))
         if not 0 < full.count < self.count:
@@ -172,8 +173,7 @@ class Series:
 
     @cached_property
     def order(self) -> Rows | slice:
-        """Where the messages stand that are used, in the order of their stamps, or of their arrival
-        without any."""
+        """Where the used messages are, in order of stamps, or else of arrival."""
         if all(piece.stamp_ns is not None for piece in self.pieces):
             return self._in_order[1]
         log_ns = self._gather(np.int64, lambda piece: piece.log_ns)
@@ -188,8 +188,10 @@ class Series:
 
     @property
     def stamp_ns(self) -> Stamps:
-        """(N,) header stamps, in order; a RecordingError if the messages have none, or all the
-        same."""
+        """(N,) header stamps, in order.
+
+        A RecordingError if there are none, or all are the same.
+        """
         return self._in_order[0]
 
     def names(self) -> list[str]:
@@ -207,8 +209,10 @@ class Series:
         )
 
     def columns(self, path: str, names: Sequence[str]) -> Array | None:
-        """Return field `path` for the columns named, (N, len(names)); None if no message carries
-        it."""
+        """Return field `path` of the named joints, (N, len(names)), or None.
+
+        None if no message carries it.
+        """
         if not self.has(path):
             return None
         wanted = tuple(names)
@@ -217,8 +221,10 @@ class Series:
         )[self.order]
 
     def column(self, path: str, index: int) -> Array:
-        """Return one column of field `path` by its place, (N,); a RecordingError if a message has
-        no such column."""
+        """Return one column (N,) of field `path` by its place.
+
+        A RecordingError if a message has no such column.
+        """
 
         def one(piece: Piece) -> Array:
             if not piece.has(path) or piece.values[path].shape[1] <= index:

@@ -89,8 +89,10 @@ class Side:
 
 
 def joined_sides(parts: Sequence[Side]) -> Side:
-    """Return parts of one side as one, with the channels that all of them have; what is late is
-    left out."""
+    """Return parts of one side as one, with the channels that all of them have.
+
+    Samples that are late are left out.
+    """
     stamps = np.concatenate([part.stamp_ns for part in parts])
     later = stamps > np.maximum.accumulate(np.concatenate([stamps[:1] - 1, stamps[:-1]]))
     channels: dict[str, Array] = {}
@@ -138,16 +140,17 @@ def _checked_stamps(values: object) -> Stamps:
 
 
 def joints_with(values: Array) -> NDArray[np.bool_]:
-    """Return which joints (n,) have a channel (N, n) that some have: the others hold NaN
-    throughout."""
+    """Return which joints (n,) have a channel (N, n): others hold NaN throughout."""
     if len(values) and not np.isnan(values[0]).any():
         return np.ones(values.shape[1], np.bool_)
     return np.asarray(~np.isnan(values).all(axis=0))
 
 
 def short_names(names: Sequence[str]) -> list[str]:
-    """Return names without the longest common beginning, up to a mark such as `_`, that leaves each
-    one a letter."""
+    """Return names without the longest common beginning that ends with a mark such as `_`.
+
+    Each keeps a letter.
+    """
     ends = [match.end() for match in re.finditer(r"[_./-]", min(names, key=len, default=""))]
     cut = [end for end in ends if len({name[:end] for name in names}) == 1]
     whole = [end for end in cut if all(re.search("[a-zA-Z]", name[end:]) for name in names)]
@@ -155,8 +158,7 @@ def short_names(names: Sequence[str]) -> list[str]:
 
 
 def matched_names(wanted: Sequence[str], recorded: Sequence[str]) -> list[str] | None:
-    """Return what the joints wanted are called among those recorded; None where one of them is not
-    there.
+    """Return how recorded joints call the wanted ones; None where one is missing.
 
     Names that are the same but for a prefix that all of one arm share (`fer_`, `panda_`) are those
     of one joint, unless two arms have them.
@@ -176,8 +178,10 @@ def listed(joints: Sequence[str], chosen: Any) -> str:
 
 
 def span_of(values: Array) -> str:
-    """Return the smallest and the largest of some numbers as text; one where they are alike,
-    nothing of none."""
+    """Return the smallest and the largest of numbers as text.
+
+    One number where they are alike, nothing of none.
+    """
     if not np.size(values):
         return ""
     # Three digits, and 1000 rather than 1e+03.
@@ -187,8 +191,7 @@ def span_of(values: Array) -> str:
 
 @dataclass(frozen=True)
 class Samples:
-    """All channels on one time base: those of equation (1), (N, n) each, None where not
-    recorded."""
+    """All channels of (1) on one time base, (N, n) each, None where not recorded."""
 
     t: Array  # (N,) seconds from the first sample
     q: Array | None
@@ -217,8 +220,7 @@ class Samples:
         return {name: values for name in SAMPLED if (values := getattr(self, name)) is not None}
 
     def without_torque(self, joints: Sequence[str]) -> tuple[str, ...]:
-        """Return those of the joints, by name, that have no torque on either side while others have
-        one."""
+        """Return which joints lack a torque on either side while others have one."""
         there = [channel for channel in ("tau_J", "tau_m") if getattr(self, channel) is not None]
         bare = [all((channel, j) in self.lacking for channel in there) for j in range(len(joints))]
         return tuple(joint for joint, none in zip(joints, bare, strict=True) if there and none)

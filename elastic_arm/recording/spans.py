@@ -32,8 +32,10 @@ class Spans:
         return Spans(self.buffer, offsets_of(self.begin)[index], self.size[index])
 
     def in_a_row(self) -> Spans:
-        """Put messages of one size that stand at irregular places in a row: one copy spares
-        gathering each field."""
+        """Put messages of one size at irregular places in a row.
+
+        One copy spares gathering each field.
+        """
         if len(self) < 2 or isinstance(self.begin, slice) or not (self.size == self.size[0]).all():
             return self
         width = int(self.size[0])
@@ -76,8 +78,7 @@ def shifted(offsets: Offsets | slice, at: int) -> Offsets | slice:
 
 
 def progression(offsets: Offsets) -> Offsets | slice:
-    """Return `offsets` as a slice if they are equally spaced, so that they can be viewed instead of
-    gathered."""
+    """Return equally spaced `offsets` as a slice, which makes a view."""
     if len(offsets) < 2:
         return offsets
     step = int(offsets[1] - offsets[0])
@@ -96,8 +97,7 @@ def offsets_of(where: Offsets | slice) -> Offsets:
 
 
 def by_value(values: NDArray) -> dict[int, NDArray[np.intp] | slice]:
-    """Return where each value stands in an array, in order; in one pass, however many different
-    ones there are."""
+    """Return where each value is in an array, in order and in one pass."""
     if not len(values):
         return {}
     if (values == values[0]).all():

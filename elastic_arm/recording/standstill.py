@@ -20,8 +20,9 @@ KEPT = 3.0
 
 
 def without_standstill(recording: Recording) -> Recording:
-    """Return a recording with holes where all joints stand still for more than :data:`KEPT` from
-    any motion.
+    """Return a recording with holes where all joints stand still.
+
+    :data:`KEPT` beside any motion is kept.
 
     A note states how much that is. An arm that does not move at all keeps everything.
     """
@@ -45,8 +46,10 @@ def standing_note(source: str, rest: float, whole: float) -> str:
 
 
 def moving_spans(recording: Recording) -> Stamps:
-    """Return from when to when the arm moves, with what is kept around, (k, 2) ns, in order and
-    apart."""
+    """Return when the arm moves, (k, 2) ns, in order and apart.
+
+    What is kept around is included.
+    """
     found = [
         _moving(side)
         for side in recording.measured().values()

@@ -98,8 +98,10 @@ class StreamWriter(AbstractContextManager["StreamWriter"]):
             self.flush()
 
     def flush(self) -> None:
-        """Write the chunk gathered so far, and have the system carry it to the disk if that is
-        due."""
+        """Write the chunk gathered so far.
+
+        The system carries it to the disk if that is due.
+        """
         self._write_chunk()
         idle = self._syncing is None or self._syncing.done()
         if idle and self._flushed - self._synced >= self._sync_every:

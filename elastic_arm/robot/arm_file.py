@@ -138,8 +138,10 @@ class JointEntry(TransmissionEntry):
 
 
 class BaseEntry(_Entry):
-    """The base: placed by its Denavit-Hartenberg row or by `placement`; else at the ground's
-    origin."""
+    """The base, placed by its Denavit-Hartenberg row or by `placement`.
+
+    Otherwise it is at the ground's origin.
+    """
 
     mass: Number = 0.0
     a: Number | None = None

@@ -84,8 +84,7 @@ class Joint:
         object.__setattr__(self, "after", checked_placement(self.after, "after"))
 
     def unit(self, unit: str) -> str:
-        """Return the unit at this joint of a quantity that has `unit` at a revolute one: N for Nm,
-        m for rad."""
+        """Return the unit here of what has `unit` at a revolute joint: N for Nm, m for rad."""
         return linear_unit(unit) if self.prismatic else unit
 
     @classmethod
@@ -189,8 +188,10 @@ class Robot:
         return self.base_mass + sum(j.link.mass for j in self.joints) + sum(parts)
 
     def carriers(self, i: int) -> tuple[str, str]:
-        """Return the two bodies on which transmission i (from 0) can ride: the one before its joint
-        and its link."""
+        """Return the two bodies on which transmission i (from 0) can ride.
+
+        The one before its joint, and its link.
+        """
         return ("base", *self.link_names)[i], self.link_names[i]
 
     def with_(self, **changes: Any) -> Self:
@@ -205,8 +206,7 @@ class Robot:
         return self.with_(joints=joints)
 
     def with_armatures(self) -> Self:
-        """Return a copy whose models hold the inertia of its motors, from zero, where its
-        description states none.
+        """Return a copy whose models hold motor inertias, from zero if none is stated.
 
         A description of links alone, like a URDF, has no motor inertia. Geared motors have as much
         as the links that they move (it counts by the square of the ratio), and all torque that they

@@ -7,8 +7,9 @@ from elastic_arm.robot.description import Robot
 
 
 def with_joints_of(robot: Robot, other: Robot, names: Collection[str]) -> Robot:
-    """Return an arm in which some joints, with their links, controllers and effects, are those of
-    another arm.
+    """Return an arm with some joints of another arm.
+
+    Links, controllers and effects of these joints come along.
 
     names: of these joints; other names change nothing. Both arms have the same joints.
     """

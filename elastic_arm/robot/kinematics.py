@@ -56,8 +56,7 @@ def link_radius(robot: Robot) -> float:
 
 
 def moved(body: Inertia, placement: Array) -> Inertia:
-    """Return the same body described in another frame, in which its own frame stands at `placement`
-    (4, 4)."""
+    """Return the body in another frame, in which its own is at `placement` (4, 4)."""
     rotation = placement[:3, :3]
     return _inertia(
         body.mass, rotation @ body.com + placement[:3, 3], rotation @ body.inertia @ rotation.T

@@ -31,8 +31,10 @@ _SNAP = 1e-12
 
 
 def checked_array(values: Any, shape: tuple[int, ...], what: str) -> np.ndarray:
-    """Return `values` as a read-only float array of `shape`; refuse other shapes and numbers that
-    no arm has."""
+    """Return `values` as a read-only float array of `shape`.
+
+    Other shapes and numbers that no arm has are refused.
+    """
     try:
         array = np.array(values, dtype=float)
     except (TypeError, ValueError) as error:
@@ -86,8 +88,10 @@ def check_number(value: float, what: str, *, positive: bool = False) -> None:
 
 
 def snap(matrix: np.ndarray) -> np.ndarray:
-    """Return `matrix` with direction cosines like cos(pi/2) = 6e-17 replaced by the 0, 1 or -1 that
-    they stand for."""
+    """Return `matrix` with direction cosines like 6e-17 replaced by 0, 1 or -1.
+
+    They are cos(pi/2) and the like.
+    """
     snapped = np.array(matrix, dtype=float)
     for exact in (-1.0, 0.0, 1.0):
         snapped[np.abs(snapped - exact) < _SNAP] = exact
@@ -95,8 +99,10 @@ def snap(matrix: np.ndarray) -> np.ndarray:
 
 
 def placed(rotation: Any = None, position: Any = 0.0) -> np.ndarray:
-    """Return the placement (4, 4) of a frame that is turned by a rotation (3, 3), none by default,
-    and moved."""
+    """Return the placement (4, 4) of a frame turned by a rotation (3, 3) and moved.
+
+    Not turned by default.
+    """
     placement = np.eye(4)
     placement[:3, :3] = (
         np.eye(3) if rotation is None else np.asarray(rotation, dtype=float).reshape(3, 3)
@@ -106,8 +112,7 @@ def placed(rotation: Any = None, position: Any = 0.0) -> np.ndarray:
 
 
 def moved_joint(by: float, prismatic: bool) -> np.ndarray:
-    """Return the placement (4, 4) after a joint that has turned about z, rad, or slid along it,
-    m."""
+    """Return the placement (4, 4) after a joint that turned about z, rad, or slid, m."""
     c = np.cos(by)
     s = np.sin(by)
     return (
@@ -125,8 +130,10 @@ def tensor_of(six: Any) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Inertia:
-    """Inertial parameters of a rigid body; a RobotError if no body of positive density has these
-    numbers."""
+    """Inertial parameters of a rigid body.
+
+    A RobotError if no body of positive density has these numbers.
+    """
 
     mass: float  # kg, not negative
     # (3,) centre of mass in the body's frame, m
@@ -165,8 +172,9 @@ class Inertia:
 
 
 def nearest_tensor(inertia: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return the inertia (3, 3) about a centre of mass nearest to this one that a body can have,
-    and how far it is off.
+    """Return the nearest inertia (3, 3) that a body can have, and how far it is off.
+
+    It is about the centre of mass.
 
     The distance is a share of the largest moment. A body's second moments about its centre of mass
     are nowhere negative; those that are count as a thin body's.
@@ -261,8 +269,10 @@ class Transmission:
 
     @property
     def components(self) -> dict[str, tuple[Component, float]]:
-        """Name -> component and its turns relative to its carrier for one turn of theta, rotor
-        first."""
+        """Name -> component and its turns for one turn of theta, rotor first.
+
+        Turns are relative to its carrier.
+        """
         return {
             "rotor": (self.rotor, self.r_tot),
             "wave_generator": (self.wave_generator, self.harmonic_drive_ratio),
@@ -310,8 +320,11 @@ CONTROLLED = (
 
 @dataclass(frozen=True)
 class JointController:
-    """tau_m = limit(kp (r(t - d) - theta) + kd (dr(t - d) - dtheta) + ki int(r - theta) +
-    feed-forward)."""
+    """A controller of a joint's drive.
+
+        e = r(t - d) - theta
+        tau_m = limit(kp e + kd de + ki int(r - theta) + feed-forward)
+    """
 
     # what is commanded: ``"position"`` r alone, dr is zero; ``"velocity"`` dr alone, ki integrates
     # its error and there is no kp; ``"both"``
@@ -355,13 +368,14 @@ class JointController:
 
     @property
     def gains(self) -> tuple[float, float, float]:
-        """Gains of the error of the angle, of its rate, and of its integral: an integral of speeds
-        is an angle."""
+        """Gains of the error of the angle, of its rate, and of its integral.
+
+        An integral of speeds is an angle.
+        """
         return (self.ki, self.kd, 0.0) if self.mode == "velocity" else (self.kp, self.kd, self.ki)
 
     def scaled(self, kp: float = 1.0, kd: float = 1.0) -> Self:
-        """Return it with other gains of the error of the angle and of its rate, as ratios to its
-        own."""
+        """Return it with gains of angle and rate times these ratios."""
         own = "ki" if self.mode == "velocity" else "kp"
         return replace(self, **{own: kp * getattr(self, own), "kd": kd * self.kd})
 
@@ -373,8 +387,10 @@ class JointController:
 
 @dataclass(frozen=True)
 class DH:
-    """Denavit-Hartenberg row: ``Rz(q + offset) Tz(d) Tx(a) Rx(alpha)``, m and rad (paper, Table
-    I)."""
+    """Denavit-Hartenberg row: ``Rz(q + offset) Tz(d) Tx(a) Rx(alpha)``, m and rad.
+
+    Paper, Table I.
+    """
 
     a: float
     d: float

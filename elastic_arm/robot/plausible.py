@@ -29,8 +29,10 @@ class Range:
     too_large: str
 
     def doubts(self, whose: str, value: float) -> str | None:
-        """Return in words why a value cannot be meant; None where it can, or where it is zero,
-        which states nothing."""
+        """Return in words why a value cannot be meant, or None.
+
+        Zero states nothing.
+        """
         size = abs(value)
         if size == 0.0 or not np.isfinite(size) or self.least <= size <= self.most:
             return None
@@ -91,8 +93,10 @@ TABLE = (
 
 
 def doubtful(robot: Robot) -> list[str]:
-    """Return in words which numbers of a description are of no arm, each with its number and a
-    hint."""
+    """Return in words which numbers of a description are of no arm.
+
+    Each with its number and a hint.
+    """
     found = [words for joint in robot.joints for words in _of_joint(joint, robot)]
     length = sum(
         float(np.linalg.norm(joint.before[:3, 3] + joint.after[:3, 3]))

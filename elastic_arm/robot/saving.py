@@ -11,8 +11,9 @@ from elastic_arm.robot.description import Component, Joint, Robot, Transmission
 
 
 def save_robot(robot: Robot, path: str | Path) -> None:
-    """Write `robot` as an arm file, which :func:`elastic_arm.robot.load_robot` reads back to the
-    same robot.
+    """Write `robot` as an arm file.
+
+    :func:`elastic_arm.robot.load_robot` reads it back to the same robot.
 
     Raises
     ------

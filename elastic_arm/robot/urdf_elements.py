@@ -55,8 +55,9 @@ def by_name(tree: ET.Element, tag: str) -> dict[str, ET.Element]:
 
 
 def motors(tree: ET.Element) -> dict[str, tuple[float | None, float]]:
-    """Return rotor inertia (kg m², None where none is stated) and ratio (0 where motors are
-    coupled) by joint.
+    """Return rotor inertia (kg m²) and ratio by joint.
+
+    The inertia is None where none is stated, the ratio 0 where motors are coupled.
 
     As Drake's tags in <actuator> state them, or as the reduction of ROS 1 and ros2_control, in
     <actuator> or <joint>. Whoever states it, a joint has one ratio and one rotor: statements that
@@ -120,8 +121,10 @@ def _one(statements: list[tuple[str, float]], joint: str) -> float | None:
 
 
 def agreed(element: ET.Element, tag: str, where: str) -> ET.Element | None:
-    """Return the child of an element, None where there is none; children that state different
-    numbers are an error."""
+    """Return the child of an element, or None.
+
+    Children that state different numbers are an error.
+    """
     children = element.findall(tag)
     if any(_content(child) != _content(children[0]) for child in children[1:]):
         raise RobotError(

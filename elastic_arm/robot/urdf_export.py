@@ -28,8 +28,10 @@ _UNKNOWN = 0.0
 
 
 def to_urdf(robot: Robot) -> str:
-    """Return `robot` as URDF text; reading it back gives the same rigid dynamics (see the
-    module)."""
+    """Return `robot` as URDF text; read back, it has the same rigid dynamics.
+
+    See the module.
+    """
     tree = ET.Element("robot", name=robot.name)
     tree.append(
         ET.Comment(
@@ -74,8 +76,10 @@ def to_urdf(robot: Robot) -> str:
 
 
 def urdf_placements(robot: Robot, q: Array) -> list[tuple[str, str, Array]]:
-    """Return parent, child and placements (N, 4, 4) in the parent of the links of
-    :func:`to_urdf`."""
+    """Return the links of :func:`to_urdf`: parent, child, placements (N, 4, 4).
+
+    Placements are in the parent.
+    """
     joints, _ = link_placements(robot, q)
     own = [joints[:, i] @ _urdf_frame(joint) for i, joint in enumerate(robot.joints)]
     base = np.broadcast_to(robot.base_placement, own[0].shape)

@@ -10,8 +10,9 @@ from elastic_arm.robot.parts import Component, Inertia
 
 
 def varied(robot: Robot, rng: np.random.Generator, spread: float = 0.15) -> Robot:
-    """Return an arm whose masses, centres of mass, inertias, stiffnesses and dampings differ from
-    `robot`'s.
+    """Return an arm that differs from `robot` as descriptions do.
+
+    In masses, centres of mass, inertias, stiffnesses and dampings.
 
     Each number is scaled by a factor drawn uniformly from 1 - spread to 1 + spread. Mass and
     inertia of a body share theirs, so the body stays physical; geometry and ratios, which are known

@@ -59,8 +59,10 @@ class System:
         return int(self.effect_set.z.numel())
 
     def evaluate_constants(self, speed: np.ndarray) -> np.ndarray:
-        """Return the values of the constants for the arm's own parameters and regularisation speeds
-        (2n,)."""
+        """Return the constants for the arm's parameters and speeds (2n,).
+
+        Within these speeds friction is regularised.
+        """
         return np.array(
             self.constants(self.equations.nominal, self.effect_set.numbers(), speed)
         ).ravel()
@@ -180,8 +182,9 @@ def _derive(equations: ArmEquations, effect_set: EffectSet) -> list[ca.Function]
 
 
 def law_rows(equations: ArmEquations, effect_set: EffectSet) -> ca.Function:
-    """Return (x, dx, ddx, z, tau_m, Psi, p, speed) -> what the laws add to the left side of (1),
-    and the rates of z.
+    """Return the function of what laws add to (1), and of the rates of z.
+
+    (x, dx, ddx, z, tau_m, Psi, p, speed) -> addition to the left side of (1), rates of z
 
     For engines that are not ours: `speed` (2n,) regularises the signs of the velocities, as in the
     simulator.

@@ -29,8 +29,9 @@ GAMMA = 1.0 - np.sqrt(0.5)  # of the scheme ROS2, which is L-stable with it
 
 
 class MeasuredMotion(Protocol):
-    """A measured motion: times (N,) s, and (N, n) angles, rates, accelerations of both sides, and
-    torques, Nm.
+    """A measured motion at times (N,) s.
+
+    (N, n) angles, rates, accelerations of both sides, and torques, Nm.
 
     `span` is begin and end of its recording on the axis of the times.
     """

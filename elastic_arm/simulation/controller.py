@@ -76,8 +76,9 @@ class Controller:
             raise SimulationError(f"{self.commands} commands a sample", "Give 1 or an even number.")
 
     def commanded(self, q: Array, dq: Array, ddq: Array, rate: float) -> Array:
-        """Return what the drives are given over samples (N, n) at a rate (Hz): theta, dtheta,
-        torque (N commands, 3n).
+        """Return what the drives are given over samples (N, n) at a rate (Hz).
+
+        theta, dtheta, torque (N commands, 3n)
 
         Between samples the reference goes on with its acceleration: what comes next is not known to
         a live arm.
@@ -125,8 +126,9 @@ def controller_of(robot: Robot, *, model: str = "mod3", rate: float = 1000.0) ->
 def tuned(
     robot: Robot, *, bandwidth: float = BANDWIDTH, model: str = "mod3", rate: float = 1000.0
 ) -> Controller:
-    """Return a controller for a nominal arm: well damped at `bandwidth` (Hz), with feed-forward by
-    a model's variant.
+    """Return a controller for a nominal arm, well damped at `bandwidth` (Hz).
+
+    Its feed-forward is by a model's variant.
 
     The gains fit the inertia of each whole joint, link and motor, in the zero position; but the
     motor alone, on its drive's damper, must stay stable under a held command. Where the ratio is

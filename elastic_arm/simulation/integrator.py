@@ -71,8 +71,9 @@ class Integrator(Protocol):
     name: str
 
     def run(self, loop: ClosedLoop, reference: Array, state: IntegratorState) -> Solution:
-        """Advance `state` over a reference (N commands, 3n): theta (rad), dtheta (rad/s),
-        feed-forward torque (Nm).
+        """Advance `state` over a reference (N commands, 3n).
+
+        theta (rad), dtheta (rad/s), feed-forward torque (Nm)
 
         Where numbers stop being finite the solution ends early.
         """
@@ -155,8 +156,10 @@ def _solution(rows: Array, ode: int, n: int) -> Solution:
 
 
 def runge_kutta_step(rate: Callable[[Any], Any], y: Any, h: Any) -> Any:
-    """Return the state a step of h (s) later by the classical Runge-Kutta scheme, from its rate
-    under held inputs."""
+    """Return the state h (s) later by the classical Runge-Kutta scheme.
+
+    From its rate under held inputs.
+    """
     k1 = rate(y)
     k2 = rate(y + h / 2 * k1)
     k3 = rate(y + h / 2 * k2)

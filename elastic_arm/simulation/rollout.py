@@ -112,8 +112,7 @@ def record(
     measured: dict[str, Array],
     reference: tuple[Array, Array, Array] | None = None,
 ) -> Recording:
-    """Put channels (N, n) measured at times t (N,), s, into a recording, with the stamps that the
-    sensors give them.
+    """Put channels (N, n) at times t (N,), s, into a recording with the sensors' stamps.
 
     The reference is its q, dq, ddq (N, n); none is recorded when None.
     """

@@ -28,8 +28,9 @@ STEEPEST = 0.7
 
 @dataclass(frozen=True)
 class Truth:
-    """What really happened: t (N,) s; (N, n) q, dq, tau_J, theta, dtheta, tau_m as sensors without
-    fault read them.
+    """What really happened at t (N,) s.
+
+    (N, n) q, dq, tau_J, theta, dtheta, tau_m as sensors without fault read them.
 
     `x`, `dx` (N, dof) hold all coordinates, `z` (N, states) the internal states of effects,
     `command` (N, n) the torque held from each sample on. Torques at a stamp are means over the
@@ -139,8 +140,10 @@ class Simulator:
         return controller_of(robot, model=self._settings.model, rate=self.rate)
 
     def reset(self, q0: Array, dq0: Array | None = None) -> None:
-        """Put the motors at `q0` (n,), links where gravity leaves them, at rest or at velocities
-        `dq0` (n,)."""
+        """Put motors at `q0` (n,), links where gravity leaves them.
+
+        At rest or at velocities `dq0` (n,).
+        """
         n = self.robot.n
         dq0 = np.zeros(n) if dq0 is None else dq0
         for what in (q0, dq0):
@@ -237,8 +240,7 @@ class Simulator:
         command: Array | None = None,
         z: Array | None = None,
     ) -> None:
-        """Put the arm into a motion, (n,) each: from where a prediction over a short horizon
-        starts.
+        """Put the arm into a motion, (n,) each, from which a short prediction starts.
 
         Bearings start untilted. `command` is the motor torque held until now, `z` the internal
         states of effects; both are zero when None.

@@ -6,8 +6,10 @@ from elastic_arm.effects.law import Confusion, Contribution, Effect, Numbers, Sy
 
 
 def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
-    """The left side of (1) at the angles of the description, q_i and theta_i less the offset,
-    instead of those read."""
+    """Return the left side of (1) at the angles of the description, less that at those read.
+
+    The former are q_i and theta_i less the offset.
+    """
     read = motion.x
     n = motion.n
     described = ca.SX(read)

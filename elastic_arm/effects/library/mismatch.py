@@ -24,8 +24,7 @@ def scaled(
     of: str = "",
     **words: Any,
 ) -> Effect:
-    """Return (ratio - 1) times a torque of the nominal transmission, that of a number of the
-    description."""
+    """Return (ratio - 1) times a torque of the nominal transmission."""
 
     def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
         if side == "drive":

@@ -30,8 +30,10 @@ TORQUES = ("joint_torque", "motor_torque")
 
 
 def sides_of(p: Numbers) -> tuple[str, ...]:
-    """Return the residuals that hold the channels of an effect, by its choice `channels`, or
-    `channel`."""
+    """Return the residuals that hold the channels of an effect.
+
+    Its choice is `channels` or `channel`.
+    """
     chosen = p["channels"] if "channels" in p else (p["channel"],)
     return tuple(
         side
@@ -41,8 +43,9 @@ def sides_of(p: Numbers) -> tuple[str, ...]:
 
 
 def misread(channel: str, error: Callable[[SymbolicMotion, int, Numbers], Any]) -> Law:
-    """Return the law of an error (motion, joint index, parameters) -> recorded - true torque (Nm)
-    of a channel.
+    """Return the law of a channel's error.
+
+    (motion, joint index, parameters) -> recorded - true torque, Nm
 
     The motor equation holds the joint torque with the other sign.
     """
@@ -57,8 +60,7 @@ def misread(channel: str, error: Callable[[SymbolicMotion, int, Numbers], Any]) 
 
 
 def changing(channel: str, **numbers: str) -> Callable[[Sensors, int, int, Numbers], Sensors]:
-    """Return the change that gives numbers of a joint's channel the values of parameters:
-    `gain="gain"`."""
+    """Return the change that sets numbers of a joint's channel to parameters: `gain="gain"`."""
 
     def change(sensors: Sensors, i: int, n: int, p: Numbers) -> Sensors:
         return sensors.changed(
@@ -69,8 +71,10 @@ def changing(channel: str, **numbers: str) -> Callable[[Sensors, int, int, Numbe
 
 
 def gain(channel: str, symbol: str, prior: float, **words: Any) -> SensorEffect:
-    """Return a wrong gain of a torque channel; the error is linear in 1 - 1/gain, the coefficient
-    of its column."""
+    """Return a wrong gain of a torque channel.
+
+    The error is linear in 1 - 1/gain, the coefficient of its column.
+    """
     recorded = {
         "joint_torque": lambda motion: motion.tau_J,
         "motor_torque": lambda motion: motion.tau_m,

@@ -29,8 +29,7 @@ CHANNELS = {"joint_torque": "tau_J", "motor_torque": "tau_m"}
 
 
 class FilteredTorques:
-    """Errors of filtered torque channels as they enter the residuals; the filter is the
-    subclass's."""
+    """Errors of filtered torque channels in the residuals; subclasses have the filter."""
 
     def __init__(self, equations: ArmEquations) -> None:
         self.equations = equations

@@ -24,8 +24,10 @@ REFERENCE = 5.0  # Hz
 
 
 def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
-    """Recorded less true torque, -T y' of a recorded torque y, as y + T y' is the true one; T = 1 /
-    (2 pi cutoff)."""
+    """Return recorded less true torque, -T y' of a recorded torque y.
+
+    y + T y' is the true one, with T = 1 / (2 pi cutoff).
+    """
     rates = {"joint_torque": motion.dtau_J, "motor_torque": motion.dtau_m}
     total = motion.nothing()
     for channel in p["channels"]:

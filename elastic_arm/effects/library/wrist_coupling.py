@@ -20,8 +20,7 @@ TURNS = {"with": 1.0, "against": -1.0}
 
 
 def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
-    """Inertia and friction of a motor that turns by w = dq_i +- dq_(i-1), as torques of both
-    joints.
+    """Inertia and friction of a motor of w = dq_i +- dq_(i-1), as torques of both joints.
 
     With joint angles that are combinations of motor angles, q = C q_m, the torques of the joints
     are C^-T times those of the motors: what resists one motor resists every joint that turns it.

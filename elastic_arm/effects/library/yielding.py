@@ -101,8 +101,10 @@ class YieldingJoint:
 
     @property
     def acts(self) -> bool:
-        """Whether the arm is described as rigid, and controllers close on the encoders, which are
-        the motors' then."""
+        """Whether the arm is rigid as described, with controllers on the encoders.
+
+        The encoders are the motors' then.
+        """
         robot = self.equations.robot
         return not robot.elastic and all(joint.controller is not None for joint in robot.joints)
 

@@ -44,8 +44,10 @@ class Derived:
 
     @property
     def motions(self) -> Iterator[Motion]:
-        """Make the runs one after another, the next ones in other threads meanwhile; those of one
-        piece meet."""
+        """Yield the runs one after another; threads make the next ones meanwhile.
+
+        Runs of one piece meet.
+        """
         return ahead(self._made, self.pieces)
 
     @property
@@ -72,8 +74,10 @@ class Derived:
         )
 
     def notes(self, source: str, units: JointUnits) -> list[str]:
-        """Return what was done to the recording `source` beside smoothing it; `units` are those of
-        the arm's joints."""
+        """Return what was done to the recording beside smoothing it.
+
+        `units` are those of the arm's joints.
+        """
         said = [f"{source}: {note}" for note in self.said]
         if self.shift is None or not self.shift.any():
             return said
@@ -89,8 +93,10 @@ class Derived:
         ]
 
     def aligned(self, equations: BaseRegression, first: Derived | None) -> Derived:
-        """Return it with the zeros of the link encoders as in the first recording, where
-        deflections are measured."""
+        """Return it with the link encoders' zeros of the first recording.
+
+        Only where deflections are measured.
+        """
         if not equations.summed:
             return self
         found = zeros(list(self.motions), equations.model)
@@ -153,8 +159,7 @@ class DerivativeStage:
 
     @functools.cached_property
     def read(self) -> Array | None:
-        """When torques were read, s; None where that is often enough for all that the smoother
-        passes."""
+        """When torques were read, s; None where that is often enough."""
         return (
             None
             if self._read is None or 0.5 / np.median(np.diff(self._read)) > self.band
@@ -239,8 +244,7 @@ class DerivativeStage:
 
 
 def repeats(position: Array) -> bool:
-    """Return whether angles (N, n) repeat within the recording: whether their autocorrelation has a
-    peak."""
+    """Return whether angles (N, n) repeat: whether their autocorrelation has a peak."""
     n_samples = len(position)
     # NumPy is slow along the first axis of a narrow array
     columns = np.ascontiguousarray(position.T)

@@ -263,8 +263,7 @@ def _held_out_motions(
 def resonances(
     robot: Robot, model: str, recordings: Sequence[Sequence[Motion]]
 ) -> dict[str, float]:
-    """Return the frequency, Hz, at which rigid joints answer their torque most, of those with such
-    a peak."""
+    """Return the frequency, Hz, at which rigid joints answer their torque most, if any."""
     plain = robot.with_(effects=())
     found = dict[str, float]()
     friction = parse_laws(PLAIN, plain)

@@ -57,8 +57,10 @@ class NuisanceLaw:
 
 
 def nuisance_effects(robot: Robot, catalogue: Catalogue | None = None) -> dict[str, str | None]:
-    """Return the ids of effects that are identified unasked, each with the channel whose zero it
-    is, or None."""
+    """Return effects that are identified unasked, each with the channel of its zero.
+
+    None for an effect that is no zero.
+    """
     known = catalogue or EFFECTS
     found: dict[str, str | None] = {
         law: channel for channel, law in torque_zeros(known, robot).items()
@@ -72,8 +74,10 @@ def possible_imperfections(
     asked: Sequence[EffectInstance],
     catalogue: Catalogue | None = None,
 ) -> tuple[NuisanceLaw, ...]:
-    """Return the zeros of all recorded torques and the tilt of the base, but for those asked for,
-    each ordinary."""
+    """Return zeros of all recorded torques and the tilt of the base.
+
+    Those that were asked for are left out; each is of ordinary size.
+    """
     places = {(instance.effect.id, instance.joint) for instance in asked}
     stated = {(each.effect.id, each.joint): each for each in robot_effects(robot, catalogue)}
     found: list[NuisanceLaw] = []
@@ -128,8 +132,9 @@ def _is_by_itself(each: NuisanceLaw, equations: BaseRegression) -> bool:
 def judged_imperfections(
     possible: Sequence[NuisanceLaw], fit: Fit, equations: BaseRegression, *, held: bool
 ) -> tuple[NuisanceLaw, ...]:
-    """Return what is identified: what differs from none is free, the rest is held to its ordinary
-    size or left out.
+    """Return which imperfections are identified, and how.
+
+    Those that differ from none are free; the rest is held to its ordinary size or left out.
 
     What the description states is never left out.
     """

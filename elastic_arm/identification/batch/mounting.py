@@ -73,8 +73,7 @@ class Mounting:
         return f"{note}; slow torques of the wrong sign look the same" if overhead else note
 
     def tilted(self, x: float, y: float) -> tuple[float, float]:
-        """Return both turns as one, rad: that of the arm as mounted by a further Rx(x) Ry(y), and
-        this one."""
+        """Return both turns as one, rad: this one and a further Rx(x) Ry(y)."""
         return tilt_of(turned(self.x, self.y).T @ turned(x, y).T @ self.described)
 
 
@@ -84,15 +83,13 @@ def turned(x: float, y: float) -> Array:
 
 
 def tilt_of(gravity: Array) -> tuple[float, float]:
-    """Return x, y, rad, with Rx(x) Ry(y) the turn under which gravity straight down is felt as
-    `gravity` (3,)."""
+    """Return x, y, rad, of the turn Rx(x) Ry(y) that makes gravity `gravity` (3,)."""
     down = gravity / np.linalg.norm(gravity)
     return float(-np.arcsin(np.clip(down[1], -1.0, 1.0))), float(np.arctan2(down[0], -down[2]))
 
 
 def other_mounting(robot: Robot, model: str, motions: Sequence[Motion]) -> Mounting | None:
-    """Return how the arm is mounted, where its torques exclude what is described; None where they
-    do not.
+    """Return how the arm is mounted where its torques exclude the description, or None.
 
     Torques are linear in gravity, whatever its direction: three columns, beside dry friction and a
     zero of each joint. The joints that carry most decide. Only where another direction explains

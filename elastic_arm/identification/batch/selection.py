@@ -141,8 +141,10 @@ class BatchTrial:
 
 @dataclass
 class Trials:
-    """Estimators for one question with different choices; what depends on no choice is worked out
-    once."""
+    """Estimators for one question with different choices.
+
+    What depends on no choice is worked out once.
+    """
 
     recordings: Sequence[tuple[Recording, Samples]]  # With their samples
     robot: Robot  # The nominal arm
@@ -237,8 +239,10 @@ class Trials:
         return told_apart(possible, equations)
 
     def final(self, choice: BatchChoice) -> BatchTrial:
-        """Return the estimator of a choice, ends of short recordings included where the equations
-        do not close."""
+        """Return the estimator of a choice.
+
+        It takes the ends of short recordings where the equations do not close.
+        """
         trial = self(choice)
         return trial if closes(trial.fit, trial.linear_blocks) else self(choice, ends=True)
 
@@ -326,8 +330,7 @@ def standstill(sign_speed: float | Sequence[float], robot: Robot) -> str:
 
 
 def turning_speed(errors: Array) -> float:
-    """Return the most probable speed, rad/s, of those at which a joint's dry friction may turn
-    over.
+    """Return the most probable speed, rad/s, at which dry friction turns over.
 
     Each speed makes another law with as many parameters. Where one misses by d more than the best
     law, with a standard deviation s by the scatter from block to block, it is as good with a
@@ -351,8 +354,10 @@ def turning_speed(errors: Array) -> float:
 def with_trace(
     laws: Sequence[EffectInstance], robot: Robot, model: str, samples: Samples
 ) -> tuple[tuple[EffectInstance, ...], list[str]]:
-    """Return laws without those that only the torques of joints without one would show, and these
-    by their names."""
+    """Return laws that some torque shows, and the names of the others.
+
+    The torques of some joints are missing.
+    """
     bare = samples.without_torque(robot.joint_names)
     if not any(law.joint in bare for law in laws):
         return tuple(laws), []
@@ -400,8 +405,9 @@ def _errors_by_block(trial: BatchTrial, fit: Fit) -> Array:
 
 
 def turning_speeds(recordings: Sequence[Recording], robot: Robot) -> Array | None:
-    """Return the speed (n,) within which each joint's dry friction turns over, rad/s; None where
-    nothing shows it.
+    """Return the speed (n,) rad/s within which each joint's dry friction turns over.
+
+    None where nothing shows it.
 
     Base parameters, friction and zeros of the torques are fitted beside it.
     """

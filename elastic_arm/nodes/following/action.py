@@ -35,8 +35,10 @@ STOPPED = 0.01
 
 @dataclass(frozen=True, eq=False)
 class Tolerances:
-    """Largest errors of position and velocity, (n,) each, rad and rad/s; infinite where any is
-    allowed."""
+    """Largest errors of position and velocity, (n,) each, rad and rad/s.
+
+    Infinite where any is allowed.
+    """
 
     position: Array
     velocity: Array
@@ -112,8 +114,9 @@ class TrajectoryAction:
         self._server.destroy()
 
     def observe(self, now_ns: int, reference: Row, position: Array, velocity: Array) -> None:
-        """Compare the arm with its reference: give feedback, and end a goal that is reached, missed
-        or cancelled.
+        """Compare the arm with its reference; give feedback, or end the goal.
+
+        A goal is reached, missed or cancelled.
 
         reference: of this step, (n,) each; position, velocity: (n,) as measured.
         """

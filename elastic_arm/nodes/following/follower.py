@@ -76,8 +76,7 @@ class Follower:
         return self.go_to(message)
 
     def go_to(self, message: JointTrajectory, policy: str | None = None) -> Goal:
-        """Take a message as a goal, whatever its stamp, by a policy of limits other than that of
-        all goals.
+        """Take a message as a goal, whatever its stamp, by its own policy of limits.
 
         Raises a GraphError if it cannot be followed; the arm goes on as before.
         """
@@ -89,8 +88,10 @@ class Follower:
         return goal
 
     def obey(self, command: JointTrajectory) -> None:
-        """Take a command of one cycle; where it is out of reach by then, the arm goes as fast as
-        the limits allow."""
+        """Take a command of one cycle.
+
+        Where it is out of reach by then, the arm goes as fast as the limits allow.
+        """
         self.go_to(command, "ignore" if self._policy == "ignore" else "slow_down")
 
     def stop(self) -> Goal:

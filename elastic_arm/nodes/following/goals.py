@@ -62,8 +62,9 @@ def plan_goal(
     limits: JointLimits,
     policy: str,
 ) -> Goal:
-    """Return the motion to a goal as joint_trajectory_controller plans it: from the present state
-    through the points.
+    """Return the motion to a goal as joint_trajectory_controller plans it.
+
+    From the present state through the points.
 
     Points at or before the present are left out. Joints that are not named stay where they are.
     Along a straight line the velocity is limited, but not its steps at the ends.
@@ -96,8 +97,7 @@ def plan_goal(
 
 
 def plan_stop(now_ns: int, present: Row, limits: JointLimits) -> Goal:
-    """Return the way to a standstill from the present motion at an even deceleration within the
-    limits.
+    """Return the way to a standstill at an even deceleration within the limits.
 
     present: (n,) position, velocity and acceleration at that time.
     """

@@ -64,8 +64,9 @@ class ReferenceQueue:
         points: Row,
         degree: NDArray[np.int64] | int = QUINTIC,
     ) -> None:
-        """Take streamed points, which go on from those before where these lie less than half a
-        second back.
+        """Take streamed points.
+
+        They go on from those before where these lie less than half a second back.
 
         stamps: (N,) ns, increasing; points: (N, n) each; degree: of the polynomials between them,
         (N,) or one for all.
@@ -99,8 +100,10 @@ class ReferenceQueue:
         self._tail = (int(stamps[-1]), Row(*(values[-1] for values in points)), int(degree[-1]))
 
     def bridge(self, stamp: int) -> tuple[int, Row, int] | None:
-        """Return stamp, point and degree from which a stream goes on to a point at `stamp`; None
-        for another motion."""
+        """Return stamp, point and degree from which a stream goes on to `stamp`.
+
+        None for another motion.
+        """
         if self._tail and 0 < stamp - self._tail[0] <= LONGEST_HOLE_NS:
             return self._tail
         return None
@@ -118,8 +121,10 @@ class ReferenceQueue:
         self.delay = 0.0
 
     def extend(self, first: int, rows: Row) -> None:
-        """Append rows that lie on the grid, (N, n) each, from the step `first` on, which follows
-        the last one's."""
+        """Append rows on the grid, (N, n) each, from the step `first` on.
+
+        It follows the last one's.
+        """
         if not self._motions or self._motions[-1][-1][0] != first - 1:
             self._motions.append(deque())
         self._motions[-1].extend(

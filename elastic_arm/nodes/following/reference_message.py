@@ -23,8 +23,10 @@ _FIELDS = ("positions", "velocities", "accelerations")
 
 
 class Points(NamedTuple):
-    """Points of a message, (N, n) each; `degree` (N,) is that of the polynomials they allow, see
-    `splines`."""
+    """Points of a message, (N, n) each.
+
+    `degree` (N,) is that of the polynomials they allow, see `splines`.
+    """
 
     position: NDArray[np.float64]
     velocity: NDArray[np.float64]
@@ -101,8 +103,9 @@ def _degree(point: JointTrajectoryPoint) -> int:
 
 
 def commanded(command: JointState, period: float) -> JointTrajectory | None:
-    """Return the goal that a controller's command of one cycle is, reached after `period` s; None
-    without numbers.
+    """Return a controller's command as the goal to reach after `period` s.
+
+    None without numbers.
 
     Where a velocity is commanded, too, the arm is then further on by it: it follows without a lag.
     """

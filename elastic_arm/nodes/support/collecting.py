@@ -74,8 +74,10 @@ class DriverSide:
         return DriverSide(topics.pop(), joints)
 
     def read(self, names: tuple[str, ...], numbers: dict[str, Array]) -> dict[str, Array] | None:
-        """Return the fields (N, n) in SI units at the output, one that was not recorded (N, 0);
-        None if it is no such message."""
+        """Return the fields (N, n) in SI units at the output; None for other messages.
+
+        A field that was not recorded is (N, 0).
+        """
         rows = len(next(iter(numbers.values())))
         found: dict[str, Array] = {}
         for field in CHANNEL_NAMES:
@@ -154,8 +156,10 @@ class Collector:
         )
 
     def take(self, everything: bool = False) -> Samples | None:
-        """Return the samples that are ready, in order of time and never older than those before;
-        None without any."""
+        """Return the samples that are ready, in order of time, or None.
+
+        They are never older than those before.
+        """
         add = dict(zip(NAMED, (self.pairing.add_link, self.pairing.add_motor), strict=True))
         for topic, inbox in self.inboxes.items():
             self._empty[topic] += 1

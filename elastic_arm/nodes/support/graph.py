@@ -23,8 +23,7 @@ UNNAMED = "another node"
 
 
 def relative(topic: str) -> str:
-    """Return the name by which a node of any namespace publishes or subscribes one of the suite's
-    topics.
+    """Return the name of one of the suite's topics for nodes of any namespace.
 
     Clock and diagnostics are the graph's, not an arm's: nodes of all namespaces share them, as ROS
     expects.
@@ -33,8 +32,7 @@ def relative(topic: str) -> str:
 
 
 def resolved(node: Node, topic: str) -> str:
-    """Return the full name of one of the suite's topics for a node, with its namespace and
-    remapping."""
+    """Return the full name of one of the suite's topics, with namespace and remapping."""
     return str(node.resolve_topic_name(relative(topic)))
 
 
@@ -58,8 +56,9 @@ def message_class(type_name: str) -> Any:
 
 
 def other_publishers(node: Node, topic: str) -> list[str]:
-    """Return the full names of other nodes that publish one of the suite's topics in a node's
-    namespace.
+    """Return the full names of other nodes that publish one of the suite's topics.
+
+    In the namespace of a node.
 
     A node whose name discovery has not brought yet is `UNNAMED`, and comes last. A node of this
     one's name counts once too often.
@@ -81,14 +80,15 @@ def other_publishers(node: Node, topic: str) -> list[str]:
 
 
 def slowness() -> float:
-    """Return how many times longer discovery may take than on an idle machine: 1 to 4, by the load
-    on each core."""
+    """Return how many times longer discovery may take than on an idle machine.
+
+    1 to 4, by the load on each core.
+    """
     return min(max(os.getloadavg()[0] / (os.cpu_count() or 1), 1.0), 4.0)
 
 
 def require_single_publisher(node: Node, wanted: Sequence[str], seconds: float = DISCOVERY) -> None:
-    """Wait for discovery, and give up if another node publishes a topic that can have only one
-    source.
+    """Wait for discovery; give up if another node publishes the topic.
 
     The error names the other node: its name may be discovered later than what it publishes, and is
     waited for. Of two that start together one looks a little longer, and finds the other.

@@ -27,8 +27,9 @@ ADAPTING = 0.1  # s between looks at who publishes
 
 
 class ArmNode(Node):
-    """A node with a rhythm of its own: the process calls :meth:`tick`, spins until the next is due,
-    and so on.
+    """A node with a rhythm of its own.
+
+    The process calls :meth:`tick`, spins until the next is due, and so on.
 
     failure: set by a callback that met an error, which ends the node; an exception out of a
     callback would be logged by the executor with its traceback first.
@@ -37,8 +38,10 @@ class ArmNode(Node):
     failure: ElasticArmError | None = None
 
     def every(self, seconds: float, callback: Callable[[], None]) -> Timer:
-        """Call something again and again, in real time: also where the node goes by a clock that
-        nobody publishes."""
+        """Call something again and again, in real time.
+
+        Also where the node goes by a clock that nobody publishes.
+        """
         return self.create_timer(seconds, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def output(self, topic: str, kind: Any) -> Publisher:
@@ -58,8 +61,7 @@ class ArmNode(Node):
         return self.create_service(kind, f"~/{name}", reply)
 
     def serve_words(self, kind: Any, name: str, act: Callable[[Any], str]) -> Service:
-        """Offer a service whose response states whether it succeeded, and in words what was done,
-        or is wrong."""
+        """Offer a service that answers whether it succeeded, and why in words."""
 
         def answer(request: Any) -> Mapping[str, Any]:
             try:
@@ -128,8 +130,7 @@ def _text(value: Any) -> str:
 
 
 class Listener:
-    """A subscription that is made anew where publishers offer less than it requests, or something
-    latched."""
+    """A subscription that is made anew when publishers offer less, or latch messages."""
 
     def __init__(
         self,
@@ -183,8 +184,7 @@ class Listener:
 
 
 def matching(infos: list[TopicEndpointInfo]) -> QoSProfile:
-    """Return a quality of service that receives from all these publishers, also what was
-    latched."""
+    """Return a quality of service that receives from all publishers, latched ones too."""
     reliable = all(info.qos_profile.reliability == ReliabilityPolicy.RELIABLE for info in infos)
     latched = all(info.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for info in infos)
     return QoSProfile(

@@ -21,8 +21,10 @@ _TYPES = {
 
 @dataclass(frozen=True)
 class Setting:
-    """A row of a node's table of parameters; the type is that of the default, [] stands for a list
-    of texts."""
+    """A row of a node's table of parameters.
+
+    The type is that of the default; [] is a list of texts.
+    """
 
     default: Any
     description: str

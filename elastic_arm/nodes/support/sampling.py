@@ -19,8 +19,9 @@ BATCH = 0.1
 
 
 class SamplingNode(ArmNode):
-    """A node that makes something of an arm's samples; subclasses say what, and prepare it before
-    :meth:`listen`.
+    """A node that makes something of an arm's samples.
+
+    Subclasses define what, and prepare it before :meth:`listen`.
 
     problem: what is wrong, in words.
     """
@@ -38,8 +39,10 @@ class SamplingNode(ArmNode):
         return channels
 
     def listen(self, what: str, fine: str) -> None:
-        """Subscribe, offer the services, and report the health of `what`, which is `fine` without
-        problems."""
+        """Subscribe, offer the services, and report the health of `what`.
+
+        It is `fine` without problems.
+        """
         self.serve_words(Trigger, "reset", self._reset)
         self.serve_words(SetBool, "pause", self._pause)
         self.serve_words(Trigger, "save", self.save)

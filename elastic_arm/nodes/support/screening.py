@@ -15,8 +15,9 @@ OF_A_BATCH = 20
 
 
 class StreamScreen:
-    """Leaves out samples that are of no arm, or lie a hundred times the range of those before from
-    their middle.
+    """Leaves out samples that no arm has.
+
+    They lie a hundred times the range of those before from their middle.
 
     A recording is screened as a whole, and more closely
     (:func:`~elastic_arm.recording.inspection.outliers.without_outliers`): here what follows is not

@@ -52,8 +52,9 @@ class Form:
 
 
 class Inbox:
-    """Messages of one topic as they arrived, to be decoded many at a time; the oldest give way when
-    it is full.
+    """Messages of one topic, to be decoded many at a time.
+
+    When it is full, the oldest are dropped.
 
     Counted are messages that came, gave way, or do not fit their type (or have one layout too
     many).
@@ -78,8 +79,9 @@ class Inbox:
         return len(self._messages)
 
     def take(self) -> Iterator[Decoded]:
-        """Empty the box: yield names, stamps (N,) in ns and numbers by field (N, count), one layout
-        at a time.
+        """Empty the box: yield names, stamps (N,) ns and numbers by field (N, count).
+
+        One layout at a time.
 
         Within a layout the order is that of arrival.
         """

@@ -62,8 +62,9 @@ def check_bag(
     namespace: str | None = None,
     report_share: Callable[[str, float], None] = lambda what, share: None,
 ) -> Report:
-    """Look for everything that may be wrong with a bag: what readers refuse or mend, and what no
-    arm measures.
+    """Look for everything that may be wrong with a bag.
+
+    That is what readers refuse or mend, and what no arm measures.
 
     A long bag is looked at in parts: what begins in a later one is said with its time. The
     description is compared with the motions of all of them.
@@ -139,8 +140,7 @@ def _together(parts: Sequence[Report]) -> Iterator[Finding]:
 def looked_through(
     recording: Recording, robot: Robot | None = None, motions: Motions | None = None
 ) -> list[Finding]:
-    """Return what had to be done to use a recording, and what no sensors of a moving arm, or of
-    this one, measure.
+    """Return what was done to use a recording, and what no sensor of an arm measures.
 
     What the description is to be compared with is added to `motions`.
     """
@@ -152,8 +152,10 @@ def looked_through(
 
 
 def doubts(recording: Recording, robot: Robot) -> list[str]:
-    """Return in words what cannot be right of a recording to be fitted; fits look for the mounting
-    themselves."""
+    """Return in words what cannot be right of a recording to be fitted.
+
+    Fits look for the mounting themselves.
+    """
     whole = cleared(recording)[0]
     found = _seen(whole, recording, robot) + contradicted([*side_motions(whole, robot)], robot)
     return [
@@ -166,8 +168,9 @@ def doubts(recording: Recording, robot: Robot) -> list[str]:
 def misread(
     recordings: Sequence[Recording], robot: Robot, *, explained: bool = False
 ) -> str | None:
-    """Return which channels are not what they are taken for, in words; no arm is to be written by
-    them.
+    """Return in words which channels are misread.
+
+    No arm is to be written by them.
 
     explained: whether effects stand for missing gravity and for encoders that disagree, as those of
     a diagnosis do.

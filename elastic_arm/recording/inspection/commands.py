@@ -27,8 +27,7 @@ NEAR = 1.15  # times such a factor; a loop's own gain is off by less, and servos
 
 
 def followed(recording: Recording) -> Iterator[Finding]:
-    """Yield what is seen of commands: a note on lag and rate, and warnings where they cannot be
-    what was followed."""
+    """Yield what is seen of commands: lag and rate, and whether they can be what was followed."""
     reference = recording.reference
     side = (
         recording.motor

@@ -95,8 +95,7 @@ class _Mix(NamedTuple):
 
 
 class SideMotion(NamedTuple):
-    """Angles, rates, accelerations and torques (N, n) of a side, and the joints whose torque was
-    measured."""
+    """Motion and torques (N, n) of a side, and the joints with measured torque."""
 
     q: Array
     dq: Array
@@ -133,8 +132,9 @@ class GravityFit(NamedTuple):
 
 
 def contradicted(motions: Motions, robot: Robot) -> list[Finding]:
-    """Return which torques are at odds with the description, of the motions of a recording, or of
-    all its parts.
+    """Return which torques contradict the description.
+
+    The motions are those of a recording, or of all its parts.
 
     They belong to another joint, way to turn or zero, "exchanged", "mirrored", "other_zero"; run
     against gravity, "gravity_sign"; show another direction, "mounting"; are far larger or smaller,
@@ -147,8 +147,7 @@ def contradicted(motions: Motions, robot: Robot) -> list[Finding]:
 
 
 def misread_channels(recording: Recording, robot: Robot, *, weight: bool) -> str | None:
-    """Return which channels are not what they are taken for, by unit, sign or joint; None where all
-    are.
+    """Return which channels are misread, by unit, sign or joint.
 
     weight: whether torques without gravity are among them.
     """

@@ -12,8 +12,10 @@ from elastic_arm.recording.storage.bag import open_bag
 
 @dataclass
 class TopicInfo:
-    """A topic of a bag: type, messages, first and last log time, and the rate between them (None
-    below two)."""
+    """A topic of a bag: type, messages, first and last log time, and the rate.
+
+    The rate is None below two messages.
+    """
 
     name: str
     type_name: str
@@ -75,8 +77,10 @@ class BagInfo:
 def bag_info(
     path: str | Path, channels: ChannelMap | None = None, namespace: str | None = None
 ) -> BagInfo:
-    """Sum up a bag, of the arm in a namespace where it holds several; a RecordingError if nothing
-    can be read."""
+    """Sum up a bag.
+
+    Of several arms, that in a namespace is taken. A RecordingError if nothing can be read.
+    """
     info = _counted(path)
     try:
         recording = read_recording(path, channels, namespace=namespace)

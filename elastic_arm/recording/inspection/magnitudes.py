@@ -20,8 +20,10 @@ WEAKEST = 1e-4
 
 
 def hardly_usable(recording: Recording) -> list[str]:
-    """Return in words why a recording that is whole cannot be used: few samples, or joints without
-    a position."""
+    """Return in words why a whole recording cannot be used.
+
+    It has few samples, or joints without a position.
+    """
     sides = recording.measured()
     words = []
     count = min((len(side) for side in sides.values()), default=0)
@@ -42,8 +44,7 @@ def hardly_usable(recording: Recording) -> list[str]:
 
 
 def of_no_arm(recording: Recording) -> list[Finding]:
-    """Return which speeds and torques no arm has, whichever it is: their unit is not what it was
-    taken for."""
+    """Return speeds and torques that no arm has: their unit is another."""
     findings = list[Finding]()
     joints = recording.joints
     for name, side in recording.measured().items():

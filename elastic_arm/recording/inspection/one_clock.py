@@ -27,8 +27,7 @@ _WORDS = {"reference": "the commands", "link": "the link side", "motor": "the mo
 
 
 def by_one_clock(recording: Recording, found: list[Finding]) -> Recording:
-    """Shift sides whose stamps have little in common with the others' to where their motion is the
-    same."""
+    """Shift sides whose stamps share little to where their motion is the same."""
     sides = {name: side for name, side in recording.sides().items() if side.position is not None}
     long = {name: side for name, side in sides.items() if len(side) >= FEWEST // 4}
     base = next((name for name in ("link", "motor") if name in long), None)

@@ -57,8 +57,10 @@ _APART_SECONDS = 0.02  # s
 
 @dataclass(frozen=True)
 class Outliers:
-    """The outliers of one channel of one joint: where, which samples, the one furthest from zero,
-    and in words."""
+    """The outliers of one channel of one joint.
+
+    Where, which samples, the one furthest from zero, and in words.
+    """
 
     side: str
     channel: str
@@ -88,8 +90,10 @@ def without_outliers(recording: Recording) -> Recording:
 
 
 def cleared(recording: Recording) -> tuple[Recording, list[Finding]]:
-    """Return the recording as it can be used, and what was done to it; one of which nothing was is
-    the same object."""
+    """Return the recording as it can be used, and what was done to it.
+
+    The same object where nothing was done.
+    """
     found: list[Finding] = []
     for step in (by_one_clock, without_zeros, _without_far_samples, _in_one_piece, at_updates):
         recording = step(recording, found)
@@ -98,8 +102,9 @@ def cleared(recording: Recording) -> tuple[Recording, list[Finding]]:
 
 
 def without_zeros(recording: Recording, found: list[Finding]) -> Recording:
-    """Leave out samples of zeros alone, or of another pose that is sent again and again, where most
-    are no motion.
+    """Leave out samples of zeros, or of one pose that is sent again and again.
+
+    Only where most of them are no motion.
 
     Neighbours are nearer to each other than to them, by more than the joints go in the samples
     around.
@@ -561,8 +566,7 @@ def _resolution(column: Array) -> float:
 
 
 def sane_limits(values: Array, channel: str) -> tuple[Array, Array]:
-    """Return the numbers (n,) beyond which a sample of a channel is absurd, from most of its values
-    (N, n)."""
+    """Return the numbers (n,) beyond which a sample of a channel (N, n) is absurd."""
     lower, upper = np.percentile(values, _INNER, axis=0)
     middle = 0.5 * (lower + upper)
     spread = np.maximum(upper - lower, _LEAST_INNER * _LEAST[channel])

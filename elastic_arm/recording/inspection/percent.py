@@ -20,8 +20,9 @@ _SAME = 2e-3  # relative; steps of one encoder
 
 
 def ranges_by_steps(values: Array) -> Array | None:
-    """Return the calibrated ranges, degrees (n,), that steps of values (N, n) in per cent show;
-    None where in degrees.
+    """Return calibrated ranges, degrees (n,), by steps of values (N, n) in per cent.
+
+    None where the values are degrees.
 
     Encoders of different kinds have steps that differ by powers of two.
     """
@@ -55,8 +56,7 @@ def _step(column: Array) -> float:
 
 
 def in_percent(recording: Recording) -> Iterator[Finding]:
-    """Yield whether angles that were taken as degrees are per cent, with the range of each
-    joint."""
+    """Yield whether angles taken as degrees are per cent, with each joint's range."""
     for name, side in recording.measured().items():
         if side.position is None or len(side) < FEWEST:
             continue

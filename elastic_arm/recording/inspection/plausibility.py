@@ -82,8 +82,10 @@ def _whole(side: Side, joints: Sequence[str]) -> tuple[Side, Sequence[str]]:
 
 
 def smoothed_torques(recording: Recording) -> list[str]:
-    """Return in words which torques were low-passed before they were recorded: they hold not even
-    noise above."""
+    """Return in words which torques were low-passed before they were recorded.
+
+    They do not even hold noise above.
+    """
     return [finding.message for finding in _noiseless(recording) if finding.code == _SMOOTH]
 
 
@@ -128,8 +130,7 @@ def _is_motion(side: Side) -> bool:
 
 
 def is_motion(t: Array, position: Array) -> bool:
-    """Return whether positions (N, n), rad, at times (N,), s, are the motion of an arm, not numbers
-    of any kind."""
+    """Return whether positions (N, n), rad, at times (N,), s, are the motion of an arm."""
     if len(t) < 2:
         return False
     speed = np.diff(np.unwrap(position, axis=0), axis=0) / np.diff(t)[:, None]

@@ -21,8 +21,10 @@ _MENDED = (JOINT_STATES, MOTOR_STATES, JOINT_TORQUES)
 
 @dataclass
 class Repair:
-    """What a repair did: the new bag, how many messages are in it, what was left out or could not
-    be mended."""
+    """The result of a repair.
+
+    The new bag, its number of messages, and what was left out or could not be mended.
+    """
 
     path: Path
     kept: int = 0

@@ -70,8 +70,7 @@ def about(
     remedy: str = "",
     severity: Severity = "warning",
 ) -> list[Finding]:
-    """Return what the words state of a channel of the chosen joints (n,); nothing where none is
-    chosen."""
+    """Return a finding about a channel of the chosen joints (n,), if there are any."""
     if not chosen.any():
         return []
     message = f"{what} of {listed(joints, chosen)} {words}"
@@ -110,8 +109,10 @@ class Report:
 
 
 def checked(side: Side, topic: str, joints: Sequence[str]) -> Side:
-    """Return `side` if its times advance and its numbers are finite, or NaN throughout for joints
-    without a channel."""
+    """Return `side` if its times advance and its numbers are finite.
+
+    Joints without a channel hold NaN throughout.
+    """
     check_times(side.stamp_ns, topic)
     faults = []
     for name, values in side.channels().items():
@@ -182,8 +183,7 @@ def single_precision(stamp_ns: Stamps) -> float | None:
 
 
 def wrong_rate(rate: float) -> str | None:
-    """Return in words what is wrong with a sample rate, Hz, that no recording of an arm has; None
-    for others."""
+    """Return in words what is wrong with a sample rate, Hz; None for a right one."""
     if SLOWEST <= rate <= FASTEST:
         return None
     much = "few: they do not show" if rate < SLOWEST else "many for"

@@ -57,8 +57,10 @@ _SAID = {
 
 
 def moves(recording: Recording) -> bool:
-    """Return whether any joint travels, or holds numbers that are none; any may where there are no
-    positions."""
+    """Return whether any joint travels, or holds numbers that are none.
+
+    Any joint may travel where there are no positions.
+    """
     positions = [
         side.position for side in recording.measured().values() if side.position is not None
     ]
@@ -72,8 +74,10 @@ def moves(recording: Recording) -> bool:
 
 
 def channel_findings(recording: Recording) -> list[Finding]:
-    """Return which channels do not follow the arm: each channel of each joint is looked at once, by
-    all rules."""
+    """Return which channels do not follow the arm.
+
+    Each channel of each joint is looked at once, by all rules.
+    """
     if not moves(recording):
         words = "the recording holds no motion: identify and diagnose have nothing to fit"
         return [warning("no_motion", f"{words}. {NO_MOTION}")]
@@ -148,8 +152,7 @@ def _of_channel(
 
 
 def at_updates(recording: Recording, found: list[Finding]) -> Recording:
-    """Take channels that are held at their updates: a cubic spline through these is between
-    them."""
+    """Take held channels at their updates, with a cubic spline between them."""
     kept: dict[str, Any] = {}
     slowest = 1.0
     read_ns = recording.read_ns
@@ -239,8 +242,9 @@ def _held(column: Array, moving: NDArray[np.bool_]) -> tuple[float, float]:
 
 
 def filled_in(column: Array, moving: NDArray[np.bool_]) -> float:
-    """Return the share of zeros between values of one sign that are further from zero than from
-    each other.
+    """Return the share of zeros between values of one sign.
+
+    The values are further from zero than from each other.
 
     Those are counted during which the joint is `moving` (N,) all the while.
     """
@@ -346,8 +350,10 @@ def _impulses(torque: Array, end: float) -> bool:
 
 
 def frozen(recording: Recording) -> list[Finding]:
-    """Return when all channels stay the same for a while although the arm moves: what was recorded
-    is an old sample."""
+    """Return when all channels stay the same for a while although the arm moves.
+
+    What was recorded then is an old sample.
+    """
     link = recording.link
     motor = recording.motor
     if link is not None and motor is not None and np.array_equal(link.stamp_ns, motor.stamp_ns):

@@ -40,8 +40,10 @@ class TorqueSpectrum:
 
     @property
     def band(self) -> float:
-        """Hz, up to which the torques are those of the motion: the joints of a side pass one kind
-        of filter."""
+        """Hz, up to which torques are those of the motion.
+
+        The joints of a side pass one kind of filter.
+        """
         # 0.9 of the knee: there a filter of the eighth order has taken 3 dB, at the knee itself 6
         return (
             0.9 * float(np.median(self.knee[self.low_passed]))
@@ -80,16 +82,17 @@ def torque_spectrum(effort: Array, rate: float) -> TorqueSpectrum:
 
 
 def without_line(pieces: Array) -> Array:
-    """Return pieces (…, N) of a signal without the straight line of each, for which SciPy solves
-    least squares."""
+    """Return pieces (…, N) of a signal without their straight lines.
+
+    SciPy would solve least squares for each.
+    """
     t = np.linspace(-1.0, 1.0, pieces.shape[-1])
     left = pieces - pieces.mean(axis=-1, keepdims=True)
     return np.asarray(left - (left @ t)[..., None] * (t / max(float(t @ t), 1e-300)))
 
 
 def torque_spectra(recording: Recording) -> dict[str, TorqueSpectrum]:
-    """Return the spectra of the torques of the link and the motor side, of those that are long
-    enough.
+    """Return the spectra of link and motor torques, where these are long enough.
 
     Torques that were made of commands are computed, and have none; nor have those that were held.
     """

@@ -22,8 +22,10 @@ _TOGETHER = 0.01  # of the squares of the motor's angle, that the link's does no
 
 
 def with_one_zero(recording: Recording, found: list[Finding]) -> Recording:
-    """Take out what motors' encoders differ from links' by throughout, where no drive winds up so
-    far: a zero unset."""
+    """Take out a constant difference of motor and link encoders that no drive winds up.
+
+    It is a zero that was not set.
+    """
     zero, ratio, _ = _apart(recording)
     # 0.05 rad; encoders are set to zero more closely than that, and no drive is assembled so
     off = (np.abs(zero) > 0.05) & (np.abs(ratio) < _TOGETHER)
@@ -112,8 +114,9 @@ def _apart(recording: Recording) -> tuple[Array, Array, Array]:
 
 
 def by_motor_encoders(recording: Recording, robot: Robot) -> Recording:
-    """Return a recording of a rigid arm without link encoders where motors have an encoder and a
-    torque, with a note.
+    """Return a rigid arm's recording, with motor encoders as link encoders, and a note.
+
+    Motors have an encoder and a torque, links no encoder.
 
     That of any other arm, and one with joint torques, which go with the links, is returned as it
     is.

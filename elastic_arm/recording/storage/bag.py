@@ -48,8 +48,7 @@ class Bag:
     damage: list[str] = field(default_factory=list)
 
     def currents(self) -> list[str]:
-        """Return the torque channels that are motor currents times a torque constant: as the files,
-        without folder."""
+        """Return the torque channels that are motor currents times a torque constant."""
         if self.metadata is not None:
             return list(self.metadata.currents)
         return list(dict.fromkeys(name for file in self.files for name in file.currents()))

@@ -67,8 +67,7 @@ class _RecordStream(ReadDataStream):
 
 
 class Chunk(NamedTuple):
-    """Where the bytes of a chunk lie in the file, how they are packed, and where its messages'
-    indexes lie."""
+    """The bytes of a chunk, how they are packed, and its message indexes in the file."""
 
     begin: int
     end: int
@@ -133,8 +132,10 @@ class McapFile(StoredFile):
         )
 
     def blocks(self, strict: bool = True) -> Iterator[McapBlock]:
-        """Yield the messages, block by block in file order; slow chunks are unpacked ahead in
-        threads."""
+        """Yield the messages block by block in file order.
+
+        Threads unpack slow chunks ahead.
+        """
         self._before = None
         starts = np.array([*(chunk.start_ns for chunk in self.chunks), LATEST_NS], np.int64)
         first, *horizons = np.minimum.accumulate(starts[::-1])[::-1].tolist()

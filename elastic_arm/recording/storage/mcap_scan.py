@@ -36,8 +36,7 @@ def message_head(size: int, channel: int, sequence: int, log_ns: int, publish_ns
 def lay_messages(
     buffer: Bytes, offsets: Offsets, message: bytes, *, channel: int, first: int, stamp_ns: Offsets
 ) -> Offsets | slice:
-    """Lay records that all hold the same message into a buffer, and return where the messages
-    begin."""
+    """Write records with one message each into a buffer; return where messages begin."""
     where = progression(offsets)
     record = message_head(len(message), channel, 0, 0, 0) + message
     place(buffer, where, 0, np.frombuffer(record, f"V{len(record)}"))
@@ -65,8 +64,7 @@ class Scan:
 
 
 def scan(buffer: Bytes, begin: int, end: int, most: int = limits.RECORDS) -> Scan:
-    """Find all records between `begin` and `end`; stops before a torn one, or one that is shorter
-    than its kind."""
+    """Find all records between `begin` and `end`, up to a torn or too short one."""
     view = buffer.data
     at = begin
     given = begin
@@ -95,8 +93,10 @@ def scan(buffer: Bytes, begin: int, end: int, most: int = limits.RECORDS) -> Sca
 
 
 def give_back(buffer: Bytes, begin: int, end: int) -> None:
-    """Have the system take back the memory of a file's bytes that were read; they come again when
-    needed."""
+    """Return memory of bytes that were read to the system.
+
+    They are read again when needed.
+    """
     mapping = getattr(buffer.base, "obj", None)
     if isinstance(mapping, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED"):
         begin = begin // mmap.PAGESIZE * mmap.PAGESIZE
@@ -146,8 +146,9 @@ class McapBlock:
 
 
 def repeated(before: McapBlock | None, plain: Bytes, horizon_ns: int) -> McapBlock | None:
-    """Return the messages of a chunk if they come as regularly as in the one before, and fill it;
-    None if they do not.
+    """Return a chunk's messages if they repeat the pattern of the last chunk, or None.
+
+    They have to fill the chunk.
 
     Their heads alone are read: that spares most of what there is to do with indexes.
     """
@@ -194,8 +195,10 @@ def _in_turn(block: McapBlock) -> bool:
 
 
 def indexed(file: Bytes, indexes: list[Record], plain: Bytes, horizon_ns: int) -> McapBlock | None:
-    """Return the messages of a chunk by its indexes; None unless these account for every byte of
-    it."""
+    """Return a chunk's messages by its indexes.
+
+    None unless the indexes account for every byte.
+    """
     block = McapBlock(plain, {}, horizon_ns)
     for _, begin, end in indexes:
         channel = int.from_bytes(file[begin : begin + 2], "little")

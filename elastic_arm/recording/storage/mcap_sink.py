@@ -46,8 +46,7 @@ _COMPRESSED: dict[Compression, Callable[[bytes | memoryview], bytes | memoryview
 
 @dataclass(frozen=True)
 class Packed:
-    """A chunk ready to be written: its bytes, and the log times and places of its messages by
-    channel."""
+    """A chunk ready to be written, with log times and places of its messages by channel."""
 
     data: bytes | memoryview
     size: int
@@ -58,8 +57,10 @@ class Packed:
 def pack(
     plain: bytes | memoryview, index: dict[int, tuple[Offsets, Offsets]], compression: Compression
 ) -> Packed:
-    """Compress the records of a chunk; leaves the interpreter's lock, so threads may share the
-    work."""
+    """Compress the records of a chunk.
+
+    Threads may share the work: it leaves the interpreter's lock.
+    """
     return Packed(_COMPRESSED[compression](plain), len(plain), zlib.crc32(plain), index)
 
 

@@ -45,8 +45,10 @@ def read_topics(path: str | Path) -> list[Topic]:
 
 
 def topics_of(files: Sequence[BagFile]) -> list[Topic]:
-    """Return the topics of opened files; where a file does not list them all, from a look through
-    its messages."""
+    """Return the topics of opened files.
+
+    Where a file does not list them all, its messages are looked through.
+    """
     found: dict[str, Topic] = {}
     for file in files:
         if not all(topic.type_name for topic in file.channels.values()) or not file.channels:

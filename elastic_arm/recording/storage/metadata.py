@@ -38,8 +38,9 @@ class Topic:
 
 @dataclass
 class StoredFile:
-    """A file of a bag of any storage format, which has its messages in `blocks(strict)`, block by
-    block.
+    """A file of a bag of any storage format.
+
+    Its messages come from `blocks(strict)`, block by block.
 
     What a format knows nothing of is as here.
     """
@@ -61,13 +62,14 @@ class StoredFile:
         return self.channels[channel]
 
     def currents(self) -> tuple[str, ...]:
-        """Return the torque channels that the file states to be motor currents times a torque
-        constant."""
+        """Return torque channels that the file states to be currents times a constant."""
         return ()
 
     def check_lengths(self) -> None:
-        """Raise if all of its messages, which are to be kept, claim to unpack to more than the
-        limit."""
+        """Raise if its messages claim to unpack to more than the limit.
+
+        All of them are to be kept.
+        """
 
     def expected(self, _: int) -> int:
         """Return how many messages the file promises on a channel; 0 where nothing is known."""
@@ -90,8 +92,7 @@ class FileSummary:
 
 
 def offered_qos(topic: str) -> str:
-    """Return the quality of service that the suite's nodes offer on a topic, as rosbag2 writes it
-    (YAML)."""
+    """Return the nodes' quality of service on a topic as rosbag2 writes it (YAML)."""
     latched = f"/{topic.rpartition('/')[2]}" in LATCHED
     profile = {
         "history": "keep_last",
@@ -134,8 +135,7 @@ def metadata(
 
 
 def stated_currents(information: object) -> tuple[str, ...]:
-    """Return the torque channels that are motor currents times a torque constant, as a bag's
-    metadata states them."""
+    """Return torque channels that a bag's metadata states to be currents times a constant."""
     custom = information.get("custom_data") if isinstance(information, dict) else None
     stated = custom.get(_CURRENTS) if isinstance(custom, dict) else None
     return tuple(

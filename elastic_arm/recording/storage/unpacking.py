@@ -43,8 +43,7 @@ def unpack_chunk(packed: Bytes, compression: str, size: int, *, torn: bool = Fal
 
 
 def unpack_file(path: Path, limit: int) -> bytearray:
-    """Return the plain bytes of a file that is compressed with zstd as a whole; of a torn one what
-    is there."""
+    """Return the plain bytes of a zstd file; of a torn one what is there."""
     plain = bytearray()
     try:
         with open(path, "rb") as file, zstandard.ZstdDecompressor().stream_reader(file) as reader:

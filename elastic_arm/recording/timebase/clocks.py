@@ -92,8 +92,10 @@ def evidence(samples: Samples, k: NDArray[np.int64], rate: float) -> Evidence | 
 
 
 def unbroken(k: NDArray[np.int64]) -> slice:
-    """Return the longest run of samples, by their numbers, without a hole, of those that are
-    enough."""
+    """Return the longest run of samples, by their numbers, without a hole.
+
+    Only runs that are long enough count.
+    """
     edges = np.concatenate([[0], np.flatnonzero(np.diff(k) > HOLE) + 1, [len(k)]])
     first = int(np.argmax(np.diff(edges)))
     return slice(int(edges[first]), int(min(edges[first + 1], edges[first] + ENOUGH)))
@@ -108,8 +110,9 @@ def increments(steps: Array, missing: float = MISSING) -> NDArray[np.int64]:
 
 
 def numbered(t: Array) -> tuple[NDArray[np.int64], float, float, Array]:
-    """Return samples' numbers (N,) on a regular clock, its rate, from where one counts as missing,
-    jitter (N,) in s.
+    """Return sample numbers (N,), rate, gap and jitter (N,) s on a regular clock.
+
+    The gap is where a sample counts as missing.
 
     Stamps that are late by more than an interval look like missing samples. They are counted as
     such if they then keep to a regular clock, or if no other way of counting makes them do so; else
@@ -141,8 +144,10 @@ def bunched(t: Array) -> float:
 
 
 def rates_of(t: Array, lasting: float) -> list[tuple[int, float]]:
-    """Return the first sample of each stretch of one rate that lasts so many s or more, and that
-    rate, Hz."""
+    """Return the first sample and the rate, Hz, of each stretch of one rate.
+
+    Stretches last so many s or more.
+    """
     each = np.diff(t[::BUNCH]) / BUNCH
     if not len(each):
         return []
@@ -164,8 +169,7 @@ def rates_of(t: Array, lasting: float) -> list[tuple[int, float]]:
 
 
 def jitter_of(t: Array, k: NDArray[np.int64]) -> Array:
-    """Return the deviations (N,) s of stamps from the straight line through them over their numbers
-    `k`."""
+    """Return deviations (N,) s of stamps from a straight line over their numbers `k`."""
     line = k - k.mean()
     jitter: Array = t - t.mean()
     # In place: to clear new memory takes longer than the arithmetic.

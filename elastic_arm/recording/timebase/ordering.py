@@ -14,8 +14,7 @@ _AROUND = 50  # messages on either side of a step back that show whether the clo
 def in_order(
     stamp_ns: Stamps, topic: str, log_ns: Stamps
 ) -> tuple[Stamps, NDArray[np.intp], list[Finding]]:
-    """Return stamps (N',) in order, where each message stands among those given, and what had to be
-    done.
+    """Return stamps (N',) in order, where each message stands, and what was done.
 
     A clock that was set back runs on from where it was, or a second later where nothing arrived for
     longer. Messages that overtook each other are sorted. One whose stamp is far from all others is

@@ -12,8 +12,10 @@ from elastic_arm.robot.mjcf.engine import engine
 
 
 def motor_inertia_and_damping(model: Any, joint: int) -> tuple[float, float]:
-    """Return armature (kg m²) and damping (Nm s/rad) of a joint, with those of the actuator that
-    brings its own."""
+    """Return armature (kg m²) and damping (Nm s/rad) of a joint.
+
+    Those of an actuator that brings its own are included.
+    """
     dof = int(model.jnt_dofadr[joint])
     actuator = int(model.jnt_actuatorid[joint])
     armature = float(model.dof_armature[dof])
@@ -26,8 +28,7 @@ def motor_inertia_and_damping(model: Any, joint: int) -> tuple[float, float]:
 
 
 def torque_delays(model: Any, chain: MjcfChain) -> Array:
-    """Return by how much the recorded motor torque of each joint is late, (n,) s, as its sensor
-    states it."""
+    """Return by how much each joint's motor torque is late, (n,) s, by its sensor."""
     mj = engine().mjtSensor
     found = np.zeros(len(chain.joints))
     for k in range(model.nsensor):
@@ -49,8 +50,10 @@ def drives_of(model: Any, joint: int) -> list[int]:
 
 
 def passive(model: Any, actuator: int) -> bool:
-    """Return whether nobody commands an actuator: a `dcmotor` without inputs is friction and
-    cogging."""
+    """Return whether nobody commands an actuator.
+
+    A `dcmotor` without inputs is friction and cogging.
+    """
     return not model.actuator_ctrlnum[actuator]
 
 
@@ -80,8 +83,9 @@ def joint_limits(model: Any, joint: int) -> Limits:
 
 
 def controller_of(model: Any, joint: int) -> JointController | None:
-    """Return the controller that the one actuator of a joint is, tau = kp (r - q) + kd (dr - dq) +
-    ki int(r - q).
+    """Return the controller that the one actuator of a joint is.
+
+    tau = kp (r - q) + kd (dr - dq) + ki int(r - q)
 
     An actuator of gain g and bias b1 q + b2 dq follows angles where g = -b1, and speeds where g =
     -b2.
@@ -137,8 +141,7 @@ def _servo(model: Any, joint: int) -> tuple[str, int] | None:
 
 
 def motor_friction(model: Any, joint: int) -> tuple[float, float, float]:
-    """Return dry friction (Nm), its excess at standstill (Nm) and Stribeck speed (rad/s) of the
-    motors of a joint."""
+    """Return friction of a joint's motors: dry, excess at rest (Nm), Stribeck speed (rad/s)."""
     dry = 0.0
     excess = 0.0
     speed = 0.0
@@ -154,8 +157,7 @@ def motor_friction(model: Any, joint: int) -> tuple[float, float, float]:
 
 
 def left_out(model: Any, joint: int) -> list[str]:
-    """Return what the model states of the drives of a joint that the description does not hold, a
-    sentence each."""
+    """Return in sentences what the model states of a joint's drives and we do not hold."""
     notes = []
     label = name_of(model, "joint", joint)
     dc = _dc_motors(model, joint)

@@ -61,8 +61,10 @@ def compiled(path: Path) -> tuple[Any, list[str], bool]:
 
 
 def saved(path: Path) -> str:
-    """Return an MJCF file as MuJoCo saves it: without includes, and with a line for each body,
-    whatever made it."""
+    """Return an MJCF file as MuJoCo saves it.
+
+    Without includes, and with a line for each body, whatever made it.
+    """
     engine()
     return _processed(path, "xml")[1].decode()
 

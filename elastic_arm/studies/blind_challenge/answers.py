@@ -99,8 +99,10 @@ def score_answer(
 
 
 def changes_told(found: Sequence[Diagnosis]) -> dict[str, Any]:
-    """Return what changed between recordings, each diagnosed alone, as causes with the recording
-    and the size then."""
+    """Return changes between recordings that were diagnosed alone, as causes.
+
+    Each with its recording and the size then.
+    """
     causes: list[dict[str, Any]] = [
         {
             "effect": one.sized.effect,
@@ -125,8 +127,10 @@ def changes_told(found: Sequence[Diagnosis]) -> dict[str, Any]:
 
 
 def expected_unknown(line: Line) -> bool:
-    """Whether an arm with an effect of no catalogue was answered as it should: `none` alone where
-    none can see it."""
+    """Whether an effect of no catalogue was answered rightly.
+
+    With `none` alone where no recording can see it.
+    """
     return line["verdict"] == "unknown" or (line["verdict"] == "none" and not line["visible"])
 
 

@@ -238,8 +238,10 @@ def catalogue_of(folder: Path) -> Catalogue:
 
 
 def recorded(folder: Path, request: Request, level: Level, catalogue: Catalogue) -> dict[str, Any]:
-    """Record an arm and return its truth; one that no simulation gets through is drawn again from
-    another seed."""
+    """Record an arm and return its truth.
+
+    One that no simulation gets through is drawn again from another seed.
+    """
     if level.bits is not None:
         return record_servos(folder, request, level)
     for draw in range(1, DRAWS):

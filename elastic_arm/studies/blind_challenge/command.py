@@ -155,8 +155,9 @@ def score(
         Path | None, typer.Option("--markdown", help="Write the tables to this file, too.")
     ] = None,
 ) -> None:
-    """Open the sealed truth and compare the answers with it; write score.json and report.html into
-    the first folder.
+    """Open the sealed truth and compare the answers with it.
+
+    Writes score.json and report.html into the first folder.
 
     Example: elastic-arm challenge score blind --markdown docs/challenge_results.md
     """

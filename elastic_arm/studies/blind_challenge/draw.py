@@ -126,8 +126,7 @@ class Arm:
 
 @dataclass(frozen=True)
 class Drawn:
-    """A drawn arm with what its recording needs: its description, its motions, and what moves
-    it."""
+    """A drawn arm with its description, its motions, and what moves it."""
 
     arm: Arm
     description: Robot
@@ -221,8 +220,7 @@ def record(
     catalogue: Catalogue,
     bags: Sequence[Path] | None = None,
 ) -> dict[str, Any]:
-    """Draw an arm and record it into the folder of a challenge, with its description; return its
-    truth."""
+    """Draw an arm, record it into a challenge with its description, and return its truth."""
     rng = np.random.default_rng(request.seed)
     drawn = draw(request, level, rng, catalogue)
     arm = drawn.arm

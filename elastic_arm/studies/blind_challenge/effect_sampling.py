@@ -21,21 +21,24 @@ COMMON = 0.25  # share of effects of one joint or all that all joints have
 
 
 def model_of(effects: Sequence[str], catalogue: Catalogue) -> str:
-    """Return the model that an arm with these effects is diagnosed against: the richest that lacks
-    one of them."""
+    """Return the model against which an arm with these effects is diagnosed.
+
+    It is the richest that lacks one of them.
+    """
     lacking = (catalogue[e].lacked_by for e in effects if e in catalogue)
     return next((models[-1] for models in lacking if models != MODELS), MODELS[-1])
 
 
 def combines(effect: Effect) -> bool:
-    """Whether there can be as little of an effect as one likes with others: it has a value of no
-    effect."""
+    """Whether an effect can be as small as one likes: it has a value of no effect."""
     return bool(effect.magnitude) and effect.parameter(effect.magnitude[0]).neutral is not None
 
 
 def true_parameters(fault: Fault, effect: Effect) -> dict[str, Any]:
-    """Return a fault's parameters as the effect's file names them, vectors whole; nothing of the
-    engine's own."""
+    """Return a fault's parameters as the effect's file names them, vectors whole.
+
+    Nothing of the engine's own.
+    """
     found: dict[str, Any] = {}
     for p in effect.parameters:
         names = p.component_names
@@ -198,8 +201,10 @@ def sample_foreign(effect: str, n: int, seconds: float, rng: np.random.Generator
 
 
 def sized_foreign(fault: Fault, amount: float, peak: Callable[[], NDArray[np.float64]]) -> Fault:
-    """Return an effect of no catalogue with so much of it; a drive saturates below the largest
-    torques (n,) of peak."""
+    """Return an effect of no catalogue of that size.
+
+    A drive saturates below the largest torques (n,) of peak.
+    """
     size = {FOREIGN[fault.effect]: float(amount)}
     if fault.effect == "saturating_drive":
         size["limit"] = float((1.0 - amount) * peak()[fault.joint or 0])

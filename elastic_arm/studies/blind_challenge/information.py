@@ -153,8 +153,7 @@ class MarginalInformation:
         return self.seen(link, slow["tau_J"] - spring, motor)
 
     def distance(self, change: Array, *, without: Collection[Key] = ()) -> float:
-        """Return the whitened size of a change of the residuals, everything ordinary
-        marginalised."""
+        """Return the whitened size of a change, everything ordinary marginalised."""
         r = self._whiten(change[..., None])[:, 0]
         if not self._keys:
             return float(np.linalg.norm(r))
@@ -361,8 +360,10 @@ class SizedEffect:
 
 
 class Sizing:
-    """Sizes of effects on one arm: `run` moves the arm with some faults, without its ordinary
-    friction."""
+    """Sizes of effects on one arm.
+
+    `run` moves the arm with some faults, without its ordinary friction.
+    """
 
     def __init__(
         self,
@@ -410,8 +411,10 @@ class Sizing:
         return SizedEffect(draft.make(reached), distance, reached / max(distance, 1e-9), excess)
 
     def change(self, fault: Fault) -> tuple[float, float]:
-        """Return how far the residuals change by a fault, whitened and marginalised, and their mean
-        square in Nm^2."""
+        """Return how far a fault changes the residuals, and their mean square in Nm².
+
+        The change is whitened and marginalised.
+        """
         if fault.effect in SCALING:
             change = self._of_friction(fault)
         else:

@@ -116,8 +116,10 @@ class Level:
     )
 
     def sides_of(self, effects: Sequence[str]) -> tuple[str, ...]:
-        """Return the recorded sides of this level on which all of some effects, of a catalogue or
-        none, can show."""
+        """Return the recorded sides of this level on which all of some effects can show.
+
+        Effects of a catalogue or none.
+        """
         floors = [floor for e in effects if (floor := FLOORS.get(e) or FOREIGN_FLOORS.get(e))]
         return tuple(
             side
@@ -126,8 +128,10 @@ class Level:
         )
 
     def drawn(self, catalogue: Sequence[str]) -> tuple[str, ...]:
-        """Return the effects that are drawn: of the default catalogue the level's own, and all that
-        a user adds."""
+        """Return the effects that are drawn: the level's own, and all that a user adds.
+
+        The level's own are of the default catalogue.
+        """
         users = [effect for effect in catalogue if effect not in EFFECTS] if self.exact else []
         return (*(effect for effect in self.effects if effect in catalogue), *users)
 

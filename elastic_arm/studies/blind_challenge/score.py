@@ -145,8 +145,7 @@ def _line(
 
 
 def level_table(lines: Sequence[Line], withheld: Sequence[Line]) -> dict[str, Any]:
-    """Return the shares of one level's answers by question, with what its probabilities are
-    worth."""
+    """Return one level's shares of answers by question, and how good probabilities are."""
     own = [x for x in lines if not x["foreign"]]
     foreign = [x for x in lines if x["foreign"]]
     single = [x for x in own if len(x["truth"]) == 1]

@@ -224,8 +224,10 @@ def commands(rate: float, seconds: float, n: int, rng: np.random.Generator) -> A
 
 
 def record_servos(folder: Path, request: Request, level: Level) -> dict[str, Any]:
-    """Draw a servo arm and record it into the folder of a challenge, with its description; return
-    its truth."""
+    """Draw a servo arm, record it into a challenge, and return its truth.
+
+    With its description.
+    """
     rng = np.random.default_rng(request.seed)
     rate = float(rng.choice(level.rates))
     step = 1.0 / rate / np.ceil(1.0 / (rate * STEP))

@@ -55,8 +55,10 @@ class Claim:
 
 
 def verdict(parts: Sequence[bool | None]) -> str:
-    """Holds if all parts do, in part if some do and others do not; undecided where that hangs on
-    undecided ones."""
+    """Return whether a claim holds: if all parts do, in part if some do.
+
+    Undecided where that hangs on undecided parts.
+    """
     known = {bool(part) for part in parts if part is not None}
     if len(known) == 2:
         return IN_PART
@@ -66,8 +68,10 @@ def verdict(parts: Sequence[bool | None]) -> str:
 
 
 def beyond_noise(difference: float, noise: float) -> bool | None:
-    """Return whether a difference is above zero, or None where its noise (standard deviation)
-    leaves that open."""
+    """Return whether a difference is above zero, or None where its noise leaves that open.
+
+    The noise is a standard deviation.
+    """
     return None if abs(difference) <= DECIDED * noise else difference > 0.0
 
 

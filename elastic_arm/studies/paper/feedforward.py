@@ -23,8 +23,10 @@ ROUNDS = 6
 
 @dataclass(frozen=True)
 class Command:
-    """One period on a grid of half steps: motor motion and torque at the harmonic-drive output,
-    each (M, n)."""
+    """One period on a grid of half steps: motor motion and torque, each (M, n).
+
+    At the harmonic-drive output.
+    """
 
     theta: np.ndarray
     dtheta: np.ndarray
@@ -33,8 +35,10 @@ class Command:
 
 @dataclass(frozen=True)
 class FeedforwardLaw:
-    """A feed-forward: its name, the ratio it is for, a model and its parameters; no torque at all
-    where Psi is None."""
+    """A feed-forward: its name, the ratio it is for, a model and its parameters.
+
+    No torque at all where Psi is None.
+    """
 
     name: str
     r_tot: float
@@ -93,8 +97,7 @@ def invert(
 
 
 def gains(model: Model, frequency: float, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return proportional and derivative gains (n,) for a natural frequency (rad/s) and damping
-    ratio 0.7."""
+    """Return gains kp and kd (n,) for a natural frequency (rad/s) and damping ratio 0.7."""
     n = model.n
     mass = np.diag(model.mass_matrix(np.concatenate([at, at])[None])[0])
     inertia = mass[:n] + mass[n:]
@@ -104,8 +107,10 @@ def gains(model: Model, frequency: float, at: np.ndarray) -> tuple[np.ndarray, n
 def reference(
     n: int, period: float, duration: float, rng: np.random.Generator
 ) -> FourierTrajectory:
-    """Make a motion that no identification saw: three harmonics, at most 0.4 rad from zero per
-    joint and 0.8 rad/s."""
+    """Make a motion that no identification saw.
+
+    Three harmonics, at most 0.4 rad from zero per joint and 0.8 rad/s.
+    """
     harmonics = 3
     a, b = rng.standard_normal((2, n, harmonics))
     frequency = 2.0 * np.pi / period * np.arange(1, harmonics + 1)

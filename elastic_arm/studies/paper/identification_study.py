@@ -26,8 +26,10 @@ MID = 50.5
 
 @dataclass(frozen=True)
 class ErrorShares:
-    """Percentages of the coefficients whose relative error is low, mid, high; `beyond` 100 % is a
-    part of high."""
+    """Percentages of the coefficients whose relative error is low, mid, high.
+
+    `beyond` 100 % is a part of high.
+    """
 
     low: float
     mid: float
@@ -45,8 +47,10 @@ def shares(error: np.ndarray) -> ErrorShares:
 
 
 class CoefficientFit:
-    """One model's regression (10) in base parameters; the truth is the description's in the same
-    combinations."""
+    """One model's regression (10) in base parameters.
+
+    The truth is the description's in the same combinations.
+    """
 
     def __init__(self, robot: Robot, model: str) -> None:
         self.model = build_model(robot, model)
@@ -81,16 +85,20 @@ class CoefficientFit:
         return 100.0 * (estimate - self.true) / self.true
 
     def percent_unfolded(self, estimate: np.ndarray) -> np.ndarray | None:
-        """Return Psi_err where the splines are no part of the true links; None where the model has
-        them as bodies."""
+        """Return Psi_err where splines are no part of the true links, or None.
+
+        None where the model has them as bodies.
+        """
         if self.model.name != "mod1":
             return None
         true = self.equations.base.T @ build_model(_without_splines(self.model.robot), "mod1").Psi
         return np.asarray(100.0 * (estimate - true) / true)
 
     def full(self, estimate: np.ndarray) -> np.ndarray:
-        """Return a whole Psi (P,) that predicts as the estimate does: zero wherever the equations
-        cannot see."""
+        """Return a whole Psi (P,) that predicts as the estimate does.
+
+        Zero wherever the equations cannot see.
+        """
         Psi = np.zeros(len(self.equations.names))
         Psi[self.equations.base.columns] = estimate
         return Psi
@@ -108,8 +116,9 @@ def _without_splines(robot: Robot) -> Robot:
 
 
 def merged_error(found: Fit, true: np.ndarray, kept: np.ndarray) -> np.ndarray:
-    """Return Psi_err (K,) of the coefficients `kept`, the others merged into them as the data's
-    columns depend on them.
+    """Return Psi_err (K,) of the coefficients `kept`, the others merged into them.
+
+    As the data's columns depend on them.
 
     Base parameters are what *some* state separates. Where no ordinary motion does, as at high
     ratios, (11) is blown up along that direction; a numerical rank decision would have merged such
@@ -212,8 +221,9 @@ def study(
 
 
 def smallness(estimate: CoefficientEstimate) -> tuple[float, float]:
-    """Return Spearman's rank correlation of a coefficient's error with its true size, and with its
-    torque.
+    """Return the rank correlation of a coefficient's error with its size and its torque.
+
+    Spearman's; sizes are the true ones.
 
     Negative where the large errors belong to small coefficients. The size is in SI units whatever
     the kind, as the paper compares them; the torque is what the coefficient contributes to the
@@ -255,8 +265,7 @@ SHAPE = Shape(harmonics=5, period=10.0, ramp=1.0)
 
 
 def excite(robot: Robot, model: str, evaluations: int, random: int, seed: int) -> ExcitationResult:
-    """Search the motion within the robot's limits whose regressor of `model` is conditioned
-    best."""
+    """Find the motion within limits whose regressor of `model` is conditioned best."""
     problem = CoefficientFit(robot, model)
     limits = MotionLimits.of(robot)
     columns = [int(c) for c in problem.equations.base.columns]

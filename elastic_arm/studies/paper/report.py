@@ -176,8 +176,7 @@ def figures_1_and_2(result: StudyResult) -> Section:
 
 
 def table_i(robot: Robot) -> list[tuple[str, DH]]:
-    """Return the Denavit-Hartenberg rows that the description was written in: those of O_0 and of
-    each joint."""
+    """Return the Denavit-Hartenberg rows of the description: O_0 and each joint."""
     rows = [robot.base_dh, *(joint.dh for joint in robot.joints)]
     return [(f"O_{k}", row) for k, row in enumerate(rows) if row is not None]
 
@@ -588,8 +587,10 @@ def noise(result: StudyResult) -> Section:
 
 
 def tracking(result: StudyResult) -> Section:
-    """What a better model buys: the tool's error under feed-forward; no model at all is left to the
-    table."""
+    """The tool's error under feed-forward by each model.
+
+    No model at all is left to the table.
+    """
     ratios = sorted({t.r_tot for t in result.tracking})
     with drawing(1, len(ratios), size=(5.2 * len(ratios), 3.2)) as (figure, axes):
         for ax, r_tot in zip(axes[0], ratios, strict=True):

@@ -64,8 +64,9 @@ class Metric:
 
 
 def model_torques(model: Model, run: PrototypeRun) -> Torques:
-    """Evaluate both rows of (1) on the prototype's motion: tau_m, and the first row's residual
-    tau_l.
+    """Evaluate both rows of (1) on the prototype's motion.
+
+    tau_m, and the first row's residual tau_l.
 
     A model with bearings is given their tilts too; its tau_l is the residual of the rows of q.
     """
@@ -75,16 +76,20 @@ def model_torques(model: Model, run: PrototypeRun) -> Torques:
 
 
 def compare(robot: Robot, r_tot: float, run: PrototypeRun) -> ModelComparison:
-    """Evaluate mod1, mod2 and mod3 of `robot` (with its ratio already set to `r_tot`) on a run of
-    the prototype."""
+    """Evaluate mod1, mod2 and mod3 of `robot` on a run of the prototype.
+
+    Its ratio is already set to `r_tot`.
+    """
     torques = {name: model_torques(build_model(robot, name), run) for name in MODELS}
     torques[PROTOTYPE] = Torques(motor=run.tau_m, link=np.zeros_like(run.tau_m))
     return ModelComparison(r_tot, run, torques)
 
 
 def metrics(comparisons: list[ModelComparison], reference: str) -> list[Metric]:
-    """Return e_max and e_rmse per ratio, side, joint and model against mod3 (Fig. 4b) or mod_ad
-    (Fig. 4c)."""
+    """Return e_max and e_rmse per ratio, side, joint and model.
+
+    Against mod3 (Fig. 4b) or mod_ad (Fig. 4c).
+    """
     models = [name for name in MODELS if name != reference]
     rows = []
     for comparison in comparisons:
@@ -110,8 +115,9 @@ def metrics(comparisons: list[ModelComparison], reference: str) -> list[Metric]:
 
 @dataclass(frozen=True)
 class LinearTrend:
-    """A least-squares line of an error over r_tot: at r_tot = 0, per unit of r_tot, and the share
-    it explains.
+    """A least-squares line of an error over r_tot.
+
+    At r_tot = 0, per unit of r_tot, and the share it explains.
 
     `highest` is the error at the highest ratio, Nm.
     """
@@ -139,8 +145,9 @@ LOCKED_STEP = 1e-3  # only the drives are left to swing
 
 @dataclass(frozen=True)
 class LinkErrors:
-    """Errors of tau_l with respect to mod_ad at the highest ratio, by the bushing's translation
-    stiffness, N/m.
+    """Errors of tau_l with respect to mod_ad, by the bushing's stiffness, N/m.
+
+    At the highest ratio; stiffness in translation.
 
     `e_max` and `e_rmse` are (models, n), Nm, of mod1, mod2 and mod3.
     """
@@ -196,15 +203,19 @@ def studied_ratios(robot: Robot) -> tuple[float, ...]:
 
 
 def follow(robot: Robot, bushing: Bushing, motion: ImposedMotion, step: float) -> PrototypeRun:
-    """Build a prototype and let it follow a motion, at `step` or what its bushings bear: one task
-    of the study."""
+    """Build a prototype and let it follow a motion: one task of the study.
+
+    At `step` or what its bushings bear.
+    """
     prototype = Prototype(robot, bushing)
     return prototype.follow(motion, step=min(step, prototype.stable_step()))
 
 
 def ramp_tasks(arms: Sequence[Robot], bushing: Bushing, step: float) -> list[Task]:
-    """Return the runs that every study of torques makes: the step ramp over the arms, at the last
-    without jumps too."""
+    """Return the runs that every study of torques makes.
+
+    The step ramp over the arms, at the last without jumps too.
+    """
     start = np.zeros(arms[0].n)
     tasks: list[Task] = [partial(follow, arm, bushing, StepRamp(start), step) for arm in arms]
     return [*tasks, partial(follow, arms[-1], bushing, StepRamp(start, shape=QUINTIC), step)]
@@ -241,8 +252,10 @@ def torque_result(
 
 
 def link_errors(robot: Robot, r_tot: float, stiffness: float, step: float) -> LinkErrors:
-    """Run the step ramp with another translation stiffness of the bushing, and compare tau_l of the
-    models."""
+    """Run the step ramp with another stiffness of the bushing; compare tau_l.
+
+    The stiffness is in translation; tau_l is that of the models.
+    """
     run = follow(robot, Bushing().with_translation(stiffness), StepRamp(np.zeros(robot.n)), step)
     return link_errors_of(compare(robot, r_tot, run), stiffness)
 
@@ -254,8 +267,10 @@ def link_errors_of(compared: ModelComparison, stiffness: float) -> LinkErrors:
 
 
 def motor_terms(robot: Robot, run: PrototypeRun) -> dict[str, np.ndarray]:
-    """Return the parts of tau_m (1), mod3, on a run: rms per joint (n,) of B ddtheta, S' ddq, c2
-    and the drive."""
+    """Return the parts of tau_m (1), mod3, on a run, rms per joint (n,).
+
+    Of B ddtheta, S' ddq, c2 and the drive.
+    """
     model = build_model(robot, "mod3")
     x, dx, _ = run.coordinates()
     terms = model.terms(x, dx)
@@ -269,8 +284,7 @@ def motor_terms(robot: Robot, run: PrototypeRun) -> dict[str, np.ndarray]:
 
 
 def locked_link(robot: Robot) -> float:
-    """Return the largest tau_l that mod3 leaves on a ramp of the prototype with locked bushings,
-    Nm."""
+    """Return the largest tau_l, Nm, that mod3 leaves on a ramp with locked bushings."""
     run = follow(
         robot,
         Bushing(locked=True),

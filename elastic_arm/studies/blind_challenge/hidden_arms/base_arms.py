@@ -51,8 +51,7 @@ STRAIN = (
 
 
 def mounted(robot: Robot, rng: np.random.Generator) -> Robot:
-    """Return an arm that stands, hangs from the wall or from the ceiling, as its description
-    states."""
+    """Return an arm on the floor, the wall or the ceiling, as its description states."""
     tilt = rng.choice([0.0, RIGHT, np.pi], p=[0.6, 0.2, 0.2])
     about = rng.uniform(-np.pi, np.pi)
     side = np.array([np.cos(about), np.sin(about), 0.0])
@@ -62,8 +61,9 @@ def mounted(robot: Robot, rng: np.random.Generator) -> Robot:
 
 
 def industrial_arm(n: int, rng: np.random.Generator, *, lift: bool = False) -> Robot:
-    """Draw the description of an arm of six or seven joints, base to wrist; its geometry is always
-    the same.
+    """Draw the description of an arm of six or seven joints, base to wrist.
+
+    Its geometry is always the same.
 
     With `lift` its first axis is a column that slides along z instead of turning about it.
     """
@@ -147,8 +147,10 @@ def imprecise(robot: Robot, rng: np.random.Generator) -> Robot:
 
 
 def strained(inertia: np.ndarray, strain: np.ndarray) -> np.ndarray:
-    """Return the inertia (3, 3) of a body about its centre of mass after a homogeneous deformation
-    1 + strain."""
+    """Return the inertia (3, 3) of a body after a homogeneous deformation 1 + strain.
+
+    About its centre of mass.
+    """
     deformation = np.eye(3) + strain
     second = 0.5 * np.trace(inertia) * np.eye(3) - inertia  # the integral of x x' over the mass
     second = deformation @ second @ deformation.T

@@ -90,8 +90,10 @@ def joint_numbers(
 def joint_torque(
     s: Mapping[str, Any], q: Any, theta: Any, dq: Any, dtheta: Any, z: Any
 ) -> tuple[Any, Any, Any]:
-    """Return tau_J, its lever on the motor (1 + de/dtheta), and the rate of the hysteresis state,
-    each (n,)."""
+    """Return tau_J, its lever on the motor, and the rate of hysteresis, each (n,).
+
+    The lever is 1 + de/dtheta.
+    """
     angle = s["error_rate"] * theta + s["error_phase"]
     slope = s["error"] * s["error_rate"] * ca.cos(angle)
     d = theta + s["error"] * ca.sin(angle) - q

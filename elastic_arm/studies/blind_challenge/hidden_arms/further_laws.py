@@ -76,8 +76,7 @@ def further_numbers(faults: Sequence[Fault], n: int, duration: float) -> dict[st
 
 
 def link_torque(s: Mapping[str, Any], q: Any, relaxed: Any, clock: Any) -> Any:
-    """Return the torque (n,) on the links: springs, cables, disturbances, what shifts in a
-    gripper."""
+    """Return the torque (n,) on links of springs, cables, disturbances and loose loads."""
     wound = q - s["pack_rest"]
     beyond = ca.fmax(ca.fabs(wound) - s["pack_slack"], 0.0)
     torque = -s["spring"] * (q - s["spring_rest"]) - s["pack"] * ca.sign(wound) * beyond**2
@@ -107,8 +106,10 @@ def warmth(s: Mapping[str, Any], side: str, clock: Any) -> Any:
 
 
 def relaxation(s: Mapping[str, Any], q: Any, rate: Any, relaxed: Any) -> Any:
-    """Return the rate (n,) of what relaxes: a load that slides to the lower side, or a gear that
-    creeps."""
+    """Return the rate (n,) of what relaxes.
+
+    A load that slides to the lower side, or a gear that creeps.
+    """
     creeps = ca.sign(s["creep"])
     slides = ca.sign(s["loose"])
     side = ca.tanh(ca.sin(q + s["loose_phase"]) / 0.1)

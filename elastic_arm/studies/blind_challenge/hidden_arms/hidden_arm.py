@@ -124,8 +124,10 @@ class HiddenArm:
         return np.maximum(np.maximum(speeds[: self.n], speeds[self.n :]), 1e-4)
 
     def rate(self, state: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """Return the rate of a state (coordinates, velocities, further states) under motor torques
-        u (n,)."""
+        """Return the rate of a state under motor torques u (n,).
+
+        Coordinates, velocities, further states.
+        """
         return self._engine.rate(state, u, self._parameters)[0]
 
     def run(self, motion: HiddenMotion) -> TrueChannels:

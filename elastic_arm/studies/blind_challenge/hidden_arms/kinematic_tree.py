@@ -87,8 +87,10 @@ class KinematicTree:
         self.model.appendBodyToJoint(body, inertia, pin.SE3.Identity())
 
     def terms(self, x: np.ndarray, dx: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the mass matrix (dof, dof) and the bias (dof,): Coriolis, centrifugal, gyroscopic
-        and gravity."""
+        """Return the mass matrix (dof, dof) and the bias (dof,).
+
+        Coriolis, centrifugal, gyroscopic and gravity.
+        """
         q = self.gears @ x
         v = self.gears @ dx
         full = self._pin.crba(self.model, self._data, q)

@@ -104,8 +104,10 @@ class PointToPoint:
 
 
 def random_points(rng: np.random.Generator, n: int, duration: float) -> PointToPoint:
-    """Draw points within :data:`REACH` of zero, and ways at :data:`SPEED`, :data:`ACCELERATION` or
-    less."""
+    """Draw points within :data:`REACH` of zero, and ways between them.
+
+    At :data:`SPEED`, :data:`ACCELERATION` or less.
+    """
     points = [rng.uniform(-REACH, REACH, n)]
     t = RAMP
     begins: list[float] = []
@@ -127,8 +129,7 @@ def random_points(rng: np.random.Generator, n: int, duration: float) -> PointToP
 
 
 def random_motion(rng: np.random.Generator, n: int, duration: float) -> MultiSine:
-    """Draw a motion whose peaks stay within :data:`SPEED`, :data:`ACCELERATION` and :data:`REACH`
-    of zero.
+    """Draw a motion within :data:`SPEED`, :data:`ACCELERATION` and :data:`REACH`.
 
     Harmonics reach up to about 1 Hz, and amplitudes fall with frequency so that speed, not
     position, is shared.

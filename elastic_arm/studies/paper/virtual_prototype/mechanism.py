@@ -92,8 +92,10 @@ def build_spec(robot: Robot, bushing: Bushing) -> Any:
 
 
 def transmissions(robot: Robot) -> list[Transmission]:
-    """Return every joint's transmission; refuse a robot from which no prototype can be built,
-    naming the joint."""
+    """Return every joint's transmission.
+
+    A robot from which no prototype can be built is refused, with the joint's name.
+    """
     found = []
     for index, joint in enumerate(robot.joints):
         transmission = joint.transmission
@@ -125,8 +127,10 @@ def carrier_index(robot: Robot, carrier: str) -> int:
 
 
 def zero_pose(robot: Robot) -> list[np.ndarray]:
-    """Return the frames (4, 4) of all joints (O_{i-1}, z along the axis) in the world, at the zero
-    pose."""
+    """Return the frames (4, 4) of all joints in the world at the zero pose.
+
+    O_{i-1}, z along the axis.
+    """
     frames = []
     reached = np.asarray(robot.base_placement)
     for joint in robot.joints:

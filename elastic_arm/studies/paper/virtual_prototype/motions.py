@@ -78,8 +78,10 @@ class StepRamp:
 
 @dataclass(frozen=True)
 class PeriodicMotion:
-    """A Fourier trajectory: its smooth start is driven, its first period is recorded, from t = 0
-    on."""
+    """A Fourier trajectory: its smooth start is driven, then a period is recorded.
+
+    Recorded from t = 0 on.
+    """
 
     trajectory: FourierTrajectory  # fourier series between two smooth ramps
 

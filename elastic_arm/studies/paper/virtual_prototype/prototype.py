@@ -42,8 +42,9 @@ RECORD_RATE = 1000.0
 
 @dataclass(frozen=True)
 class PrototypeRun:
-    """What the prototype did: samples first, joints second; angles at the harmonic-drive output,
-    rad.
+    """What the prototype did.
+
+    Samples first, joints second; angles at the harmonic-drive output, rad.
 
     `q` and `tilt` are the link's angles in the paper's order Ry(q_y) Rx(q_x) Rz(q) relative to the
     link before; `tilt` (3, N, 2n) holds [q_x, q_y], their rates and their accelerations. `tau_m` is
@@ -64,8 +65,10 @@ class PrototypeRun:
     tool: np.ndarray
 
     def coordinates(self, bearings: bool = False) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return x, dx, ddx for a model: [q, theta] (N, 2n), with bearings [q, theta, q_x, q_y] (N,
-        4n)."""
+        """Return x, dx, ddx for a model: [q, theta] (N, 2n).
+
+        With bearings [q, theta, q_x, q_y] (N, 4n).
+        """
         q = (self.q, self.dq, self.ddq)
         theta = (self.theta, self.dtheta, self.ddtheta)
         parts = zip(q, theta, self.tilt, strict=True) if bearings else zip(q, theta, strict=True)
@@ -175,8 +178,9 @@ class Prototype:
         return y[n:]
 
     def stable_step(self) -> float:
-        """Return the largest step that the integration of the bushings bears, with a tenth to
-        spare, s.
+        """Return the largest step, s, that the integration of the bushings bears.
+
+        With a tenth to spare.
 
         From the eigenvalues of the springs and dampers against the engine's mass matrix at the zero
         pose.
@@ -267,8 +271,10 @@ class Prototype:
         step: float = DEFAULT_STEP,
         rate: float = RECORD_RATE,
     ) -> PrototypeRun:
-        """Apply torques at the harmonic-drive output (through the couplers) and record what the arm
-        does."""
+        """Apply torques at the harmonic-drive output and record what the arm does.
+
+        Through the couplers.
+        """
         n = self.n
         state = np.zeros((2, self.T.shape[1]))
         samples = []
@@ -370,8 +376,10 @@ def runge_kutta(
 
 
 def solve(mass: np.ndarray, force: np.ndarray) -> np.ndarray:
-    """Solve with a symmetric positive definite matrix; LAPACK itself, as this is most of a small
-    step's overhead."""
+    """Solve with a symmetric positive definite matrix.
+
+    By LAPACK itself, as this is most of a small step's overhead.
+    """
     solution: np.ndarray = dposv(mass, force)[1]
     return solution
 

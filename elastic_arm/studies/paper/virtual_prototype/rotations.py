@@ -47,8 +47,10 @@ def chain(
 def link_coordinates(
     theta: Sequence[np.ndarray], bushing: Sequence[np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the paper's angles of one joint and their two derivatives, columns (q_y, q_x, q), each
-    (N, 3)."""
+    """Return the paper's angles of one joint and their two derivatives.
+
+    Columns (q_y, q_x, q), each (N, 3).
+    """
     stacked = [np.column_stack([turn, rest]) for turn, rest in zip(theta, bushing, strict=True)]
     whole, omega, alpha, _ = chain((Z, Y, X, Z), *stacked)
     q_x = np.arcsin(-whole[:, 1, 2])
