@@ -113,8 +113,9 @@ class MissingExtraError(ElasticArmError, ImportError):
 
 
 def require_libraries(what: str, *names: str, remedy: str = "") -> None:
-    """Refuse where libraries are missing, and name all of them at once; `what` is subject and verb
-    of the error.
+    """Raise if libraries are missing, and name all of them at once.
+
+    `what` is subject and verb of the error.
 
     Names are those of imports, or of the distribution and its import where these differ:
     ``"pin:pinocchio"``.

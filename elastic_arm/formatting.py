@@ -9,8 +9,9 @@ LARGEST_PLAIN = 1e7  # from here on with a power of ten
 
 
 def rounded(value: float, std: float) -> tuple[str, str]:
-    """Return a value and its standard deviation as text: the deviation with two digits, the value
-    to the same place.
+    """Return a value and its standard deviation as text.
+
+    The deviation with two digits, the value to the same place.
 
     Where no deviation is known (zero or not finite), the value has four digits.
     """
@@ -27,8 +28,10 @@ def short_numbers(values: Iterable[float]) -> str:
 
 
 def linear_unit(unit: str) -> str:
-    """Return the unit at a prismatic joint of a quantity that has `unit` at a revolute one: N for
-    Nm, m for rad."""
+    """Return the unit at a prismatic joint for `unit` at a revolute one.
+
+    N for Nm, m for rad.
+    """
     return unit.replace("Nm", "N").replace("rad", "m")
 
 
@@ -40,8 +43,10 @@ class JointUnits:
     prismatic: Collection[str] = ()  # names of those that slide
 
     def at(self, joint: str | None, unit: str) -> str:
-        """Return the unit at one joint, from that at a revolute one; unchanged for the whole
-        arm."""
+        """Return the unit at one joint, from that at a revolute one.
+
+        Unchanged for the whole arm.
+        """
         return linear_unit(unit) if joint in self.prismatic else unit
 
     def over(self, unit: str) -> str:

@@ -119,8 +119,10 @@ def read_text(
 def read_fields(
     path: str | Path, kind: type[ElasticArmError], remedy: str, most: int = LARGEST
 ) -> dict[str, Any]:
-    """Read a YAML file that holds fields; an error of `kind` names file, line and reason where it
-    does not."""
+    """Read a YAML file that holds fields.
+
+    Otherwise an error of `kind` names file, line and reason.
+    """
     text = read_text(path, kind, remedy, most)
     if text.startswith(WHOLE_FROM) and text.rstrip().rpartition("\n")[2] != WHOLE_TO:
         raise kind(

@@ -34,8 +34,7 @@ def take_interrupts(handler: Callable[..., Any] | signal.Handlers) -> None:
 
 @contextmanager
 def interrupts_kept() -> Iterator[None]:
-    """Keep SIGINT from a library that takes it for itself and for good, as NOMAD does at every
-    step.
+    """Keep SIGINT from a library that takes it for good, as NOMAD does at every step.
 
     It is held back in this thread and does behind it what it did before. A library that calls
     Python swallows what is raised there; it has to end by itself where :func:`interrupt_waits`.

@@ -8,8 +8,10 @@ from typing import Any
 def lazily(
     package: str, modules: Mapping[str, str]
 ) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
-    """Return the `__getattr__` and `__dir__` of a package (PEP 562), by exported name and its
-    module."""
+    """Return the `__getattr__` and `__dir__` of a package (PEP 562).
+
+    Names are given by exported name and its module.
+    """
 
     def get(name: str) -> Any:
         if name not in modules:

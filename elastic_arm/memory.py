@@ -16,8 +16,7 @@ _AHEAD = 1 << 26  # bytes that the heap grows by at once
 
 
 def keep_memory() -> bool:
-    """Have the C library keep what it was given back, instead of returning it to the system;
-    whether it does.
+    """Let the C library keep freed memory for the next array; return whether it does.
 
     A diagnosis makes and drops arrays of tens of megabytes, thousands of times, and the system
     clears each page of new ones: a tenth of the processor's time. Threads have no heaps of their
@@ -35,8 +34,9 @@ def keep_memory() -> bool:
 
 
 def available_memory() -> float:
-    """Return how many bytes may still be taken, by the system and this process's limit; infinite
-    where not known.
+    """Return how many bytes may still be taken; infinite where not known.
+
+    The system and this process's limit bound them.
 
     What the C library keeps for this process (:func:`keep_memory`) is there, too.
     """

@@ -25,8 +25,10 @@ def write_result(
     kind: type[ElasticArmError] = OutputError,
     remedy: str = "Name another place with --out.",
 ) -> Path:
-    """Write a file, and its folder where there is none, wholly or not at all; an error of `kind`
-    where it cannot be."""
+    """Write a file, and its folder, wholly or not at all.
+
+    An error of `kind` where it cannot be.
+    """
     path = Path(path)
     # Of names of files that are no text the bytes are written out.
     data = content.encode("utf-8", "backslashreplace") if isinstance(content, str) else content
@@ -59,8 +61,10 @@ def _replace(path: Path, data: bytes) -> None:
 
 
 def plain(value: Any) -> Any:
-    """Return records, arrays, tuples and numbers as JSON has them; what is not finite becomes
-    None."""
+    """Return records, arrays, tuples and numbers as JSON has them.
+
+    What is not finite becomes None.
+    """
     if is_dataclass(value):
         return {f.name: plain(getattr(value, f.name)) for f in fields(value)}
     if isinstance(value, dict):

@@ -22,8 +22,10 @@ Results = Callable[[], list[Result]]
 
 
 class ProcessPool:
-    """Processes that run tasks, those of a Dask cluster where its scheduler's address is given; a
-    context."""
+    """Processes that run tasks, as a context.
+
+    They are those of a Dask cluster where its scheduler's address is given.
+    """
 
     def __init__(self, workers: int, scheduler: str | None = None) -> None:
         self._pool: Executor | None = None
@@ -52,8 +54,9 @@ class ProcessPool:
             self._end()
 
     def start(self, tasks: Sequence[Task], advance: Advance) -> Results[Any]:
-        """Begin tasks (functions of a module, bound to their arguments); what is begun first is
-        done first.
+        """Begin tasks; what is begun first is done first.
+
+        Tasks are functions of a module, bound to their arguments.
 
         Returns a function that waits for the tasks and returns their results in order. A task's
         error is raised there, or here where there is one process.
@@ -73,8 +76,10 @@ class ProcessPool:
         return lambda: [future.result() for future in futures]
 
     def run(self, tasks: Sequence[Task], advance: Advance) -> list[Any]:
-        """Run tasks and return their results in order: :meth:`start` and the wait for all of
-        them."""
+        """Run tasks and return their results in order.
+
+        It is :meth:`start` and the wait for all of them.
+        """
         return self.start(tasks, advance)()
 
 

@@ -15,8 +15,7 @@ Row = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class ClosedLoopError:
-    """By how much a commanded joint errs in MuJoCo under the recorded commands, root mean
-    squares."""
+    """Errors of a commanded joint in MuJoCo under recorded commands, rms."""
 
     described: float  # by the description, in `unit`
     corrected: float  # by what was written
@@ -65,8 +64,10 @@ class Result:
         return "\n".join(self.summary())
 
     def to_dataframe(self, table: str = "", library: Literal["pandas", "polars"] = "pandas") -> Any:
-        """Return a table, the first one by default, as a data frame; an OutputError where it is not
-        there."""
+        """Return a table, the first one by default, as a data frame.
+
+        An OutputError where it is not there.
+        """
         require_libraries("a data frame needs", library)
         tables = self.tables()
         if table and table not in tables:
@@ -79,8 +80,10 @@ class Result:
         return import_module(library).DataFrame(columns, **mixed)
 
     def to_csv(self, folder: str | Path) -> list[Path]:
-        """Write every table that has rows as a CSV file into a folder; an OutputError where that
-        cannot be."""
+        """Write every table that has rows as a CSV file into a folder.
+
+        An OutputError where that cannot be.
+        """
         written = []
         for name, rows in self.tables().items():
             if rows:

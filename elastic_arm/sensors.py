@@ -80,8 +80,10 @@ def _row(settings: _Settings, name: str, n: int) -> Array:
 
 @dataclass(frozen=True)
 class TorqueSensor(_Settings):
-    """A torque channel: recorded = gain * true(t - delay) + offset + drift * t + noise, rounded to
-    the resolution."""
+    """A torque channel: gain * true(t - delay) + offset + drift * t + noise.
+
+    Rounded to the resolution.
+    """
 
     noise: PerJoint = 0.26  # standard deviation, Nm. The default is the paper's (section VII)
     resolution: PerJoint = 0.0  # step of the quantisation, Nm; zero for none
@@ -97,8 +99,10 @@ class TorqueSensor(_Settings):
 
 @dataclass(frozen=True)
 class Encoder(_Settings):
-    """An encoder: recorded = true(t - delay) + offset + eccentricity sin(true + phase) + noise,
-    rounded."""
+    """An encoder: true(t - delay) + offset + eccentricity sin(true + phase) + noise.
+
+    Rounded.
+    """
 
     # noise, velocity_noise: standard deviations, rad and rad/s. The velocity channel has noise of
     # its own
@@ -139,14 +143,18 @@ class Sensors:
 
     @classmethod
     def real(cls) -> Self:
-        """Return sensors as on a real arm: 23-bit encoders with noise of a microradian, jittered
-        stamps."""
+        """Return sensors as on a real arm.
+
+        23-bit encoders with noise of a microradian, jittered stamps.
+        """
         encoder = Encoder(noise=1e-6, velocity_noise=1e-4, resolution=2 * np.pi / 2**23)
         return cls(link_encoder=encoder, motor_encoder=encoder, stamp_jitter=2e-5)
 
     def changed(self, channel: str, joint: int, n: int, **settings: float) -> Self:
-        """Return these sensors with settings of one channel (`joint_torque`, …) and joint (index)
-        of `n` changed."""
+        """Return these sensors with settings of one channel and joint of `n` changed.
+
+        Channels are `joint_torque`, …; joints are given by index.
+        """
         return replace(self, **{channel: getattr(self, channel).changed(joint, n, **settings)})
 
 
@@ -263,8 +271,10 @@ class Drift:
 
 
 class FirstOrderFilter:
-    """A first-order low pass for each joint's channel by the bilinear rule, at rest before the
-    first sample."""
+    """A first-order low pass of each joint's channel by the bilinear rule.
+
+    At rest before the first sample.
+    """
 
     def __init__(self, cutoff: Array, rate: float) -> None:
         self._on = cutoff > 0
@@ -288,8 +298,10 @@ class FirstOrderFilter:
 
 
 class DelayLine:
-    """Delays each joint's channel by its own time; the arm is taken to have been at rest before the
-    first sample."""
+    """Delays each joint's channel by its own time.
+
+    The arm is taken to have been at rest before the first sample.
+    """
 
     def __init__(self, delay: Array, rate: float) -> None:
         weights = [delay_filter(d * rate) for d in delay]

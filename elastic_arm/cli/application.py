@@ -163,12 +163,16 @@ def load(name: str) -> Any:
 
 
 class Application(TyperGroup):
-    """The application, which knows of its subcommands no more than name and summary until one is
-    called."""
+    """The application.
+
+    It knows no more than name and summary of its subcommands until one is called.
+    """
 
     def main(self, args: Sequence[str] | None = None, *rest: Any, **extra: Any) -> Any:
-        """Run a command and end with its exit status; errors of the command's own are worded by the
-        command."""
+        """Run a command and end with its exit status.
+
+        A command words its own errors.
+        """
         try:
             status = super().main(args, *rest, **{**extra, "standalone_mode": False})
             sys.stdout.flush()

@@ -33,8 +33,7 @@ _CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f]")
 
 
 class SafeConsole(Console):
-    """A console that prints text which looks like markup and is none, as a file name can, as it
-    stands."""
+    """A console that prints names of files as they are, even if they look like markup."""
 
     def render_str(self, text: str, **options: Any) -> Text:
         """Return text with its markup rendered, or as it stands where the markup does not close.
@@ -106,8 +105,10 @@ def _worded() -> Iterator[None]:
 
 
 def guard_output() -> None:
-    """Have the process write on what there is: closed outputs go nowhere, and letters of no
-    encoding as their codes."""
+    """Let the process go on when an output is closed or cannot encode a letter.
+
+    Closed outputs go nowhere, and such letters are printed as their codes.
+    """
     for name, number in (("stdout", 1), ("stderr", 2)):
         if getattr(sys, name) is None:
             nowhere = os.open(os.devnull, os.O_WRONLY)
@@ -138,8 +139,10 @@ err = _console(stderr=True)
 def new_table(
     *headings: str, right: Collection[str] = (), whole: Collection[str] = (), **options: Any
 ) -> Table:
-    """Return a table without lines; columns under the headings `right` hold numbers, those of
-    `whole` never wrap."""
+    """Return a table without lines.
+
+    Columns under the headings `right` hold numbers, those of `whole` never wrap.
+    """
     table = Table(box=None, header_style="bold", pad_edge=False, **options)
     for heading in headings:
         justify: JustifyMethod = "right" if heading in right else "left"
@@ -153,8 +156,10 @@ def print_error(error: ElasticArmError) -> None:
 
 
 def progress_bar(*columns: ProgressColumn, transient: bool = True) -> Progress:
-    """Return a progress display for a terminal; a pipe is spared it, and the empty line that it
-    would leave."""
+    """Return a progress display for a terminal.
+
+    Nothing is printed into a pipe, not even the empty line that it would leave.
+    """
     return Progress(*columns, console=err, transient=transient, disable=not err.is_terminal)
 
 
@@ -164,8 +169,10 @@ def shares_of(status: Status) -> Callable[[str, float], None]:
 
 
 def reports_errors(command: Callable[P, R]) -> Callable[P, R]:
-    """Turn an :class:`ElasticArmError`, and memory that is used up, into one clear line on stderr
-    and exit code 2."""
+    """Turn an :class:`ElasticArmError` into one clear line on stderr and exit code 2.
+
+    So is memory that is used up.
+    """
 
     @functools.wraps(command)
     def wrapper(*args: P.args, **kwargs: P.kwargs) -> R:

@@ -88,8 +88,10 @@ At = Annotated[
 
 
 def completions(ctx: typer.Context, incomplete: str) -> list[str]:
-    """Return what a shell offers for an effect: its id; behind a colon joints of --robot; then its
-    parameters."""
+    """Return what a shell offers for an effect.
+
+    Its id; behind a colon joints of --robot; then its parameters.
+    """
     from elastic_arm.effects import EFFECTS
 
     *given, last = incomplete.split(":")
@@ -141,8 +143,9 @@ def load_arm(
     at: str | None = None,
     catalogue: Catalogue | None = None,
 ) -> Robot:
-    """Read a robot description, of a URDF or MJCF the part that `chain` names, and check that its
-    effects exist.
+    """Read a robot description and check that its effects exist.
+
+    Of a URDF or MJCF the part that `chain` names.
 
     Raises a RobotError or an EffectError that names the file.
     """
@@ -180,8 +183,10 @@ def channel_map(path: Path | None) -> ChannelMap | None:
 
 
 def bags_in(paths: Sequence[Path], *, bare: bool = False) -> list[Path]:
-    """Return bags, for a folder those in it; `bare` files in a folder are bags of their own, else
-    it is one bag."""
+    """Return bags; of a folder those in it.
+
+    `bare` files in a folder are bags of their own, else the folder is one bag.
+    """
     from elastic_arm.recording.storage.bag import METADATA
 
     found: list[Path] = []
@@ -199,8 +204,9 @@ def bags_in(paths: Sequence[Path], *, bare: bool = False) -> list[Path]:
 
 
 def require_bags(bags: Sequence[Path]) -> None:
-    """Raise if a recording is not there, or given twice: it would count double, or judge a fit that
-    has seen it.
+    """Raise if a recording is not there, or given twice.
+
+    It would count double, or judge a fit that has seen it.
 
     Raises a RecordingError naming the recording.
     """
@@ -228,8 +234,9 @@ def read_motion(
     usual: float,
     most: float | None = None,
 ) -> Recording:
-    """Read a recording as :func:`read_by_clock` does, but of a long one the motion alone that
-    determines most.
+    """Read a recording as :func:`read_by_clock` does.
+
+    Of a long one only the motion that determines most.
 
     report: called with what is being read, and the share of it that is; usual: s of motion for
     three joints, and fewer for more; most: s of motion that are asked for instead.
@@ -254,8 +261,9 @@ def read_by_clock(
     clock: ClockChoice,
     namespace: str | None = None,
 ) -> Recording:
-    """Read a recording whose stamps mean what the user demands, with notes on what cannot be right
-    of it.
+    """Read a recording with the clock that the user states.
+
+    Its notes state what cannot be right of it.
 
     Raises a RecordingError naming what is missing or wrong.
     """

@@ -46,8 +46,9 @@ class CEngine:
     def run(
         self, arrays: Sequence[np.ndarray], outputs: Sequence[np.ndarray], *, fresh: bool
     ) -> None:
-        """Fill `outputs` (N, size) from `arrays`: (N, k), or (k,) where shared; `fresh` ones are
-        just allocated.
+        """Fill `outputs` (N, size) from `arrays`: (N, k), or (k,) where shared.
+
+        `fresh` outputs are just allocated.
 
         arrays: (N, k) values of each argument; (k,) where it is shared by all samples; outputs: (N,
         size) each, to be filled.
@@ -67,8 +68,9 @@ class CEngine:
     def row_products(
         self, arrays: Sequence[np.ndarray], y: np.ndarray, entries: int, *, rounded: bool
     ) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Return hi, lo (entries, lanes) of each part of the samples, in their order; see
-        :meth:`Kernel.row_products`.
+        """Return hi, lo (entries, lanes) of each part of the samples, in order.
+
+        See :meth:`Kernel.row_products`.
 
         The order, and so every bit of the sum, does not depend on which thread ends first.
 
@@ -97,8 +99,10 @@ class CEngine:
 
     @staticmethod
     def allocate(samples: int, size: int) -> np.ndarray:
-        """Memory (samples, size) from a cache line on: zeros where it is cleared anyhow, or else
-        uninitialised."""
+        """Memory (samples, size) from a cache line on.
+
+        Zeros where it is cleared anyhow, else uninitialised.
+        """
         make = np.zeros if samples * size * 8 >= _CLEARED_BYTES else np.empty
         memory = make(samples * size + 8)
         skip = (-memory.ctypes.data % _LINE_BYTES) // 8

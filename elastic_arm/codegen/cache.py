@@ -68,8 +68,9 @@ def replace_folder(folder: Path, problem: str) -> Path:
 
 
 def is_own_file(path: Path) -> bool:
-    """Whether a file of this user's, which nobody else may write to, is there to be read: no pipe,
-    link or device.
+    """Whether there is a file of this user's that nobody else may write to.
+
+    No pipe, link or device.
 
     What others have put into a folder stays theirs when the folder is closed to them.
     """
@@ -120,8 +121,9 @@ def _way(path: Path) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def whole(path: Path) -> Iterator[Path]:
-    """Give a passing file to write, which then becomes `path`: another process must never read half
-    a file.
+    """Give a passing file to write, which then becomes `path`.
+
+    Another process must never read half a file.
 
     Raises an OSError if the folder cannot be made or written.
     """
@@ -138,8 +140,10 @@ def whole(path: Path) -> Iterator[Path]:
 
 @functools.cache
 def source_digest(*sources: Path) -> str:
-    """Digest of Python files, and of all those below folders: what was derived by other source is
-    derived again."""
+    """Digest of Python files, and of all those below folders.
+
+    What other source derived is derived again.
+    """
     files = [
         path
         for source in sources

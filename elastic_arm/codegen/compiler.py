@@ -32,8 +32,9 @@ _LIBRARIES = {"-DVECTOR_MATH": ("-lmvec",)}
 
 
 def find_compiler() -> tuple[str, ...] | None:
-    """Command of $CC, cc, gcc or clang, the first that is there; None without one. An empty $CC
-    means none.
+    """Command of $CC, cc, gcc or clang, the first that is there, or None.
+
+    An empty $CC means none.
 
     Raises a KernelError if $CC cannot be split into words, as a shell would.
     """
@@ -68,8 +69,7 @@ def build(source: str, *, flags: tuple[str, ...] = ("-ffp-contract=fast",)) -> c
 def build_once(
     identity: str, source: Callable[[], str], *, flags: tuple[str, ...] = ("-ffp-contract=fast",)
 ) -> ctypes.CDLL:
-    """As :func:`build`, but print the source only when no library of this `identity` is in the
-    cache.
+    """As :func:`build`, but print the source only for an `identity` that is not cached.
 
     identity: what the source depends on; part of the library's name in the cache.
 
@@ -140,8 +140,10 @@ def _compiler_stamp(compiler: str) -> tuple[str, str]:
 
 @functools.cache
 def processor() -> str:
-    """Return what ``-march=native`` depends on: the machine, and on Linux the abilities of its
-    processor."""
+    """Return what ``-march=native`` depends on.
+
+    The machine, and on Linux the abilities of its processor.
+    """
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:

@@ -27,8 +27,10 @@ _UNREADABLE = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, Runt
 def cached_program(
     key: str, derive: Callable[[], casadi.Function], sources: Sequence[Path]
 ) -> Program:
-    """Return the program of `derive()`, from the cache where it is there; arguments as of
-    `_cached`."""
+    """Return the program of `derive()`, from the cache if possible.
+
+    Arguments as of `_cached`.
+    """
     return _cached(
         key, ".npz", [*sources, _READER], lambda: from_casadi(derive()), Program.load, Program.save
     )
@@ -37,8 +39,10 @@ def cached_program(
 def cached_functions(
     key: str, derive: Callable[[], list[casadi.Function]], sources: Sequence[Path]
 ) -> list[casadi.Function]:
-    """Return the functions of `derive()`, from the cache where they are there; arguments as of
-    `_cached`."""
+    """Return the functions of `derive()`, from the cache if possible.
+
+    Arguments as of `_cached`.
+    """
     import casadi
 
     def read(path: Path) -> list[casadi.Function]:

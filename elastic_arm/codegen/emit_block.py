@@ -16,8 +16,9 @@ _PART = 1500
 
 
 def emit_block(program: Program, shared: Sequence[str]) -> str:
-    """C source of a library that runs `program` over arrays of samples; see ``c/block.c`` for its
-    functions.
+    """C source of a library that runs `program` over arrays of samples.
+
+    See ``c/block.c`` for its functions.
 
     Values that no sample changes are computed once a call, by ``prepare``.
     """
@@ -34,8 +35,10 @@ def emit_block(program: Program, shared: Sequence[str]) -> str:
 
 
 def block_identity(program: Program, shared: Sequence[str]) -> str:
-    """Return in a few letters what :func:`emit_block` would print: the program, and the printer's
-    own source."""
+    """Return in a few letters what :func:`emit_block` would print.
+
+    They depend on the program and the printer's own source.
+    """
     return f"{program.digest()}:{','.join(sorted(shared))}:{_printer_digest()}"
 
 

@@ -40,8 +40,9 @@ class Engine(Protocol):
     def run(
         self, arrays: Sequence[np.ndarray], outputs: Sequence[np.ndarray], *, fresh: bool
     ) -> None:
-        """Fill `outputs` from `arrays`; `fresh` ones come from :meth:`allocate`, others hold
-        anything.
+        """Fill `outputs` from `arrays`.
+
+        `fresh` ones come from :meth:`allocate`, others hold anything.
 
         arrays: (N, k) values of each argument; (k,) where it is shared by all samples; outputs: (N,
         size) each, to be filled; fresh: whether the outputs come from :meth:`allocate`; others hold
@@ -86,8 +87,9 @@ class Kernel:
     def row_products(
         self, arrays: Sequence[np.ndarray], y: np.ndarray, entries: int, *, rounded: bool = False
     ) -> list[tuple[np.ndarray, np.ndarray]] | None:
-        """Sum the products of each row's structurally non-zero entries, and y, beyond the working
-        precision.
+        """Sum products of each row's non-zero entries, and y, beyond double precision.
+
+        The entries are structurally non-zero.
 
         The matrix itself, the first output, is never stored.
 
@@ -190,8 +192,9 @@ def _say_once(reason: str) -> None:
 
 
 def emit_c(function: casadi.Function | Program, name: str) -> str:
-    """Return C source of ``static inline void name(const double* in, double* out)``, one sample a
-    call.
+    """Return C source of ``static inline void name(const double* in, double* out)``.
+
+    One sample a call.
 
     `in` holds all inputs of `function` one after another; `out` its outputs, dense, matrices row by
     row. Put a loop around it in C and give both to :func:`build`.

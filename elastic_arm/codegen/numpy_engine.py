@@ -78,8 +78,9 @@ class NumpyEngine:
     def run(
         self, arrays: Sequence[np.ndarray], outputs: Sequence[np.ndarray], *, fresh: bool
     ) -> None:
-        """Fill `outputs` (N, size) from `arrays`: (N, k), or (k,) where shared; `fresh` ones hold
-        zeros.
+        """Fill `outputs` (N, size) from `arrays`: (N, k), or (k,) where shared.
+
+        `fresh` ones hold zeros.
 
         arrays: (N, k) values of each argument; (k,) where it is shared by all samples; outputs: (N,
         size) each, to be filled.

@@ -33,8 +33,10 @@ _OF_POOL = threading.local()
 
 
 def threads() -> int:
-    """Cores this thread may share work out to: OMP_NUM_THREADS bounds them, and there is one within
-    shared work."""
+    """Cores this thread may share work out to.
+
+    OMP_NUM_THREADS bounds them; within shared work there is one.
+    """
     if getattr(_OF_POOL, "value", False):
         return 1
     available = (
@@ -45,8 +47,10 @@ def threads() -> int:
 
 
 def in_chunks(samples: int, work: Callable[[int, int], None]) -> None:
-    """Call `work(start, stop)` for parts of the samples on all threads, this one included; each
-    takes the next part."""
+    """Call `work(start, stop)` for parts of the samples on all threads.
+
+    This thread takes part; each takes the next part.
+    """
     count = min(threads(), max(1, samples // _WORTH_A_THREAD))
     if count == 1:
         work(0, samples)
@@ -57,8 +61,9 @@ def in_chunks(samples: int, work: Callable[[int, int], None]) -> None:
 
 
 def share_out(work: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
-    """Return `work(item)` of all items, in their order, by all threads, this one included; each
-    takes the next item.
+    """Return `work(item)` of all items, in order, by all threads.
+
+    This thread takes part; each takes the next item.
 
     It pays where NumPy, BLAS, transforms and kernels let go of the interpreter for most of the
     time. Results do not depend on the threads. After an error nothing further is begun; of several
@@ -90,8 +95,7 @@ def share_out(work: Callable[[Item], Result], items: Iterable[Item]) -> list[Res
 
 
 def ahead(work: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
-    """Yield `work(item)` of all items, in their order; the other threads work on the next ones
-    meanwhile.
+    """Yield `work(item)` of all items, in order; other threads work on the next ones.
 
     The error of an item comes in its turn, as without threads.
     """

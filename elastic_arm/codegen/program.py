@@ -39,8 +39,10 @@ _COMMUTATIVE = {"add", "mul", "fmin", "fmax", "hypot", "eq", "ne", "and", "or"}
 
 @dataclass(frozen=True, eq=False)
 class Output:
-    """One output: its dense shape, and which values stand at which places of it (row by row); the
-    rest is zero."""
+    """One output: its dense shape, and which values are at which places (row by row).
+
+    The rest is zero.
+    """
 
     name: str
     shape: tuple[int, int]
@@ -70,8 +72,10 @@ class Program:
         return len(self.op)
 
     def uniform(self, shared: Iterable[str]) -> np.ndarray:
-        """(K,) bool: values that no sample changes, because they come from constants and `shared`
-        inputs alone."""
+        """(K,) bool: values that no sample changes.
+
+        They come from constants and `shared` inputs alone.
+        """
         is_shared = np.array([name in set(shared) for name, _ in self.inputs])
         result = np.zeros(len(self), dtype=bool)
         for k, (code, a, b) in enumerate(
@@ -85,8 +89,10 @@ class Program:
         return result
 
     def columns(self, output: str, columns: Sequence[int]) -> Program:
-        """Return the program with only these columns of matrix `output`, and no operation that they
-        do not need."""
+        """Return the program with only these columns of matrix `output`.
+
+        Operations that they do not need are left out.
+        """
         position = {int(c): k for k, c in enumerate(columns)}
         changed = []
         for out in self.outputs:
@@ -219,8 +225,10 @@ def _casadi_names() -> dict[int, str]:
 
 
 def from_casadi(function: casadi.Function) -> Program:
-    """Read the operations of an SX function with dense inputs; outputs may be sparse, vectors or
-    matrices."""
+    """Read the operations of an SX function with dense inputs.
+
+    Outputs may be sparse, vectors or matrices.
+    """
     names = _casadi_names()
     builder = _Builder()
     work: dict[int, int] = {}

@@ -107,8 +107,10 @@ class Blocks:
         return any(noise.any() for noise in self.known_noise)
 
     def sums(self) -> tuple[Pair, Array]:
-        """Return the sums of all blocks, of which there must be some, and what noise is known to
-        add to them."""
+        """Return the sums of all blocks, and what noise is known to add to them.
+
+        There must be some blocks.
+        """
         return functools.reduce(add, self.grams), functools.reduce(np.add, self.known_noise)
 
     def total(self) -> Array:
@@ -117,8 +119,10 @@ class Blocks:
         return cholesky(functools.reduce(add, self.grams)) if self.grams else np.zeros(shape)
 
     def corrected(self, weights: Array, factors: Array) -> Array:
-        """Return the triangular factor (width, width) of all weighted rows, known noise in Phi
-        taken off."""
+        """Return the triangular factor (width, width) of all weighted rows.
+
+        Known noise in Phi is taken off.
+        """
         whole = triangular((weights[:, None, None] * factors).reshape(-1, self.width))
         if not self.noisy:
             return whole
@@ -174,8 +178,7 @@ class Prior:
     excess: float | Array = 1.0
 
     def rows(self) -> Array:
-        """Return rows (P, P + 1) that stand below those of the data, in units of the data's
-        noise."""
+        """Return rows (P, P + 1) below those of the data, in units of the data's noise."""
         return np.column_stack([self.factor, self.factor @ self.mean])
 
 
@@ -200,16 +203,16 @@ class Fit:
 
     @property
     def std(self) -> Array:
-        """Standard deviations (P,); infinite for what takes part in a direction that the data leave
-        open."""
+        """Standard deviations (P,); infinite along directions that the data leave open."""
         left_open = np.any(np.abs(self.undetermined) > OPEN_SHARE, axis=0)
         left_open[list(self.fixed)] = True
         return np.where(left_open, np.inf, np.sqrt(np.diag(self.covariance)))
 
 
 def fit(blocks: Blocks, power: float = 1.0, rounds: int = 4, prior: Prior | None = None) -> Fit:
-    """Solve the accumulated problem; groups are weighed by 1/noise to a `power`, estimated in
-    `rounds` rounds.
+    """Solve the accumulated problem.
+
+    Groups are weighed by 1/noise to a `power`, estimated in `rounds` rounds.
 
     Raises an IdentificationError if there are fewer samples than parameters.
     """
@@ -241,8 +244,7 @@ def fit(blocks: Blocks, power: float = 1.0, rounds: int = 4, prior: Prior | None
 
 
 def correlation(blocks: Blocks, found: Fit, samples: float) -> float:
-    """Return how many times larger the variances are than those of white errors, by the scatter of
-    long blocks."""
+    """Return the ratio of variances to those of white errors, by scatter of long blocks."""
     if len(blocks.grams) < FEWEST_LONG_BLOCKS:
         return float("inf")
     long = blocks.copy()

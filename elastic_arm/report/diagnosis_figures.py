@@ -89,8 +89,9 @@ def residual_blocks(
     cause: str | None,
     regime: str = "",
 ) -> list[Plot | Figure]:
-    """Return a residual over time, and over frequency, velocity, position and angle, with what was
-    added.
+    """Return figures of a residual over time, frequency, velocity, position and angle.
+
+    With what was added.
 
     `left` is what is left of all residuals (N', R) of each stretch, `cause` what was added, None
     where nothing was, and `regime` where it shows most: what follows the rotor is drawn over the
@@ -154,8 +155,10 @@ def _draw_cloud(ax: Axes, x: Array, before: Array, cause: Array | None) -> None:
 def angle_within_turn(
     found: Diagnosis, context: DiagnosisContext, i: int, theta: Array, regime: str
 ) -> tuple[Array, str]:
-    """Return the angle within a turn of what turns fast, and its name: wave generator, rotor, or
-    the joint itself."""
+    """Return the angle within a turn of what turns fast, and its name.
+
+    Wave generator, rotor, or the joint itself.
+    """
     gear = context.model.robot.joints[i].transmission
     if gear is None:
         # Around the middle of the motion: one about zero would be cut in two.

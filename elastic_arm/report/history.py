@@ -43,8 +43,7 @@ def write_history_report(
 
 
 def drawn(one: Course, dates: Sequence[str]) -> MplFigure:
-    """Draw a number over the recordings, in their order, with its levels before and after a
-    change."""
+    """Draw a number over the recordings, in order, with its levels before and after a change."""
     sized = one.sized
     k = np.arange(len(dates))
     with drawing(size=(8.4, 2.6)) as (figure, axes):

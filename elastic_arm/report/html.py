@@ -40,14 +40,18 @@ class Text:
 
 
 class Written(str):
-    """A number that is text already, as its digits depend on more than itself; it stands where
-    numbers stand."""
+    """A number as text, where its digits depend on more than itself.
+
+    It is placed as numbers are.
+    """
 
 
 @dataclass(frozen=True)
 class Table:
-    """A table; numbers are right-aligned and written with `digits` significant digits, one count or
-    one a column."""
+    """A table.
+
+    Numbers are right-aligned with `digits` significant digits, one count or one a column.
+    """
 
     header: Sequence[str]
     rows: Sequence[Sequence[Any]]
@@ -55,8 +59,7 @@ class Table:
     digits: int | Sequence[int] = 4
 
     def heads(self) -> list[tuple[str, str]]:
-        """Return each heading as (text, CSS class): columns of numbers are headed where their
-        numbers stand."""
+        """Return each heading as (text, CSS class), aligned as its column."""
         numeric = self._numeric()
         return [(text, "number" if numeric[k] else "") for k, text in enumerate(self.header)]
 
@@ -83,8 +86,10 @@ class Table:
 
 
 def written(value: Any, digits: int) -> str:
-    """Return a table's value as text: numbers with `digits` significant digits, thousands apart, no
-    needless powers."""
+    """Return a table's value as text: numbers with `digits` significant digits.
+
+    Thousands apart, no needless powers.
+    """
     if value is None or (isinstance(value, float) and not math.isfinite(value)):
         return "–"
     if isinstance(value, bool):
@@ -131,8 +136,10 @@ class Figure:
 
 @dataclass(frozen=True)
 class Plot:
-    """Signals (N,) over time, each with its colour, that a reader zooms into by dragging and reads
-    by pointing."""
+    """Signals (N,) over time, each with its colour.
+
+    A reader zooms by dragging and reads values by pointing.
+    """
 
     t: Array
     signals: Mapping[str, tuple[Array, str]]
@@ -153,8 +160,10 @@ Block = Text | Table | Figure | Plot
 
 @dataclass(frozen=True)
 class Section:
-    """A heading and what stands under it; details are folded until the heading is clicked, or the
-    page printed."""
+    """A heading and its content.
+
+    Details are folded until the heading is clicked, or the page printed.
+    """
 
     title: str
     blocks: Sequence[Block] = field(default_factory=tuple)

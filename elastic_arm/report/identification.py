@@ -226,7 +226,9 @@ def _validation(result: Identification) -> Table:
 
 
 def sentence(note: str) -> str:
-    """Return a note as a sentence; one that begins with the name of a file, recording or joint
-    keeps it as it is."""
+    """Return a note as a sentence.
+
+    A name of a file, recording or joint at its beginning stays as it is.
+    """
     first = note.partition(" ")[0]
     return f"{note[:1].upper() if first.isalpha() else note[:1]}{note[1:]}.".replace("..", ".")

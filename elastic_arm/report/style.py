@@ -63,8 +63,7 @@ class Drawing(Figure):
 def drawing(
     rows: int = 1, columns: int = 1, *, size: tuple[float, float] | None = None, **options: Any
 ) -> Iterator[tuple[Figure, np.ndarray]]:
-    """Make a figure and its axes, without a window or pyplot's global state, and draw within the
-    project's look."""
+    """Make a figure and its axes in the project's look, without a window or pyplot's state."""
     with style():
         figure = Drawing(figsize=size or (4.2 * columns, 2.4 * rows), layout="constrained")
         yield figure, figure.subplots(rows, columns, squeeze=False, **options)
@@ -82,8 +81,10 @@ def draw_signal(
 
 
 def envelope_indices(y: np.ndarray, points: int) -> np.ndarray:
-    """Return sorted indices of the minimum and maximum of each of `points` / 2 or fewer bins of `y`
-    (N,)."""
+    """Return sorted indices of minimum and maximum of each bin of `y` (N,).
+
+    There are `points` / 2 bins or fewer.
+    """
     if len(y) <= points:
         return np.arange(len(y))
     width = -(-len(y) // (points // 2))

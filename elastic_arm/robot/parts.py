@@ -322,8 +322,8 @@ CONTROLLED = (
 class JointController:
     """A controller of a joint's drive.
 
-        e = r(t - d) - theta
-        tau_m = limit(kp e + kd de + ki int(r - theta) + feed-forward)
+    e = r(t - d) - theta
+    tau_m = limit(kp e + kd de + ki int(r - theta) + feed-forward)
     """
 
     # what is commanded: ``"position"`` r alone, dr is zero; ``"velocity"`` dr alone, ki integrates

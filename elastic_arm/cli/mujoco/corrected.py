@@ -50,8 +50,7 @@ class Written:
     ] = ()  # numbers of it that were refined in closed loop, and by how much
 
     def note(self) -> str:
-        """Return in a sentence which numbers differ from those that were found; empty where none
-        does."""
+        """Return in a sentence which numbers differ from those found; empty if none does."""
         far = [(abs(by) / number.std, number, by) for number, by in self.refined]
         told = [
             by_words(number, by)
@@ -133,8 +132,9 @@ class Correction:
         numbers: Sequence[Refinable] = (),
         fitted: Sequence[Judging] = (),
     ) -> Written:
-        """Write of a commanded arm's correction what moves it nearer to the recordings that judge,
-        or as near.
+        """Write the part of a commanded arm's correction that makes it no worse.
+
+        It moves the arm nearer to the recordings that judge, or as near.
 
         robot: as described; units: what can be taken back; caused: whether what is as near as
         described is written; numbers: those that are refined first, on the recordings that were

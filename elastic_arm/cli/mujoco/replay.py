@@ -82,8 +82,7 @@ def open_arm(path: Path, chain: str | None, at: str | None) -> MjcfArm:
 
 
 def replay_both(correction: Correction, folder: Path, recording: Recording) -> list[Replay]:
-    """Replay a recording in the model that an arm came from and in the corrected one, and write
-    replay.json."""
+    """Replay a recording in the original and the corrected model; write replay.json."""
     assert correction.base is not None  # Correction.require_mjcf has seen to it
     after = correction.path(folder)
     files = [correction.base, *([after] if after is not None and after.exists() else [])]

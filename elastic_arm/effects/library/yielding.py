@@ -120,8 +120,7 @@ class YieldingJoint:
         motion = [signals.values[name] for name in ("x", "dx", "ddx")]
 
         def moved(*by: Array | float) -> Array:
-            """Return the left side (N, n) with the link moved; the motor stays where its encoder
-            is."""
+            """Return the left side (N, n) with the link moved, the motor as read."""
             there = [np.array(own) for own in motion]
             for own, d in zip(there, by, strict=True):
                 own[:, j] += d
