@@ -56,6 +56,7 @@ NOISE_FREQUENCIES = 400
 # be exact where shared noise cancels (a torque sensor's; an encoder's at a drive's resonance), and
 # rounding would look like physics.
 FLOOR = 0.1
+UNFILTERED = 0.99  # response of a smoother from which on it changes nothing
 
 
 @dataclass(frozen=True)
@@ -101,9 +102,8 @@ class NoiseModel:
 
     def std(self, low_pass: LowPass) -> Array:
         """Return the standard deviation (R,) of each residual behind a low pass."""
-        density = (
-            np.real(np.einsum("frr->fr", self.covariance)) * low_pass.gain(self.f)[:, None] ** 2
-        )
+        power = np.real(np.einsum("frr->fr", self.covariance))
+        density = power * low_pass.gain(self.f)[:, None] ** 2
         return np.sqrt(trapezoid(density, self.f, axis=0) * 2.0 / self.rate)
 
     def whitener(self, f: NDArray[Any]) -> NDArray[np.complex128]:
@@ -113,13 +113,11 @@ class NoiseModel:
         """
         key = f.tobytes()
         if key not in self._whiteners:
-            covariance = self.covariance[
-                np.clip(np.rint(f / (self.f[1] - self.f[0])).astype(int), 0, len(self.f) - 1)
-            ]
+            nearest = np.rint(f / (self.f[1] - self.f[0])).astype(int)
+            covariance = self.covariance[np.clip(nearest, 0, len(self.f) - 1)]
             factor = np.linalg.cholesky(self.apart @ covariance @ self.apart.T)
-            self._whiteners[key] = np.asarray(
-                np.tril(np.linalg.inv(factor)) @ self.apart, dtype=np.complex128
-            )
+            whitener = np.tril(np.linalg.inv(factor)) @ self.apart
+            self._whiteners[key] = np.asarray(whitener, dtype=np.complex128)
         return self._whiteners[key]
 
     def whitening_gains(self, count: int, band: Band) -> CircularGains:
@@ -129,9 +127,8 @@ class NoiseModel:
         """
         if count not in self._gains:
             f = np.fft.rfftfreq(count, 1 / band.kept_rate)
-            self._gains[count] = circular_gains(
-                self.whitener(f[f <= band.cutoff]) * np.sqrt(band.step), count, EDGE
-            )
+            gains = self.whitener(f[f <= band.cutoff]) * np.sqrt(band.step)
+            self._gains[count] = circular_gains(gains, count, EDGE)
         return self._gains[count]
 
 
@@ -145,6 +142,11 @@ def noise_models(
 ) -> list[NoiseModel]:
     """Propagate the channels' noise into the usable residuals, for several floors.
 
+    The residuals are linear in the recorded values z = [tau_J, tau_m, q, theta], whose noise has
+    the spectra s. The part of accelerations depends on the pose::
+
+        r = (A + w² I) z        C = mean over poses of (A + w² I) diag(s) (A + w² I)^H
+
     equations, band: usable equations, and where they are looked at; floors: shares of the torque
     noise that each equation gets besides, 0 for the noise itself; acting: effects of which loads
     have inertia, too.
@@ -152,66 +154,103 @@ def noise_models(
     n = equations.n
     f = np.linspace(0.0, band.kept_rate / 2, NOISE_FREQUENCIES)
     speed2 = (2 * np.pi * f[:, None, None]) ** 2
-    K, D = drive_constants(model)
-    drive = np.tile(K + 2j * np.pi * f[:, None] * D, 4)
-    one = np.eye(n)
-    zero = np.zeros((n, n))
-    none = np.zeros((n, 2 * n))
     torque = np.hstack([observation.torque_spectrum(c, f, n) for c in ("tau_J", "tau_m")])
-    spectrum = np.hstack(
-        [torque, *(observation.position_spectrum(side, f) for side in ("link", "motor"))]
-    )
-    poses = _inertias(model, observation, acting)
+    link = observation.position_spectrum("link", f)
+    motor = observation.position_spectrum("motor", f)
+    spectrum = np.hstack([torque, link, motor])
     # What a joint lacks is made of its other encoder, with whose noise.
     made = block_diag(np.eye(2 * n), observation.pieces[0].encoders)
-    # Rows link, drive, motor of the full three; columns tau_J, tau_m, q, theta. First what is the
-    # same at all poses.
-    still = np.block([[one, zero, none], [one, zero, none], [-one, one, none]])
-    wound = np.block([[none, none], [none, one, -one], [none, none]])
-    # A torque that a controller makes has the noise of the angle that it follows.
-    fed_back = np.block([[none, zero, zero], [none, zero, zero], [none, zero, -one]])
-    impedance = np.tile(observation.impedance(f, n), 4)
-    way = (
-        equations.transform
-        @ (still + drive[:, None, :] * wound + impedance[:, None, :] * fed_back)
-        @ made
-    )
-    # And what accelerations have at each, times the square of the angular frequency.
-    moved = np.array(
-        [np.block([[none, M, S], [none, zero, zero], [none, S.T, B]]) for M, S, B in poses]
-    )
-    inertial = equations.transform @ moved @ made
-    squares = np.einsum("prc,psc->crs", inertial, inertial) / len(poses)
-    weighted = way * spectrum[:, None, :]
-    mixed = speed2 * (weighted @ inertial.mean(axis=0).T)
-    covariance = weighted @ way.conj().transpose(0, 2, 1) + mixed + mixed.conj().transpose(0, 2, 1)
-    covariance += speed2**2 * np.tensordot(spectrum, squares, 1)
-    noise = torque.mean(axis=0).reshape(2, n).max(axis=0)
-    largest = max(float(noise.max()), 1e-12)
-    # Joint by joint, as wrists have finer sensors; by octaves, as sensors of a kind count as equal.
-    level = largest * 2.0 ** np.ceil(np.log2(np.maximum(noise / largest, 1e-9)))
+    way = equations.transform @ _torques_and_springs(model, observation, f) @ made
+    poses = _inertias(model, observation, acting)
+    inertial = equations.transform @ _accelerations(poses) @ made
+    covariance = _covariance(way, inertial, spectrum, speed2)
+    level = _torque_levels(torque.mean(axis=0).reshape(2, n).max(axis=0))
     accelerations = (2 * np.pi * f[:, None]) ** 4 * observation.quiet_link_spectrum(f)
     load = accelerations @ np.mean([M**2 for M, _, _ in poses], axis=0)
-    # In z are torques as recorded, before they were divided by their gains, and one of two
-    # encoders: the other is the motion. Where a controller makes the torque of angles, z has both
-    # of them and no torque.
-    follows = np.isin(np.arange(n), list(observation.made_by))
-    gains = [1.0 / observation.gains.get(c, np.ones(n)) for c in ("tau_J", "tau_m")]
-    shown = np.concatenate(
-        [gains[0], gains[1] * ~follows, follows, follows | made[:, 2 * n : 3 * n].any(axis=0)]
-    )
-    recorded = (way + speed2 * inertial.mean(axis=0)) * shown
-    sizes = np.linalg.svd(recorded, compute_uv=False)
-    # Rows that hold nothing of what was recorded have no density.
-    measure = 2.0 * np.log(np.where(sizes > np.finfo(float).eps * sizes[:, :1], sizes, 1.0)).sum(
-        axis=1
-    )
+    recorded = (way + speed2 * inertial.mean(axis=0)) * _shown(observation, made, n)
+    measure = _log_volume(recorded)
     found = []
     for floor in floors:
         own = covariance * (1.0 + floor**2 * np.eye(equations.rows))
         own += np.diag(np.tile(floor**2 * level + 1e-8, equations.rows // n))
         found.append(NoiseModel(f, own, observation.rate, equations.apart, load, measure))
     return found
+
+
+def _torques_and_springs(
+    model: Model, observation: Observation, f: Array
+) -> NDArray[np.complex128]:
+    """Return the part A (F, 3 n, 4 n) of the residuals that is the same at all poses.
+
+    Rows are those of link, drive and motor; columns tau_J, tau_m, q and theta.
+    """
+    n = model.n
+    K, D = drive_constants(model)
+    drive = np.tile(K + 2j * np.pi * f[:, None] * D, 4)
+    impedance = np.tile(observation.impedance(f, n), 4)
+    one = np.eye(n)
+    zero = np.zeros((n, n))
+    none = np.zeros((n, 2 * n))
+    torques = np.block([[one, zero, none], [one, zero, none], [-one, one, none]])
+    wound = np.block([[none, none], [none, one, -one], [none, none]])
+    # A torque that a controller makes has the noise of the angle that it follows.
+    fed_back = np.block([[none, zero, zero], [none, zero, zero], [none, zero, -one]])
+    return torques + drive[:, None, :] * wound + impedance[:, None, :] * fed_back
+
+
+def _accelerations(poses: Sequence[tuple[Array, Array, Array]]) -> Array:
+    """Return the part I (poses, 3 n, 4 n) of the residuals, by M, S and B at each pose."""
+    zero = np.zeros_like(poses[0][0])
+    none = np.hstack([zero, zero])
+    found = []
+    for M, S, B in poses:
+        found.append(np.block([[none, M, S], [none, zero, zero], [none, S.T, B]]))
+    return np.array(found)
+
+
+def _covariance(
+    way: NDArray[np.complex128], inertial: Array, spectrum: Array, speed2: Array
+) -> NDArray[np.complex128]:
+    """Return the covariance (F, R, R) of the residuals, the mean over poses."""
+    weighted = way * spectrum[:, None, :]
+    mixed = speed2 * (weighted @ inertial.mean(axis=0).T)
+    covariance = weighted @ way.conj().transpose(0, 2, 1) + mixed + mixed.conj().transpose(0, 2, 1)
+    squares = np.einsum("prc,psc->crs", inertial, inertial) / len(inertial)
+    covariance += speed2**2 * np.tensordot(spectrum, squares, 1)
+    return covariance
+
+
+def _torque_levels(noise: Array) -> Array:
+    """Return the noise (n,) of torques in octaves below the largest.
+
+    Joint by joint, as wrists have finer sensors; by octaves, as sensors of a kind count as equal.
+    """
+    largest = max(float(noise.max()), 1e-12)
+    return np.asarray(largest * 2.0 ** np.ceil(np.log2(np.maximum(noise / largest, 1e-9))))
+
+
+def _shown(observation: Observation, made: Array, n: int) -> Array:
+    """Return by what the values z (4 n,) are recorded: torques by their gains, lacking ones by 0.
+
+    Torques stand in z as they were recorded, before they were divided by their gains, and one of
+    two encoders: the other is the motion. Where a controller makes the torque of angles, z has both
+    of them and no torque.
+    """
+    follows = np.isin(np.arange(n), list(observation.made_by))
+    joint = 1.0 / observation.gains.get("tau_J", np.ones(n))
+    motor = 1.0 / observation.gains.get("tau_m", np.ones(n)) * ~follows
+    has_link = made[:, 2 * n : 3 * n].any(axis=0)
+    return np.concatenate([joint, motor, follows, follows | has_link])
+
+
+def _log_volume(recorded: NDArray[np.complex128]) -> Array:
+    """Return ln |dr/dz|² (F,) of maps (F, R, 4 n) from recorded values to residuals.
+
+    Rows that hold nothing of what was recorded have no density.
+    """
+    sizes = np.linalg.svd(recorded, compute_uv=False)
+    there = sizes > np.finfo(float).eps * sizes[:, :1]
+    return np.asarray(2.0 * np.log(np.where(there, sizes, 1.0)).sum(axis=1))
 
 
 def _inertias(
@@ -252,9 +291,8 @@ class Part:
         channel = feature.read_torque
         if channel is None or channel not in self.gains:
             return 1.0
-        return float(
-            self.gains[channel][feature.equations.robot.joint_names.index(str(feature.joint))]
-        )
+        joint = feature.equations.robot.joint_names.index(str(feature.joint))
+        return float(self.gains[channel][joint])
 
 
 class WhitenedData:
@@ -295,13 +333,9 @@ class WhitenedData:
             standstill = _standstill(observation, untold)
             standing = np.where(moves, standing_speed(fastest, untold[1]), 0.0)
             steps = {side: np.where(moves, step, 0.0) for side, step in observation.steps.items()}
-            # Laws need not pass a smoother whose response at the edge of the band is more than
-            # 0.99.
-            limits = (
-                observation.smoother
-                if observation.gain(np.array([band.cutoff]))[0] < 0.99
-                else None
-            )
+            # Laws need not pass a smoother that leaves the band as it is.
+            response = observation.gain(np.array([band.cutoff]))[0]
+            limits = observation.smoother if response < UNFILTERED else None
             loads = loads_of(model, acting, standstill)
             for stretch in residuals(model, observation, layout, in_band, loads):
                 signals_of = partial(
@@ -313,35 +347,35 @@ class WhitenedData:
                     smoother=limits,
                     made=observation.made(stretch.quiet),
                 )
-                motion = (
-                    wound_by_load(model, stretch.quiet, loads)
-                    if layout.reads_torque_by_deflection
-                    else stretch.quiet
-                )
+                motion = stretch.quiet
+                if layout.reads_torque_by_deflection:
+                    motion = wound_by_load(model, motion, loads)
                 known = known_torques(model, motion, acting, signals_of, predicted=predicted)
                 load, clear = true_load(model, observation, known, noise.f, noise.load)
                 drive = load + known.drive - known.load
                 signals = known.signals.with_model_torques(
                     load, drive, clear, observation.torque_variances(model.n)
                 )
-                self.parts.append(
-                    Part(stretch, signals, noise, observation.gains, number, known.shares)
-                )
+                part = Part(stretch, signals, noise, observation.gains, number, known.shares)
+                self.parts.append(part)
                 self.pure.append(pure)
-                alike = next(others, None)
-                own = stretch, in_band, layout, steps, observation.holes, observation.events
                 free = FreeTorques.of(
-                    *own,
+                    stretch,
+                    in_band,
+                    layout,
+                    steps,
+                    observation.holes,
+                    observation.events,
                     friction=sticking_removed,
                     standing=standing,
-                    near=alike,
+                    near=next(others, None),
                     noise=noise.autocovariance(in_band),
                 )
                 self._free.append(free)
         if not self.parts:
+            sources = ", ".join(one.source or "the recording" for one in observations)
             raise DiagnosisError(
-                "too little motion is left of"
-                f" {', '.join(o.source or 'the recording' for o in observations)} after filtering",
+                f"too little motion is left of {sources} after filtering",
                 "Record longer without gaps",
             )
         self.y = self.weighted([part.stretch.values for part in self.parts])

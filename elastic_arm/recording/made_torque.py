@@ -45,50 +45,43 @@ def with_made_torque(recording: Recording, robot: Robot) -> Recording:
     it, at the stamps of the positions; what lies before the first command and after the last is
     left out.
     """
-    side = (
-        recording.motor
-        if recording.motor is not None and recording.motor.position is not None
-        else recording.link
-    )
+    side = recording.motor
+    if side is None or side.position is None:
+        side = recording.link
     reference = recording.reference
     stated = {joint.name: joint.controller for joint in robot.joints}
     if not is_commanded(recording) or reference is None or side is None or side.position is None:
         return recording
     there = joints_with(side.position)
-    made = {
-        name: _limited(controller, robot.joints[robot.joint_names.index(name)].limits.torque)
-        for i, name in enumerate(recording.joints)
-        if (controller := stated.get(name)) is not None
-        and there[i]
-        and _is_told(reference, controller, i)
-    }
+    made: dict[str, JointController] = {}
+    for i, name in enumerate(recording.joints):
+        controller = stated.get(name)
+        if controller is not None and there[i] and _is_told(reference, controller, i):
+            limit = robot.joints[robot.joint_names.index(name)].limits.torque
+            made[name] = _limited(controller, limit)
     if not made:
         return recording
-    given, t = (
-        (stamps - reference.stamp_ns[0]) * 1e-9 for stamps in (reference.stamp_ns, side.stamp_ns)
-    )
-    known = (t >= max(c.delay for c in made.values()) + float(np.median(np.diff(given)))) & (
-        t <= given[-1]
-    )
+    given = (reference.stamp_ns - reference.stamp_ns[0]) * 1e-9
+    t = (side.stamp_ns - reference.stamp_ns[0]) * 1e-9
+    first = max(own.delay for own in made.values()) + float(np.median(np.diff(given)))
+    known = (t >= first) & (t <= given[-1])
     t = t[known]
     angles = side.position[known]
     stamps = side.stamp_ns[known]
     r, torque = np.full((2, *angles.shape), np.nan)
-    columns = {recording.joints.index(name): controller for name, controller in made.items()}
-    commands = {
-        i: _Command(reference, given, i, controller, angles[0, i])
-        for i, controller in columns.items()
-    }
-    for i, command in commands.items():
-        r[:, i] = command(t)[0]
+    commands: dict[int, _Command] = {}
+    for name, own in made.items():
+        i = recording.joints.index(name)
+        commands[i] = _Command(reference, given, i, own, angles[0, i])
+        r[:, i] = commands[i](t)[0]
     forward = _fed_forward(robot, t, np.where(np.isnan(r), angles, r), list(made.values()))
-    for i, controller in columns.items():
-        torque[:, i] = _torque(
-            controller, commands[i], t, angles[:, i], forward[controller.feedforward][:, i]
-        )
-    cut = {
-        name: one.at(np.isin(one.stamp_ns, stamps)) for name, one in recording.measured().items()
-    }
+    for name, own in made.items():
+        i = recording.joints.index(name)
+        fed = forward[own.feedforward][:, i]
+        torque[:, i] = _torque(own, commands[i], t, angles[:, i], fed)
+    cut: dict[str, Side] = {}
+    for name, one in recording.measured().items():
+        cut[name] = one.at(np.isin(one.stamp_ns, stamps))
     motor = cut["motor"] if side is recording.motor else Side(stamps)
     whose = listed(recording.joints, [name in made for name in recording.joints])
     note = (

@@ -134,33 +134,26 @@ def identify_with(
     settings = replace(settings, effects=effects)
     trials = Trials(recorded, robot, settings, report, unasked=bool(known))
     choice = trials.selected()
-    tilted = any(instance.effect.id == TILT for instance in known)
-    mounting = (
-        None
-        if tilted
-        else other_mounting(robot, settings.model, [trials(choice).derived[0].longest])
-    )
-    if mounting is not None:
-        robot, effects = (
-            mounting.of(robot),
-            (*effects, *parse_laws([TILT], robot, settings.catalogue)),
-        )
-        trials = replace(
-            trials, robot=robot, settings=replace(settings, effects=effects), _known={}
-        )
-        choice = trials.selected()
+    if not any(instance.effect.id == TILT for instance in known):
+        longest = trials(choice).derived[0].longest
+        mounting = other_mounting(robot, settings.model, [longest])
+        if mounting is not None:
+            robot = mounting.of(robot)
+            effects = (*effects, *parse_laws([TILT], robot, settings.catalogue))
+            settings = replace(settings, effects=effects)
+            trials = replace(trials, robot=robot, settings=settings, _known={})
+            choice = trials.selected()
+            notes.append(mounting.note)
     result, trial, correlated = _estimated(trials, choice)
     equations = {name for rms in result.noise.values() for name in rms}
     bare = [name for name in prepared[0].without_torque(robot.joint_names) if name not in equations]
-    notes += [mounting.note] if mounting else []
     said = ((moved, FELT), (bare, BARE), (unseen, UNSEEN))
     notes += [f"{', '.join(names)}: {words}" for names, words in said if names]
     result = result.with_(notes=tuple(dict.fromkeys([*result.notes, *notes])))
     if validate:
         motions = _held_out_motions(held_out, trial, not choice.sticking, report)
-        result = validated(
-            result, trial.identifier, robot, (*effects, *choice.laws), motions, correlated
-        )
+        laws = (*effects, *choice.laws)
+        result = validated(result, trial.identifier, robot, laws, motions, correlated)
     if result.identified is not None:
         # Of the arm that is written, after validation has had its say.
         result = result.with_(notes=(*result.notes, *odd_masses(robot, result.identified)))

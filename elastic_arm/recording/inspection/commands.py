@@ -1,9 +1,11 @@
 """Whether an arm followed the commands that were recorded with it, how late, and at which rate they
 came."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from elastic_arm.recording.inspection.report import Finding, about, warning
@@ -28,85 +30,85 @@ NEAR = 1.15  # times such a factor; a loop's own gain is off by less, and servos
 
 def followed(recording: Recording) -> Iterator[Finding]:
     """Yield what is seen of commands: lag and rate, and whether they can be what was followed."""
-    reference = recording.reference
-    side = (
-        recording.motor
-        if recording.motor is not None and recording.motor.position is not None
-        else recording.link
-    )
-    if reference is None or reference.position is None or side is None or side.position is None:
+    fit = _fitted(recording)
+    if fit is None:
         return
-    if min(len(reference), len(side)) < FEWEST:
-        return
-    given, t = ((one.stamp_ns - reference.stamp_ns[0]) * 1e-9 for one in (reference, side))
-    moves = (
-        joints_with(reference.position)
-        & joints_with(side.position)
-        & (np.ptp(side.position, axis=0) > STILL)
-    )
-    if not moves.any():
-        return
-    found = np.full((3, recording.n), np.nan)
-    for j in np.flatnonzero(moves):
-        found[:, j] = _lag(given, reference.position[:, j], t, side.position[:, j])
-    lag, gain, left = found
     # Computed torque follows as closely as its model is right; only what was copied has the same
     # digits.
-    torques = any(
-        one.effort is not None for one in (recording.link, recording.motor) if one is not None
-    )
-    copied = (
-        moves
-        & (left < (DIGITS if torques else COPIED))
-        & (np.abs(lag) < (SHIFTED + 0.5) * np.median(np.diff(t)))
-    )
-    apart = moves & (left > APART)
-    good = moves & ~apart & ~(left < COPIED)
-    rates = [1.0 / float(np.median(np.diff(stamps))) for stamps in (given, t)]
+    torques = any(side.effort is not None for side in recording.measured().values())
+    near = np.abs(fit.lag) < (SHIFTED + 0.5) * fit.step
+    copied = fit.moves & (fit.left < (DIGITS if torques else COPIED)) & near
+    apart = fit.moves & (fit.left > APART)
+    good = fit.moves & ~apart & ~(fit.left < COPIED)
     joints = recording.joints
+    yield from _copied(joints, fit, copied)
+    if apart.any():
+        words = f"{listed(joints, apart)} did not follow the recorded commands"
+        remedy = "look for another joint's command, or one of another controller"
+        yield warning("not_followed", words, remedy)
+    late = f"are {span_of(1e3 * fit.lag[good])} ms behind the commands (delay and drive together)"
+    error = f"{span_of(1e2 * fit.left[good])} % of their spread off"
+    size = f"{span_of(fit.gain[good])} times as large and {error}"
+    rates = f"commands come at {1.0 / fit.given_step:.4g} Hz, positions at {1.0 / fit.step:.4g} Hz"
+    words = f"{late}, {size}; {rates}"
+    yield from about(joints, good, "commands", "positions", words, severity="note")
+    early = good & (fit.lag < -0.5 * fit.step)
+    clocks = "are they stamped by two clocks, or are commands those of the next step?"
+    yield from about(joints, early, "early", "positions", "are ahead of the commands", clocks)
+    off_by = np.abs(np.log(np.abs(fit.gain)[:, None] / np.array(MISTAKEN))).min(axis=1)
+    odd = good & ((fit.gain < 0.0) | (off_by < np.log(NEAR)))
+    times = f"are {span_of(fit.gain[odd])} times the commands"
+    units = "look at unit and sign of both"
+    yield from about(joints, odd, "command_unit", "positions", times, units)
+
+
+class _Fit(NamedTuple):
+    """Angles beside their commands, (n,) each: angle(t) = gain command(t - lag) + rest."""
+
+    moves: NDArray[np.bool_]  # joints that do, and have a command
+    lag: Array  # s
+    gain: Array
+    left: Array  # the rest over the angle's spread
+    given_step: float  # s between commands
+    step: float  # s between angles
+
+
+def _fitted(recording: Recording) -> _Fit | None:
+    """Compare the angles of motors, else of links, with the commands; None without either."""
+    reference = recording.reference
+    side = recording.motor
+    if side is None or side.position is None:
+        side = recording.link
+    if reference is None or reference.position is None or side is None or side.position is None:
+        return None
+    if min(len(reference), len(side)) < FEWEST:
+        return None
+    there = joints_with(reference.position) & joints_with(side.position)
+    moves = there & (np.ptp(side.position, axis=0) > STILL)
+    if not moves.any():
+        return None
+    given = (reference.stamp_ns - reference.stamp_ns[0]) * 1e-9
+    t = (side.stamp_ns - reference.stamp_ns[0]) * 1e-9
+    lag, gain, left = np.full((3, recording.n), np.nan)
+    for j in np.flatnonzero(moves):
+        lag[j], gain[j], left[j] = _lag(given, reference.position[:, j], t, side.position[:, j])
+    given_step = float(np.median(np.diff(given)))
+    return _Fit(moves, lag, gain, left, given_step, float(np.median(np.diff(t))))
+
+
+def _copied(joints: Sequence[str], fit: _Fit, copied: NDArray[np.bool_]) -> Iterator[Finding]:
+    """Yield which commands are the positions themselves, by the samples that they are shifted."""
     told = "they were made of the recording; record what the drives were told"
-    samples = np.round(lag / float(np.median(np.diff(t))))
+    samples = np.round(fit.lag / fit.step)
     for shift in np.unique(samples[copied]).tolist():
         which = "themselves"
         if shift:
             count = f"{abs(shift):.0f} sample{'s' if abs(shift) > 1.0 else ''}"
             which = f"of {count} {'later' if shift > 0.0 else 'before'}"
         of_shift = copied & (samples == shift)
-        off = (
-            f"but for {span_of(1e2 * left[of_shift])} % of their spread, closer than any drive"
-            " follows"
-        )
-        yield from about(
-            joints,
-            of_shift,
-            "copied_command",
-            "commands",
-            f"are the positions {which}, {off}",
-            told,
-        )
-    if apart.any():
-        words = f"{listed(joints, apart)} did not follow the recorded commands"
-        yield warning(
-            "not_followed", words, "look for another joint's command, or one of another controller"
-        )
-    late = f"are {span_of(1e3 * lag[good])} ms behind the commands (delay and drive together)"
-    size = (
-        f"{span_of(gain[good])} times as large and {span_of(1e2 * left[good])} % of their"
-        " spread off"
-    )
-    rate = f"commands come at {rates[0]:.4g} Hz, positions at {rates[1]:.4g} Hz"
-    yield from about(
-        joints, good, "commands", "positions", f"{late}, {size}; {rate}", severity="note"
-    )
-    early = good & (lag < -0.5 / rates[1])
-    clocks = "are they stamped by two clocks, or are commands those of the next step?"
-    yield from about(joints, early, "early", "positions", "are ahead of the commands", clocks)
-    near = np.abs(np.log(np.abs(gain)[:, None] / np.array(MISTAKEN))).min(axis=1) < np.log(NEAR)
-    odd = good & ((gain < 0.0) | near)
-    times = f"are {span_of(gain[odd])} times the commands"
-    yield from about(
-        joints, odd, "command_unit", "positions", times, "look at unit and sign of both"
-    )
+        off = f"but for {span_of(1e2 * fit.left[of_shift])} % of their spread"
+        words = f"are the positions {which}, {off}, closer than any drive follows"
+        yield from about(joints, of_shift, "copied_command", "commands", words, told)
 
 
 def _lag(given: Array, command: Array, t: Array, angle: Array) -> tuple[float, float, float]:

@@ -18,6 +18,7 @@ autocorrelations say (M. S. Bartlett, Journal of the Royal Statistical Society 9
 """
 
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from itertools import chain, combinations
 from typing import Any, NamedTuple
 
@@ -64,6 +65,15 @@ BESIDE = float(np.log(100.0))
 # convention
 MASSES = 0.3
 COUPLED = "coupled"
+# Long and short words of readings of torques, with places for the joint and the size.
+OTHER_ZERO = (
+    "the zero of {} seems to lie {} rad from the described one",
+    "the zero of {} ({})",
+)
+LACKING = (
+    "the torque of {} lacks a share of {} of its described gravity",
+    "gravity of {} ({})",
+)
 MISSING = "gravity_missing"
 TAKEN = (
     "it was subtracted before the torque was recorded, or something else carries the arm: record"
@@ -339,7 +349,6 @@ def _sized(motion: SideMotion, side: str, robot: Robot, arm: _Arm) -> list[Findi
     """
     given, free = _likelihood(motion, motion.torque, arm)
     Y = arm.regressor(*motion[:3])
-    unit = np.eye(robot.n)
     still = np.zeros_like(motion.q)
     weight = arm.regressor(motion.q, still, still) @ arm.mean
 
@@ -349,69 +358,56 @@ def _sized(motion: SideMotion, side: str, robot: Robot, arm: _Arm) -> list[Findi
     def share(at: Array, size: float) -> float:
         return _likelihood(motion, motion.torque + size * at * weight, arm, free, Y)[0]
 
-    def gain(
-        at: Array, size: float
-    ) -> float:  # the noise stays with the torques as they were given
-        return _likelihood(motion, motion.torque * np.exp(-size * at), arm, free, Y)[
-            0
-        ] - size * float(free @ at)
+    def gain(at: Array, size: float) -> float:
+        # The noise stays with the torques as they were given.
+        likely = _likelihood(motion, motion.torque * np.exp(-size * at), arm, free, Y)[0]
+        return likely - size * float(free @ at)
 
-    places = [(unit[j], robot.joint_names[j]) for j in range(robot.n)]
-    loaded = [
-        *(places[j] for j in motion.measured),
-        (unit[motion.measured].sum(axis=0), "all joints"),
-    ]
-    turning = [
-        place for place, joint in zip(places, robot.joints, strict=True) if not joint.prismatic
-    ]
-    kinds = (
-        (
-            "the zero of {} seems to lie {} rad from the described one",
-            "the zero of {} ({})",
-            zero,
-            ZERO,
-            turning,
-        ),
-        (
-            "the torque of {} lacks a share of {} of its described gravity",
-            "gravity of {} ({})",
-            share,
-            SHARE,
-            loaded,
-        ),
-        ("", "the gain of {}", gain, SHARE, loaded),
-    )
-    tried = []
-    for words, short, of, usual, at, name in (
-        (*kind, *place) for *kind, where in kinds for place in where
-    ):
-
-        def worth(size: float, of: Any = of, usual: float = usual, at: Array = at) -> float:
-            return float(of(at, size)) - given - 0.5 * (size / usual) ** 2
-
-        best = minimize_scalar(
-            lambda size: -worth(size), bounds=(-3 * usual, 3 * usual), method="bounded"
-        )
-        size = float(best.x)
-        step = 0.1 * ZERO
-        bend = (2.0 * worth(size) - worth(size - step) - worth(size + step)) / step**2
-        std = max(bend, usual**-2) ** -0.5
-        text = " ± ".join(rounded(size, std))
-        tried.append(
-            (
-                float(-best.fun) + np.log(std / usual),
-                words.format(name, text),
-                short.format(name, text),
-            )
-        )
+    unit = np.eye(robot.n)
+    others = []
+    for joint, at in zip(robot.joints, unit, strict=True):
+        if not joint.prismatic:
+            others.append(_Reading(joint.name, *OTHER_ZERO, ZERO, partial(zero, at)))
+    loaded = [(robot.joint_names[j], unit[j]) for j in motion.measured]
+    for name, at in (*loaded, ("all joints", unit[motion.measured].sum(axis=0))):
+        others.append(_Reading(name, *LACKING, SHARE, partial(share, at)))
+        others.append(_Reading(name, "", "the gain of {}", SHARE, partial(gain, at)))
+    tried = [_likeliest(other, given) for other in others]
     said = max(tried)[1]
-    if not said or said.startswith("the zero"):
-        return (
-            _named(tried, "other_zero", side, "measure it, or state it (joint_zero)")
-            if said
-            else []
-        )
-    return _named(tried, MISSING, side, TAKEN)
+    if said.startswith("the zero"):
+        return _named(tried, "other_zero", side, "measure it, or state it (joint_zero)")
+    return _named(tried, MISSING, side, TAKEN) if said else []
+
+
+class _Reading(NamedTuple):
+    """Another reading of torques: it differs from the description by a size."""
+
+    place: str  # name of a joint, or all of them
+    words: str  # with places for the name and the size; empty for a reading that is not said
+    short: str
+    usual: float  # standard deviation of the size
+    likelihood: Callable[[float], float]  # ln of the likelihood of the torques by the size
+
+
+def _likeliest(reading: _Reading, given: float) -> tuple[float, str, str]:
+    """Return ln of the odds of a reading, its size integrated out, and its words with the size.
+
+    given: ln of the likelihood as described.
+    """
+
+    def worth(size: float) -> float:
+        return float(reading.likelihood(size)) - given - 0.5 * (size / reading.usual) ** 2
+
+    most = 3 * reading.usual
+    best = minimize_scalar(lambda size: -worth(size), bounds=(-most, most), method="bounded")
+    size = float(best.x)
+    step = 0.1 * ZERO
+    bend = (2.0 * worth(size) - worth(size - step) - worth(size + step)) / step**2
+    std = max(bend, reading.usual**-2) ** -0.5
+    text = " ± ".join(rounded(size, std))
+    odds = float(-best.fun) + np.log(std / reading.usual)
+    words = reading.words.format(reading.place, text)
+    return odds, words, reading.short.format(reading.place, text)
 
 
 def _arranged(motion: SideMotion, side: str, robot: Robot, arm: _Arm) -> list[Finding]:

@@ -9,6 +9,7 @@ times what the others do, and by more than an arm can move in a sample. Angles t
 a turn are unwound. Where a joint jumps as none can, the recording is parted.
 """
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
@@ -184,6 +185,18 @@ def _without_far_samples(recording: Recording, found: list[Finding]) -> Recordin
     return replace(recording, **kept) if kept else recording
 
 
+class _Continuous(NamedTuple):
+    """An angle (N,) unwound behind samples `turned`; its jumps by `size` behind `rows`, and where
+    its speed runs on."""
+
+    q: Array
+    turned: NDArray[np.intp]
+    turn: float
+    rows: NDArray[np.intp]
+    size: Array
+    runs_on: NDArray[np.bool_]
+
+
 def _in_one_piece(recording: Recording, found: list[Finding]) -> Recording:
     """Unwind angles that are given within a turn, and part sides where a joint jumps as none
     can."""
@@ -195,53 +208,31 @@ def _in_one_piece(recording: Recording, found: list[Finding]) -> Recording:
             continue
         t = np.asarray((side.stamp_ns - side.stamp_ns[0]) * 1e-9)
         columns = [(t, column) for column in np.ascontiguousarray(side.position.T)]
+        looked_at = share_out(lambda one: _continuous(*one), columns)
+        jumping = Counter(row for each in looked_at for row in each.rows.tolist())
         position = side.position.copy()
         parted = np.zeros(len(side), np.bool_)
         turned: dict[str, float] = {}
-        looked_at = share_out(lambda one: _continuous(*one), columns)
-        jumping = [row for each in looked_at for row in each.rows.tolist()]
         for j, (joint, each) in enumerate(zip(recording.joints, looked_at, strict=True)):
             what = f"{name} position of {joint}"
-            rows = each.rows
             if len(each.turned):
                 position[:, j] = each.q
-                first = (
-                    f"{len(each.turned)} times, first after"
-                    f" {moment(side.stamp_ns, int(each.turned[0]))}"
-                )
-                words = (
-                    f"{what} is given within a turn of {each.turn:.4g} rad, and jumps by it"
-                    f" {first}: it was unwound"
-                )
-                found.append(note(words, "wrapped"))
                 turned[joint] = each.turn
-            if not len(rows):
+                found.append(_unwound(what, side, each))
+            if not len(each.rows):
                 continue
-            k = int(np.argmax(np.abs(each.size)))
-            many = ("", "") if len(rows) == 1 else (f"{len(rows)} times ", "the furthest ")
-            place = (
-                f"by {each.size[k]:.4g} rad after sample {rows[k]},"
-                f" {moment(side.stamp_ns, int(rows[k]))}"
-            )
-            words = f"{what} jumps {many[0]}as no joint moves, {many[1]}{place}"
             remedy = (
                 "two publishers, or a channel that is no angle? Nothing that follows from it can be"
                 " trusted"
             )
-            if len(rows) <= _SPIKE_SHARE * len(side):
-                for row in rows.tolist():
-                    parted[
-                        row + 1 : row + 1 + max(_APART, round(_APART_SECONDS * len(t) / t[-1]))
-                    ] = True
-                alone = np.array(
-                    [
-                        jumping.count(row) == 1 and _runs_on(side.effort, row)
-                        for row in rows.tolist()
-                    ]
-                )
-                alone &= each.runs_on & (side.effort is not None or recording.n > 1)
+            if len(each.rows) <= _SPIKE_SHARE * len(side):
+                behind = max(_APART, round(_APART_SECONDS * len(t) / t[-1]))
+                for row in each.rows.tolist():
+                    parted[row + 1 : row + 1 + behind] = True
+                alone = _zero_was_set(side.effort, each, jumping)
+                alone &= side.effort is not None or recording.n > 1
                 jumps = np.zeros(len(side) - 1)
-                jumps[rows[alone]] = each.size[alone]
+                jumps[each.rows[alone]] = each.size[alone]
                 position[:, j] = _less(position[:, j], jumps)
                 remedy = "joined recordings? It is parted there"
                 if alone.all():
@@ -249,17 +240,40 @@ def _in_one_piece(recording: Recording, found: list[Finding]) -> Recording:
                         "speed and all else run on, so its zero was set: it is taken for running on"
                         " from before"
                     )
-            found.append(
-                Finding(
-                    "warning", "jumps", f"{words}: {remedy}", joint=joint, time=float(t[rows[k]])
-                )
-            )
+            found.append(_jumped(what, joint, side, each, remedy))
         whole = replace(side, position=position)
         if parted.any() or not np.array_equal(position, side.position, equal_nan=True):
             kept[name] = whole.at(~parted)
         if "reference" not in kept:
             kept |= _commands_unwound(recording, whole, turned, found)
     return replace(recording, **kept) if kept else recording
+
+
+def _unwound(what: str, side: Side, each: _Continuous) -> Finding:
+    """Say that an angle was unwound, and where first."""
+    first = f"{len(each.turned)} times, first after {moment(side.stamp_ns, int(each.turned[0]))}"
+    words = f"{what} is given within a turn of {each.turn:.4g} rad, and jumps by it {first}"
+    return note(f"{words}: it was unwound", "wrapped")
+
+
+def _jumped(what: str, joint: str, side: Side, each: _Continuous, remedy: str) -> Finding:
+    """Say how often and how far an angle jumps."""
+    k = int(np.argmax(np.abs(each.size)))
+    row = int(each.rows[k])
+    place = f"by {each.size[k]:.4g} rad after sample {row}, {moment(side.stamp_ns, row)}"
+    words = f"{what} jumps as no joint moves, {place}"
+    if len(each.rows) > 1:
+        words = f"{what} jumps {len(each.rows)} times as no joint moves, the furthest {place}"
+    time = (side.stamp_ns[row] - side.stamp_ns[0]) * 1e-9
+    return Finding("warning", "jumps", f"{words}: {remedy}", joint=joint, time=float(time))
+
+
+def _zero_was_set(
+    effort: Array | None, each: _Continuous, jumping: Mapping[int, int]
+) -> NDArray[np.bool_]:
+    """Return behind which jumps of a joint all else runs on: no other joint jumps there."""
+    alone = [jumping[row] == 1 and _runs_on(effort, row) for row in each.rows.tolist()]
+    return np.array(alone) & each.runs_on
 
 
 def _commands_unwound(
@@ -306,18 +320,6 @@ def _runs_on(effort: Array | None, row: int) -> bool:
     steps = np.abs(np.diff(effort[max(row - _LOOKED_AT, 0) : row + _LOOKED_AT], axis=0))
     usual = np.nanpercentile(steps, _NEARLY_ALL, axis=0) if joints_with(effort).all() else np.inf
     return bool((np.abs(effort[row + 1] - effort[row]) <= 2.0 * usual).all())
-
-
-class _Continuous(NamedTuple):
-    """An angle (N,) unwound behind samples `turned`; its jumps by `size` behind `rows`, and where
-    its speed runs on."""
-
-    q: Array
-    turned: NDArray[np.intp]
-    turn: float
-    rows: NDArray[np.intp]
-    size: Array
-    runs_on: NDArray[np.bool_]
 
 
 def _continuous(t: Array, q: Array) -> _Continuous:

@@ -18,6 +18,7 @@ from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Array, Samples, joints_with, listed, span_of
 from elastic_arm.robot import Robot
 
+_LOOKED_AT = 5000  # samples; bounds the time
 _TOGETHER = 0.01  # of the squares of the motor's angle, that the link's does not explain
 
 
@@ -69,35 +70,30 @@ def disagreeing(recording: Recording) -> list[Finding]:
 def _apart(recording: Recording) -> tuple[Array, Array, Array]:
     """Return by how much motors are ahead of links: (n,) rad, part of the angle, and s; zero where
     uncertain."""
-    found = np.zeros((3, recording.n))
+    zero, part, lag = np.zeros((3, recording.n))
     link = recording.link
     motor = recording.motor
     if link is None or motor is None or link.position is None or motor.position is None:
-        return found[0], found[1], found[2]
+        return zero, part, lag
     try:
         samples = recording.samples()
     except RecordingError:
         # Sides that have no time in common are for others to refuse.
-        return found[0], found[1], found[2]
+        return zero, part, lag
     q = samples.q
     theta = samples.theta
-    if (
-        q is None
-        or theta is None
-        or len(samples) < FEWEST
-        or (samples.tau_J is None and samples.tau_m is None)
-    ):
-        return found[0], found[1], found[2]
+    if q is None or theta is None or len(samples) < FEWEST:
+        return zero, part, lag
+    if samples.tau_J is None and samples.tau_m is None:
+        return zero, part, lag
     speeds = np.gradient(theta, samples.t, axis=0)
-    # 5000 samples that are looked at; bounds the time
-    every = slice(None, None, max(1, len(samples) // 5000))
+    every = slice(None, None, max(1, len(samples) // _LOOKED_AT))
     loads = [x for x in (samples.tau_J, samples.tau_m, samples.dtheta) if x is not None]
     for j in range(recording.n):
         if {("q", j), ("theta", j)} & samples.lacking or not np.ptp(q[:, j]):
             continue
-        columns = np.column_stack([np.ones(len(q)), *(each[:, j] for each in (q, speeds, *loads))])[
-            every
-        ]
+        own = [each[every, j] for each in (q, speeds, *loads)]
+        columns = np.column_stack([np.ones(len(own[0])), *own])
         scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
         behind = (theta[:, j] - q[:, j])[every]
         fit, *_ = np.linalg.lstsq(columns / scale, behind, rcond=None)
@@ -109,8 +105,8 @@ def _apart(recording: Recording) -> tuple[Array, Array, Array]:
         # Angles that have nothing to do with each other are not two of one joint.
         together = float(rest @ rest) < _TOGETHER * len(rest) * float(np.var(theta[:, j]))
         sure = together & (np.abs(fit[:3]) > 5.0 * doubt[:3])  # standard deviations
-        found[:, j] = np.where(sure, fit[:3] / scale[:3], 0.0)
-    return found[0], found[1], found[2]
+        zero[j], part[j], lag[j] = np.where(sure, fit[:3] / scale[:3], 0.0)
+    return zero, part, lag
 
 
 def by_motor_encoders(recording: Recording, robot: Robot) -> Recording:
