@@ -190,9 +190,8 @@ def _quiet(position: Array, std: Array, rate: float) -> float:
     w = 2 * np.pi * np.fft.rfftfreq(len(position), 1.0 / rate)
     # The acceleration of the slow part alone: above 10 Hz the noise of the positions would speak.
     w = w[w < 63.0]
-    spectrum = np.fft.rfft(np.hanning(len(position)) * (position - position.mean(axis=0)).T)[
-        :, : len(w)
-    ]
+    tapered = np.hanning(len(position)) * (position - position.mean(axis=0)).T
+    spectrum = np.fft.rfft(tapered)[:, : len(w)]
     acceleration = np.sqrt(np.sum(np.abs(spectrum * w**2) ** 2, axis=1)) / len(position)
     cutoff = (np.sqrt(5 * np.pi * rate) * QUIET * acceleration / np.maximum(std, 1e-300)) ** 0.4
     return float(min(np.min(cutoff), HIGHEST_CUTOFF * rate))
@@ -224,20 +223,17 @@ class _Spectrum:
         Of medians over third octaves from where the motion ends: structures ring at some
         frequencies, and rounding of a steady motion has lines.
         """
-        edges = np.geomspace(
-            above,
-            WHITE[0] * self.rate,
-            max(2, round(3 * np.log2(WHITE[0] * self.rate / above)) + 1),
-        )
+        highest = WHITE[0] * self.rate
+        thirds = round(3 * np.log2(highest / above))
+        edges = np.geomspace(above, highest, max(2, thirds + 1))
         power = self.power * self.rate / (2.0 * std**2)
         f = self.frequency
         inside = [(f >= low) & (f < high) for low, high in pairwise(edges)]
         inside = [own for own in inside if own.any()]
         if above > edges[-1] or len(inside) < 2:
             return np.ones(len(std)), np.zeros(len(std))
-        medians = np.array(
-            [np.maximum(np.median(power[own], axis=0), np.finfo(float).eps) for own in inside]
-        )
+        medians = np.array([np.median(power[own], axis=0) for own in inside])
+        medians = np.maximum(medians, np.finfo(float).eps)
         squares = np.array([np.median(f[own]) for own in inside]) ** 2
         shapes = np.stack([np.ones(len(squares)), squares.min() / squares], axis=1)
         found = [

@@ -45,10 +45,12 @@ def in_parts(recording: Recording, least: int = 2) -> list[Recording]:
     """Return the parts of a recording, so many or more, that hold some seconds of samples each."""
     stamps = _stamps(recording)
     t = (stamps - stamps[0]) * 1e-9
-    count = (
-        max(least, round(len(t) * float(np.median(np.diff(t))) / SEGMENT)) if len(t) > 1 else least
-    )
-    return _cut(recording, t[np.linspace(0, len(t), count, endpoint=False).astype(int)].tolist())
+    count = least
+    if len(t) > 1:
+        seconds = len(t) * float(np.median(np.diff(t)))
+        count = max(least, round(seconds / SEGMENT))
+    begins = np.linspace(0, len(t), count, endpoint=False).astype(int)
+    return _cut(recording, t[begins].tolist())
 
 
 def of_one_rate(recording: Recording, lasting: float) -> list[Recording]:

@@ -507,14 +507,12 @@ def _moving(observations: Sequence[Observation]) -> tuple[NDArray[np.bool_], Arr
 
 def _velocity_noise(observation: Observation, f: Array, n: int) -> tuple[Array, Array]:
     """Return the standard deviations (n,) of the noise of links' and motors' velocities, rad/s."""
-    density = [
-        (2 * np.pi * f[:, None]) ** 2 * spectrum for spectrum in observation.angle_spectra(f)
-    ]
-    link, motor = (
-        np.sqrt(own.sum(axis=0) * (f[1] - f[0]) * 2 / observation.rate) * np.ones(n)
-        for own in density
-    )
-    return link, motor
+    speed2 = (2 * np.pi * f[:, None]) ** 2
+    found = []
+    for spectrum in observation.angle_spectra(f):
+        power = (speed2 * spectrum).sum(axis=0) * (f[1] - f[0]) * 2 / observation.rate
+        found.append(np.sqrt(power) * np.ones(n))
+    return found[0], found[1]
 
 
 def _standstill(observation: Observation, noise: tuple[Array, Array]) -> tuple[Array, Array]:

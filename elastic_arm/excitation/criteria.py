@@ -36,21 +36,19 @@ DISTINCT = 1e-4
 def condition(W: Array, scale: Array) -> float:
     """Return the condition number of W (rows, B) with columns divided by `scale` (B,)."""
     singular = _singular(W, scale)
-    return float(singular[0] / max(singular[-1], singular[0] / WORST_CONDITION))
+    return float(singular[0] / singular[-1])
 
 
 def d_optimal(W: Array, scale: Array) -> float:
     """Return -log10 det(W'W) / (2 B) of the scaled W; the scale only shifts it."""
     singular = _singular(W, scale)
-    return float(-np.log10(np.maximum(singular, singular[0] / WORST_CONDITION)).mean())
+    return float(-np.log10(singular).mean())
 
 
 def a_optimal(W: Array, scale: Array) -> float:
     """Return log10 of the root mean square of the parameters' standard deviations times `scale`."""
     singular = _singular(W, scale)
-    return float(
-        0.5 * np.log10(np.mean(np.maximum(singular, singular[0] / WORST_CONDITION) ** -2.0))
-    )
+    return float(0.5 * np.log10(np.mean(singular**-2.0)))
 
 
 CRITERIA: dict[str, Criterion] = {
@@ -132,8 +130,10 @@ def elastic_motion(
 
 
 def _singular(W: Array, scale: Array) -> Array:
-    """Return the singular values of W with columns divided by `scale`, through its small triangular
-    factor."""
-    return np.linalg.svd(
-        np.linalg.qr(W / np.where(scale > 0.0, scale, 1.0), mode="r"), compute_uv=False
-    )
+    """Return the singular values of W with columns divided by `scale`, none near zero.
+
+    They are those of its small triangular factor.
+    """
+    factor = np.linalg.qr(W / np.where(scale > 0.0, scale, 1.0), mode="r")
+    values = np.linalg.svd(factor, compute_uv=False)
+    return np.maximum(values, values[0] / WORST_CONDITION)

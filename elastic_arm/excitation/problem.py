@@ -96,9 +96,8 @@ def liveliest(motions: Sequence[FourierTrajectory], count: int) -> list[FourierT
     """
 
     def slowest(motion: FourierTrajectory) -> float:
-        return float(
-            np.abs(motion.evaluate(np.linspace(0.0, motion.duration, 500))[1]).max(axis=0).min()
-        )
+        _, speeds, _ = motion.evaluate(np.linspace(0.0, motion.duration, 500))
+        return float(np.abs(speeds).max(axis=0).min())
 
     return sorted(motions, key=slowest)[-count:]
 

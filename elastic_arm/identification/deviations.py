@@ -59,9 +59,9 @@ def scattered(
     # The scores add up to what the prior pulls the other way. That is no error of the data, and a
     # block that alone shows a parameter would answer for all of it: scores are those at the
     # estimate before it was pulled.
-    pull = (
-        np.zeros(back.shape[1]) if prior is None or known is None else known.T @ (prior @ solution)
-    )
+    pull = np.zeros(back.shape[1])
+    if prior is not None and known is not None:
+        pull = known.T @ (prior @ solution)
     to_unit, from_unit = _unit_errors(back.shape[1], known)
     each = []
     for (hi, lo), noise_in_phi in blocks:
@@ -75,14 +75,14 @@ def scattered(
     for first in range(0, len(each), joined):
         gram, score = (sum(parts) for parts in zip(*each[first : first + joined], strict=True))
         values, vectors = np.linalg.eigh(back.T @ gram @ back)
-        scores.append(
-            to_unit @ vectors @ ((vectors.T @ score) / np.maximum(1.0 - values, LEAST_OWN))
-        )
+        corrected = (vectors.T @ score) / np.maximum(1.0 - values, LEAST_OWN)
+        scores.append(to_unit @ vectors @ corrected)
         own = (to_unit @ vectors * np.maximum(values, 0.0)) @ vectors.T @ to_unit.T
         squares += own @ own
     meat, target, share = shrunk(np.array(scores))
     wide = back @ from_unit @ widening(squares, np.sqrt(1.0 - share))
-    return np.asarray(wide @ ((1.0 - share) * meat + share * target * np.eye(len(meat))) @ wide.T)
+    mixed = (1.0 - share) * meat + share * target * np.eye(len(meat))
+    return np.asarray(wide @ mixed @ wide.T)
 
 
 def resembling(scores: Array) -> int:
@@ -93,9 +93,8 @@ def resembling(scores: Array) -> int:
     Andrews' bandwidth of Bartlett's window for what follows its neighbour by one and the same
     share.
     """
-    share = max(
-        float(np.sum(scores[1:] * scores[:-1])) / max(float(np.sum(scores**2)), 1e-300), 0.0
-    )
+    neighbours = float(np.sum(scores[1:] * scores[:-1]))
+    share = max(neighbours / max(float(np.sum(scores**2)), 1e-300), 0.0)
     width = 1.1447 * (4.0 * share**2 / (1.0 - share**2) ** 2 * len(scores)) ** (1.0 / 3.0)
     return max(1, min(round(width), len(scores) // FEWEST_BLOCKS))
 

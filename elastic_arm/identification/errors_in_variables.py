@@ -56,9 +56,8 @@ def noise_sums(equations: BaseRegression, motion: Motion, every: int, first: int
     bend -= 2.0 * middle
     bend /= steps**2
     curved = 0.5 * middle[:, 0].transpose(0, 2, 1) @ bend.sum(axis=1)
-    return np.asarray(
-        every * (slope.transpose(0, 2, 1) @ slope + curved + curved.transpose(0, 2, 1))
-    )
+    sloped = slope.transpose(0, 2, 1) @ slope
+    return np.asarray(every * (sloped + curved + curved.transpose(0, 2, 1)))
 
 
 @functools.lru_cache(maxsize=8)
@@ -76,20 +75,13 @@ def _directions(noise: StateNoise) -> tuple[Array, dict[str, Array]]:
                 continue
             values, vectors = np.linalg.eigh(covariance / np.outer(std, std))
             for direction in (vectors * np.sqrt(np.maximum(values, 0.0))).T * std:
-                found.append(
-                    (
-                        side,
-                        joint,
-                        direction,
-                        max(1.0, float(1.0 / np.max(np.abs(direction) / STEPS))),
-                    )
-                )
-    offsets = {
-        rate + side: np.zeros((1 + 2 * len(found), len(covariances)))
-        for side, covariances in (("q", noise.link), ("theta", noise.motor))
-        if covariances is not None
-        for rate in _RATES
-    }
+                step = max(1.0, float(1.0 / np.max(np.abs(direction) / STEPS)))
+                found.append((side, joint, direction, step))
+    offsets: dict[str, Array] = {}
+    for side, covariances in (("q", noise.link), ("theta", noise.motor)):
+        if covariances is not None:
+            for rate in _RATES:
+                offsets[rate + side] = np.zeros((1 + 2 * len(found), len(covariances)))
     for k, (side, joint, direction, step) in enumerate(found):
         for rate, part in zip(_RATES, direction, strict=True):
             offsets[rate + side][[1 + 2 * k, 2 + 2 * k], joint] = step * part, -step * part

@@ -71,12 +71,8 @@ def _moving(side: Side) -> Stamps:
     stamps = side.stamp_ns
     position = side.position
     assert position is not None
-    length = max(
-        1,
-        round(
-            AVERAGED * 1e9 / max(float(np.median(np.diff(stamps))) if len(stamps) > 1 else 1.0, 1.0)
-        ),
-    )
+    interval = float(np.median(np.diff(stamps))) if len(stamps) > 1 else 1.0
+    length = max(1, round(AVERAGED * 1e9 / max(interval, 1.0)))
     starts = np.arange(0, len(stamps) - length + 1, length)
     if len(starts) < 2:
         return stamps[[0, -1]][None]

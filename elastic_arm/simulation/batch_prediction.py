@@ -174,15 +174,11 @@ class BatchPrediction:
         """Return the largest eigenvalue, 1/s, of the arm at rest, dry friction aside (its slope
         follows the step)."""
         system = self._system
-        constants = system.constants(
-            self._Psi, system.effect_set.numbers(), np.full(2 * system.n, np.inf)
-        )
+        never = np.full(2 * system.n, np.inf)
+        constants = system.constants(self._Psi, system.effect_set.numbers(), never)
         state = np.concatenate([x, np.zeros_like(x), z])
-        return float(
-            np.abs(
-                np.linalg.eigvals(np.array(self._state_jacobian()(state, torque, constants)))
-            ).max()
-        )
+        slope = np.array(self._state_jacobian()(state, torque, constants))
+        return float(np.abs(np.linalg.eigvals(slope)).max())
 
     def _state_jacobian(self) -> ca.Function:
         """Return the derivative of the state's rate with respect to the state: (y, torque,

@@ -73,9 +73,8 @@ def _is_stable(
     rest = np.zeros(system.dof)
     z = np.zeros(system.states)
     slope = np.array(system.stiffness_of_balance(x, rest, z, *given))[np.ix_(free, free)]
-    return bool(
-        np.abs(x - held).max() < NEARBY and np.linalg.eigvalsh(0.5 * (slope + slope.T)).min() > 0.0
-    )
+    bends_back = np.linalg.eigvalsh(0.5 * (slope + slope.T)).min() > 0.0
+    return bool(np.abs(x - held).max() < NEARBY and bends_back)
 
 
 def _descend(

@@ -302,9 +302,8 @@ class Simulator:
         last = solution.y[-1] if len(solution.y) else self.state.y
         dof = self.system.dof
         n = self.robot.n
-        joint = self.robot.joint_names[
-            int(np.nan_to_num(np.abs(last[dof : 2 * dof]), nan=np.inf).argmax()) % n
-        ]
+        speeds = np.nan_to_num(np.abs(last[dof : 2 * dof]), nan=np.inf)
+        joint = self.robot.joint_names[int(speeds.argmax()) % n]
         time = (self._samples + len(solution.y)) / self.rate
         raise SimulationError(
             f"the motion left the finite numbers {time:.3f} s after the start, first at {joint}",

@@ -141,9 +141,8 @@ class Clear:
         step = float(t[1] - t[0])
         self._count = min(len(t) - 1, round(PADDING / step))
         window = np.hanning(len(t))[:, None]
-        power = np.abs(np.fft.rfft(window * (torque - torque.mean(axis=0)), axis=0)) ** 2 / np.sum(
-            window**2
-        )
+        transform = np.fft.rfft(window * (torque - torque.mean(axis=0)), axis=0)
+        power = np.abs(transform) ** 2 / np.sum(window**2)
         width = max(3, round(AVERAGED * len(t) * step))
         power = scipy.ndimage.uniform_filter1d(power, width, axis=0, mode="nearest")
         f = np.fft.rfftfreq(len(t), step)[:, None]

@@ -6,6 +6,7 @@ positions, velocities and accelerations; where both hold velocities, the cubic t
 velocities; otherwise a straight line.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -58,9 +59,10 @@ def interpolate(
     end = Row(*(values[left + 1] for values in points))
     kind = np.minimum(degree[left], degree[left + 1])[:, None]
     c = _coefficients(start, end, h, kind)
-    position = ((((c[5] * u + c[4]) * u + c[3]) * u + c[2]) * u + c[1]) * u + start.position
-    velocity = ((((5 * c[5] * u + 4 * c[4]) * u + 3 * c[3]) * u + 2 * c[2]) * u + c[1]) / h
-    acceleration = (((20 * c[5] * u + 12 * c[4]) * u + 6 * c[3]) * u + 2 * c[2]) / h**2
+    rate = _derivative(c)
+    position = _polynomial(c, u)
+    velocity = _polynomial(rate, u) / h
+    acceleration = _polynomial(_derivative(rate), u) / h**2
     # At a point its own numbers hold, without the rounding of a polynomial in a millisecond.
     over = u == 1.0
     return Row(
@@ -68,6 +70,18 @@ def interpolate(
         np.where(over, np.where(kind >= CUBIC, end.velocity, 0.0), velocity),
         np.where(over & (kind == QUINTIC), end.acceleration, acceleration),
     )
+
+
+def _polynomial(coefficients: Sequence[Array], u: Array) -> Array:
+    """Return the sum of coefficients times powers of u, by Horner's rule."""
+    *lower, total = coefficients
+    for coefficient in reversed(lower):
+        total = total * u + coefficient
+    return total
+
+
+def _derivative(coefficients: Sequence[Array]) -> list[Array]:
+    return [power * c for power, c in enumerate(coefficients)][1:]
 
 
 def _coefficients(start: Row, end: Row, h: Array, kind: NDArray[np.int64]) -> list[Array]:
@@ -80,15 +94,16 @@ def _coefficients(start: Row, end: Row, h: Array, kind: NDArray[np.int64]) -> li
     cubic = kind >= CUBIC
     quintic = kind >= QUINTIC
     zero = np.zeros_like(rise)
-    return [
-        start.position,
-        np.where(cubic, v0, rise),
-        np.where(quintic, a0, np.where(cubic, 3 * rise - 2 * v0 - v1, zero)),
-        np.where(
-            quintic,
-            10 * rise - 6 * v0 - 4 * v1 - 3 * a0 + a1,
-            np.where(cubic, v0 + v1 - 2 * rise, zero),
-        ),
-        np.where(quintic, -15 * rise + 8 * v0 + 7 * v1 + 3 * a0 - 2 * a1, zero),
-        np.where(quintic, 6 * rise - 3 * v0 - 3 * v1 - a0 + a1, zero),
-    ]
+    of_cubic = (v0, 3 * rise - 2 * v0 - v1, v0 + v1 - 2 * rise, zero, zero)
+    of_quintic = (
+        v0,
+        a0,
+        10 * rise - 6 * v0 - 4 * v1 - 3 * a0 + a1,
+        -15 * rise + 8 * v0 + 7 * v1 + 3 * a0 - 2 * a1,
+        6 * rise - 3 * v0 - 3 * v1 - a0 + a1,
+    )
+    of_line = (rise, zero, zero, zero, zero)
+    found = [start.position]
+    for line, third, fifth in zip(of_line, of_cubic, of_quintic, strict=True):
+        found.append(np.where(quintic, fifth, np.where(cubic, third, line)))
+    return found

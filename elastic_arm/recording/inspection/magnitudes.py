@@ -146,11 +146,10 @@ def _within(joint: Joint, low: float, high: float) -> bool:
         return True
     # 0.1 of a joint's range: more than a zero, or a limit, that is set a little otherwise
     more = 0.1 * (most - least)
-    turns = (
-        0.0
-        if joint.prismatic
-        else 2 * np.pi * round(0.5 * (least + most - low - high) / (2 * np.pi))
-    )
+    turns = 0.0
+    if not joint.prismatic:
+        off = 0.5 * (least + most - low - high)
+        turns = 2 * np.pi * round(off / (2 * np.pi))
     return bool(least - more <= low + turns and high + turns <= most + more)
 
 

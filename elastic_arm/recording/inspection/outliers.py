@@ -595,9 +595,9 @@ def _central(values: Array, channel: str) -> tuple[Array, Array]:
     low = np.where(impulsive, calm_low, low)
     high = np.where(impulsive, calm_high, high)
     # 0.05 of the largest range among the joints, for those that hardly move
-    narrow = 0.5 * np.maximum(
-        np.maximum(_LEAST[channel], 0.05 * (high - low).max()) - (high - low), 0.0
-    )
+    range_ = high - low
+    least = np.maximum(_LEAST[channel], 0.05 * range_.max())
+    narrow = 0.5 * np.maximum(least - range_, 0.0)
     return low - narrow, high + narrow
 
 

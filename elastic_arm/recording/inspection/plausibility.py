@@ -152,17 +152,16 @@ def _velocities(name: str, motion: _Compared, joints: Sequence[str]) -> list[Fin
     strange = moving & ~follows & ~motion.slow
     scaled = moving & follows & (np.abs(motion.gain - 1.0) > _GAIN)
     gains = motion.gain[moving]
-    alike = (
-        scaled.any()
-        and scaled[moving].all()
-        and bool((np.abs(gains - np.median(gains)) < _GAIN * np.abs(np.median(gains))).all())
-    )
+    alike = False
+    if scaled.any() and scaled[moving].all():
+        usual = np.median(gains)
+        alike = bool((np.abs(gains - usual) < _GAIN * np.abs(usual)).all())
     # A servo's own filter falls short by so much; a unit is off by more, and times make all joints
     # alike.
     far = scaled & (
         (motion.gain > 1.0 + _FILTERED)
         | (motion.gain < 1.0 - _FILTERED)
-        | (bool(alike) and len(gains) > 1)
+        | (alike and len(gains) > 1)
     )
     late = (
         moving

@@ -307,11 +307,9 @@ def _going(position: Array) -> NDArray[np.bool_]:
     advance = np.abs(padded[2 * _AROUND :] - padded[: -2 * _AROUND])
     step = np.abs(np.diff(position))
     resolution = float(step[step > 0.0].min(initial=np.inf)) if step.any() else 0.0
-    noise = (
-        float(np.median(np.abs(np.diff(position, 2)))) / 0.6745 / np.sqrt(6.0)
-        if len(position) > 2
-        else 0.0
-    )
+    noise = 0.0
+    if len(position) > 2:
+        noise = float(np.median(np.abs(np.diff(position, 2)))) / 0.6745 / np.sqrt(6.0)
     # 6.0 standard deviations of the noise, of what a joint at rest seems to advance
     return np.asarray(advance > 1.5 * resolution + 6.0 * np.sqrt(2.0) * noise)
 
@@ -399,9 +397,8 @@ def _hidden_speeds(t: Array, q: Array, begin: NDArray[np.intp], end: NDArray[np.
     went = one_way & alike & (size > 0.5 * usual) & (size < 2.0 * usual)
     sample = float(np.median(np.diff(t)))
     # 60.0 rad/s² within a sample, from a speed that was not falling
-    stopped = (end == last)[:, None] & (
-        np.abs(q[begin] - q[np.maximum(begin - 1, 0)]) > 60.0 * sample**2
-    )
+    advance = np.abs(q[begin] - q[np.maximum(begin - 1, 0)])
+    stopped = (end == last)[:, None] & (advance > 60.0 * sample**2)
     found: Array = np.where(went, across, np.where(stopped, before, 0.0))
     return found
 

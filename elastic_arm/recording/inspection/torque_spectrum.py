@@ -101,9 +101,8 @@ def torque_spectra(recording: Recording) -> dict[str, TorqueSpectrum]:
         return found
     for name, side in (("link", recording.link), ("motor", recording.motor)):
         if side is not None and side.effort is not None and len(side) >= FEWEST:
-            found[name] = torque_spectrum(
-                side.effort, 1e9 / float(np.median(np.diff(side.stamp_ns)))
-            )
+            rate = 1e9 / float(np.median(np.diff(side.stamp_ns)))
+            found[name] = torque_spectrum(side.effort, rate)
     return found
 
 
@@ -116,10 +115,9 @@ def _knee(frequency: Array, level: Array) -> float:
     if len(at) <= SPAN:
         return float(frequency[-1])
     gentle = np.flatnonzero((values[SPAN:] - values[:-SPAN]) * STEPS_PER_DECADE / SPAN > -STEEP)
+    steep = int(gentle[-1]) + 1 if len(gentle) else 0
     # Half of the first steep span is the bend of the filter.
-    return float(
-        10.0 ** at[min((int(gentle[-1]) + 1 if len(gentle) else 0) + SPAN // 2, len(at) - 1)]
-    )
+    return float(10.0 ** at[min(steep + SPAN // 2, len(at) - 1)])
 
 
 def _between(share: Array, level: Array, low: float, high: float) -> Array:
