@@ -126,7 +126,7 @@ def requests(level: str) -> list[Any]:
 def record(arms: Path, level: str, request: Any) -> list[Arm]:
     """Draw and record one arm of a level; return what is asked of it."""
     from elastic_arm.effects import EFFECTS, Scope
-    from elastic_arm.effects.model import MODELS
+    from elastic_arm.effects.effect import MODELS
     from elastic_arm.studies.blind_challenge.campaign import recorded
     from elastic_arm.studies.blind_challenge.effect_sampling import Fault, true_parameters
     from elastic_arm.studies.blind_challenge.levels import level_of

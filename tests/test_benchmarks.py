@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import benchmarks
-from elastic_arm.effects.equations import ArmEquations
+from elastic_arm.effects.arm_equations import ArmEquations
 from tests.helpers.random_arms import random_arm
 
 NAMES = sorted(module.name for module in pkgutil.iter_modules(benchmarks.__path__))

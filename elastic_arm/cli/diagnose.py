@@ -42,7 +42,7 @@ from elastic_arm.diagnosis.words import (
 )
 from elastic_arm.effects import Catalogue
 from elastic_arm.effects.text import known_effects
-from elastic_arm.estimation.equations import SIDES
+from elastic_arm.estimation.equation_sets import SIDES
 from elastic_arm.estimation.segments import DIAGNOSED
 from elastic_arm.evidence.priors import read_priors
 from elastic_arm.memory import keep_memory

@@ -7,7 +7,7 @@ import numpy as np
 from elastic_arm.dynamics import Model
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.band import Band
-from elastic_arm.estimation.equations import EquationSet
+from elastic_arm.estimation.equation_sets import EquationSet
 from elastic_arm.estimation.observation import Observation, widest_band
 from elastic_arm.robot import Robot
 

@@ -8,7 +8,7 @@ import numpy as np
 from elastic_arm.diagnosis.context import DiagnosisContext
 from elastic_arm.diagnosis.result import Diagnosis
 from elastic_arm.effects import EffectInstance
-from elastic_arm.effects.model import Plant, SensorEffect
+from elastic_arm.effects.effect import Plant, SensorEffect
 from elastic_arm.robot import Robot, with_joints_of
 from elastic_arm.sensors import Sensors
 

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from elastic_arm.arrays import Array
-from elastic_arm.effects.equations import ArmEquations
+from elastic_arm.effects.arm_equations import ArmEquations
 from elastic_arm.recording import Recording
 from elastic_arm.robot import Robot
 

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.stats import truncnorm
 
 from elastic_arm.arrays import Array
-from elastic_arm.effects.model import ControllerEffect, EffectInstance
+from elastic_arm.effects.effect import ControllerEffect, EffectInstance
 from elastic_arm.equations.numbers import SCALE, Number
 from elastic_arm.evidence.model import Fit
 from elastic_arm.evidence.nonlinear import components, moved

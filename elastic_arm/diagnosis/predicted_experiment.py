@@ -11,7 +11,7 @@ import numpy as np
 from elastic_arm.arrays import Array
 from elastic_arm.dynamics import Model
 from elastic_arm.estimation.effect_columns import Feature
-from elastic_arm.estimation.equations import EquationSet
+from elastic_arm.estimation.equation_sets import EquationSet
 from elastic_arm.estimation.motion import Motion, completed
 from elastic_arm.estimation.regressors import Signals
 from elastic_arm.estimation.residuals import SLOWEST, raw_residuals

@@ -21,8 +21,8 @@ from elastic_arm.arrays import Array
 from elastic_arm.diagnosis.context import DiagnosisContext
 from elastic_arm.dynamics import Model
 from elastic_arm.effects import EffectInstance
-from elastic_arm.effects.equations import ArmEquations
-from elastic_arm.effects.model import Plant
+from elastic_arm.effects.arm_equations import ArmEquations
+from elastic_arm.effects.effect import Plant
 from elastic_arm.estimation.effect_columns import SENSED
 from elastic_arm.estimation.motion import CompletedMotion, drive_constants
 from elastic_arm.formatting import JointUnits

@@ -19,16 +19,16 @@ from elastic_arm.diagnosis.split import HELD_BACK, SHORTEST, independent, split
 from elastic_arm.diagnosis.words import LOW_PASSED, bare_note, standing_note, unseen_notes
 from elastic_arm.dynamics import build_model
 from elastic_arm.effects import EffectInstance, robot_effects
-from elastic_arm.effects.equations import ArmEquations
+from elastic_arm.effects.arm_equations import ArmEquations
+from elastic_arm.effects.effect import Scope
 from elastic_arm.effects.library.base_tilt import TILT
 from elastic_arm.effects.library.friction import PLAIN
-from elastic_arm.effects.model import Scope
 from elastic_arm.equations.numbers import Number
 from elastic_arm.equations.places import feature_of, features, recorded_features
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.band import Band
 from elastic_arm.estimation.effect_columns import Feature
-from elastic_arm.estimation.equations import SIDES, EquationSet
+from elastic_arm.estimation.equation_sets import SIDES, EquationSet
 from elastic_arm.estimation.observation import Observation, continued, observe
 from elastic_arm.estimation.segments import of_one_rate
 from elastic_arm.evidence.problem import Problem, uncertain_numbers

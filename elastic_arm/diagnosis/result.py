@@ -13,10 +13,10 @@ import numpy as np
 from elastic_arm.diagnosis.estimates import ParameterEstimate
 from elastic_arm.diagnosis.events import Event
 from elastic_arm.effects import Catalogue
-from elastic_arm.effects.model import MODELS, ControllerEffect, EffectInstance
+from elastic_arm.effects.effect import MODELS, ControllerEffect, EffectInstance
 from elastic_arm.equations.numbers import SCALE
 from elastic_arm.errors import DiagnosisError
-from elastic_arm.estimation.equations import SIDES
+from elastic_arm.estimation.equation_sets import SIDES
 from elastic_arm.formatting import JointUnits
 from elastic_arm.output_files import write_result
 from elastic_arm.recording import Side

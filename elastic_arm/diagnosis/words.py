@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from elastic_arm.effects.model import MODELS, SensorEffect
+from elastic_arm.effects.effect import MODELS, SensorEffect
 from elastic_arm.formatting import JointUnits, rounded
 
 if TYPE_CHECKING:

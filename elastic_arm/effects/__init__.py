@@ -6,7 +6,7 @@ A file of `library/` that holds an `EFFECT` is in the catalogue; a user's file i
 """
 
 from elastic_arm.effects.catalogue import EFFECTS, Catalogue, from_dict, robot_effects
-from elastic_arm.effects.model import (
+from elastic_arm.effects.effect import (
     Confusion,
     Effect,
     EffectInstance,

@@ -19,9 +19,9 @@ from typing import Any
 import casadi as ca
 
 from elastic_arm.effects import library
+from elastic_arm.effects.arm_equations import ArmEquations
+from elastic_arm.effects.effect import Effect, EffectInstance
 from elastic_arm.effects.effect_set import EffectSet
-from elastic_arm.effects.equations import ArmEquations
-from elastic_arm.effects.model import Effect, EffectInstance
 from elastic_arm.effects.motion import SymbolicMotion
 from elastic_arm.errors import EffectError
 from elastic_arm.input_files import read_text

@@ -7,7 +7,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from elastic_arm.effects.model import Effect, EffectInstance, Scope
+from elastic_arm.effects.effect import Effect, EffectInstance, Scope
 from elastic_arm.effects.motion import Contribution, SymbolicMotion
 from elastic_arm.errors import EffectError
 from elastic_arm.robot import Robot

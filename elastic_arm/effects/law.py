@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from math import pi
 from typing import Any
 
-from elastic_arm.effects.model import (
+from elastic_arm.effects.effect import (
     Confusion,
     ControllerEffect,
     Effect,

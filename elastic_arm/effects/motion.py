@@ -13,7 +13,7 @@ from typing import Any
 
 import casadi as ca
 
-from elastic_arm.effects.equations import ArmEquations
+from elastic_arm.effects.arm_equations import ArmEquations
 from elastic_arm.errors import EffectError
 from elastic_arm.robot import Robot, Transmission
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from elastic_arm.effects.catalogue import Catalogue
-from elastic_arm.effects.model import Effect, EffectInstance, SensorEffect
+from elastic_arm.effects.effect import Effect, EffectInstance, SensorEffect
 from elastic_arm.effects.parameters import Choice, Role
 from elastic_arm.errors import EffectError, ElasticArmError, IdentificationError
 from elastic_arm.robot import Robot

@@ -12,7 +12,7 @@ import numpy as np
 
 from elastic_arm.arrays import Array
 from elastic_arm.dynamics import Model, build_model
-from elastic_arm.effects.equations import ArmEquations
+from elastic_arm.effects.arm_equations import ArmEquations
 from elastic_arm.equations.numbers import GAINS, SCALE, Number
 from elastic_arm.equations.places import scaling
 from elastic_arm.equations.robot_at import LEAST, calibrated_robot

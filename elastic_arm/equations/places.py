@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from elastic_arm.effects.equations import ArmEquations
-from elastic_arm.effects.model import Effect, EffectInstance, SensorEffect
+from elastic_arm.effects.arm_equations import ArmEquations
+from elastic_arm.effects.effect import Effect, EffectInstance, SensorEffect
 from elastic_arm.effects.parameters import Parameter
 from elastic_arm.estimation.effect_columns import SENSED, Feature, OwnRegressor, has_columns
 from elastic_arm.estimation.known_torques import ActingEffect

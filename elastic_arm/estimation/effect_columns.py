@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 
 from elastic_arm.arrays import Array
+from elastic_arm.effects.arm_equations import ArmEquations
 from elastic_arm.effects.catalogue import Catalogue
-from elastic_arm.effects.equations import ArmEquations
-from elastic_arm.effects.model import ControllerEffect, Effect, EffectInstance, Scope, SensorEffect
+from elastic_arm.effects.effect import ControllerEffect, Effect, EffectInstance, Scope, SensorEffect
 from elastic_arm.effects.parameters import Parameter, Role
 from elastic_arm.effects.regressor import Regressor
 from elastic_arm.errors import EffectError

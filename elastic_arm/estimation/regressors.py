@@ -22,8 +22,8 @@ from elastic_arm.arrays import Array
 from elastic_arm.codegen import kernels
 from elastic_arm.codegen.recursion import Recursion
 from elastic_arm.effects import SymbolicMotion
-from elastic_arm.effects.equations import ArmEquations
-from elastic_arm.effects.model import Effect
+from elastic_arm.effects.arm_equations import ArmEquations
+from elastic_arm.effects.effect import Effect
 from elastic_arm.effects.motion import Contribution
 from elastic_arm.effects.parameters import Parameter
 from elastic_arm.effects.regressor import MotionSignals

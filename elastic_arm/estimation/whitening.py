@@ -29,7 +29,7 @@ from elastic_arm.estimation.convolution import (
     frequencies,
 )
 from elastic_arm.estimation.effect_columns import Feature, starting_state
-from elastic_arm.estimation.equations import EquationSet
+from elastic_arm.estimation.equation_sets import EquationSet
 from elastic_arm.estimation.known_torques import (
     ActingEffect,
     inertia_of,

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from elastic_arm.arrays import Array
 from elastic_arm.dynamics import Model, build_model
-from elastic_arm.effects.equations import ArmEquations
+from elastic_arm.effects.arm_equations import ArmEquations
 from elastic_arm.effects.parameters import Parameter
 from elastic_arm.equations.channels import gains, lags
 from elastic_arm.equations.number_columns import (

@@ -9,7 +9,7 @@ import numpy as np
 
 from elastic_arm.arrays import Array
 from elastic_arm.codegen.parallel import share_out
-from elastic_arm.effects.model import Scope
+from elastic_arm.effects.effect import Scope
 from elastic_arm.effects.parameters import Parameter
 from elastic_arm.equations.formless import GeneralLaw, general_laws
 from elastic_arm.equations.numbers import RATIO, SCALE, Number

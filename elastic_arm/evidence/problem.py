@@ -7,13 +7,13 @@ from functools import cached_property
 
 from elastic_arm.arrays import Array
 from elastic_arm.effects import Effect, EffectInstance
-from elastic_arm.effects.equations import ArmEquations
+from elastic_arm.effects.arm_equations import ArmEquations
 from elastic_arm.equations.number_columns import directions_of
 from elastic_arm.equations.numbers import Number
 from elastic_arm.equations.places import feature_of, features, recorded_features
 from elastic_arm.estimation.band import Band
 from elastic_arm.estimation.effect_columns import Feature
-from elastic_arm.estimation.equations import EquationSet
+from elastic_arm.estimation.equation_sets import EquationSet
 from elastic_arm.estimation.observation import Observation
 from elastic_arm.evidence.numbers import numbers_of, of_each_recording, unreferenced
 from elastic_arm.evidence.priors import Priors

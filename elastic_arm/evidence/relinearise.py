@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.arrays import Array
-from elastic_arm.effects.model import ControllerEffect, EffectInstance, SensorEffect
+from elastic_arm.effects.effect import ControllerEffect, EffectInstance, SensorEffect
 from elastic_arm.equations.places import scaling
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.known_torques import ActingEffect

@@ -12,7 +12,7 @@ import numpy as np
 
 from elastic_arm.dynamics.double_double import Pair
 from elastic_arm.dynamics.gram import gram
-from elastic_arm.estimation.equations import MOTOR
+from elastic_arm.estimation.equation_sets import MOTOR
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.errors_in_variables import noise_sums

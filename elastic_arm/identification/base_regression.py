@@ -26,7 +26,7 @@ lag and offset beside each other may be columns of their own::
 with a = K times the lag of the link encoder, b = K times its offset.
 :mod:`elastic_arm.identification.deflection` weighs `link` by 1 / K.
 
-These are the independent equations of :mod:`.equations`. Laws beyond the model add columns: what
+These are the independent equations of :mod:`elastic_arm.estimation.equation_sets`. Laws beyond the model add columns: what
 they add to the residuals of link, drive and motor side is carried over to these rows.
 """
 
@@ -44,7 +44,7 @@ from elastic_arm.dynamics.composition import ARMATURE
 from elastic_arm.dynamics.double_double import Pair
 from elastic_arm.dynamics.gram import Information, gram
 from elastic_arm.errors import IdentificationError
-from elastic_arm.estimation.equations import MOTOR, SIDES, VOID, Channels, Equation, EquationSet
+from elastic_arm.estimation.equation_sets import MOTOR, SIDES, VOID, Channels, Equation, EquationSet
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.formatting import JointUnits
 from elastic_arm.identification.base_parameters import BaseParameters, find_base

@@ -9,12 +9,12 @@ import numpy as np
 
 from elastic_arm.arrays import Array
 from elastic_arm.effects import Catalogue, EffectInstance, Role, robot_effects
+from elastic_arm.effects.arm_equations import ArmEquations
+from elastic_arm.effects.effect import Effect, SensorEffect
 from elastic_arm.effects.effect_set import law_joints
-from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.effects.library.friction import SIDE
-from elastic_arm.effects.model import Effect, SensorEffect
 from elastic_arm.effects.parameters import Parameter
-from elastic_arm.estimation.equations import SIDES
+from elastic_arm.estimation.equation_sets import SIDES
 from elastic_arm.estimation.motion import CompletedMotion, Motion
 from elastic_arm.estimation.regressors import CompiledColumns, Signals, Term
 from elastic_arm.identification.base_regression import Column

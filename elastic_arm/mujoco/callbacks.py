@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from elastic_arm.arrays import Array
 from elastic_arm.effects import Catalogue, EffectInstance, StructuralEffect, robot_effects
+from elastic_arm.effects.arm_equations import ArmEquations
 from elastic_arm.effects.effect_set import EffectSet
-from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.errors import EffectError, RobotError
 from elastic_arm.mujoco.elements import DEFLECTION, Elements
 from elastic_arm.mujoco.stand_ins import MARK

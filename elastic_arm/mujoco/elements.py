@@ -22,7 +22,7 @@ from elastic_arm.arrays import Array
 from elastic_arm.dynamics import build_model
 from elastic_arm.effects import EffectInstance
 from elastic_arm.effects.library.wrist_coupling import TURNS
-from elastic_arm.mujoco.changes import text_of
+from elastic_arm.mujoco.changed_numbers import text_of
 from elastic_arm.mujoco.stated_arm import StatedArm, number
 from elastic_arm.robot import JointController, Robot
 from elastic_arm.robot.mjcf import engine

@@ -14,8 +14,8 @@ import numpy as np
 from elastic_arm.arrays import Array
 from elastic_arm.dynamics import build_model
 from elastic_arm.effects import Catalogue, EffectInstance, SensorEffect, robot_effects
+from elastic_arm.effects.arm_equations import ArmEquations
 from elastic_arm.effects.effect_set import EffectSet
-from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.errors import EffectError
 from elastic_arm.robot import JointController, Robot
 from elastic_arm.simulation.assembly import law_rows

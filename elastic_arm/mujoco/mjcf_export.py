@@ -12,7 +12,7 @@ from elastic_arm.dynamics import build_model
 from elastic_arm.effects import Catalogue, EffectInstance
 from elastic_arm.errors import RobotError
 from elastic_arm.formatting import JointUnits
-from elastic_arm.mujoco.changes import (
+from elastic_arm.mujoco.changed_numbers import (
     Change,
     Deviations,
     body_after,

@@ -16,7 +16,7 @@ import numpy as np
 from elastic_arm.arrays import Array
 from elastic_arm.effects import Catalogue, EffectInstance
 from elastic_arm.errors import RobotError
-from elastic_arm.mujoco.changes import six, text_of
+from elastic_arm.mujoco.changed_numbers import six, text_of
 from elastic_arm.mujoco.closed_loop import with_controllers
 from elastic_arm.mujoco.elements import DEFLECTION, Elements, delayed, servo, sharp
 from elastic_arm.mujoco.left_out import left_coupling, left_effects, left_numbers

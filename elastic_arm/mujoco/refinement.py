@@ -22,7 +22,7 @@ from elastic_arm.arrays import Array
 from elastic_arm.diagnosis.result import Diagnosis
 from elastic_arm.equations.numbers import RATIO, SCALE
 from elastic_arm.errors import RobotError
-from elastic_arm.mujoco.changes import body_after, differs
+from elastic_arm.mujoco.changed_numbers import body_after, differs
 from elastic_arm.mujoco.closed_loop import play, plays_by_step
 from elastic_arm.mujoco.judgement import Judging
 from elastic_arm.mujoco.mjcf_export import own_inertia

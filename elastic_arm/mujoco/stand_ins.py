@@ -16,7 +16,7 @@ from scipy.optimize import lsq_linear
 
 from elastic_arm.arrays import Array
 from elastic_arm.effects import EffectInstance
-from elastic_arm.mujoco.changes import text_of
+from elastic_arm.mujoco.changed_numbers import text_of
 from elastic_arm.mujoco.left_out import Motion, Swing
 from elastic_arm.mujoco.stated_arm import Lacking, StatedArm, number
 from elastic_arm.robot import Robot

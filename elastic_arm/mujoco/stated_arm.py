@@ -22,7 +22,7 @@ from elastic_arm.effects import (
     StructuralEffect,
     robot_effects,
 )
-from elastic_arm.effects.model import ControllerEffect, Effect
+from elastic_arm.effects.effect import ControllerEffect, Effect
 from elastic_arm.identification.batch.mounting import turned
 from elastic_arm.robot import Inertia, Joint, Robot
 from elastic_arm.robot.kinematics import lumped

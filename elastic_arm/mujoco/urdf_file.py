@@ -15,7 +15,7 @@ from elastic_arm.effects.library.base_tilt import TILT
 from elastic_arm.errors import RobotError
 from elastic_arm.identification.batch.mounting import tilt_of
 from elastic_arm.input_files import read_bytes
-from elastic_arm.mujoco.changes import (
+from elastic_arm.mujoco.changed_numbers import (
     Change,
     Deviations,
     body_after,

@@ -21,7 +21,7 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 from elastic_arm.effects import parse
-from elastic_arm.effects.model import EffectInstance
+from elastic_arm.effects.effect import EffectInstance
 from elastic_arm.errors import ElasticArmError, GraphError
 from elastic_arm.nodes.following.action import TrajectoryAction
 from elastic_arm.nodes.following.follower import Follower

@@ -14,7 +14,7 @@ from elastic_arm.arrays import Array
 from elastic_arm.diagnosis.context import DiagnosisContext
 from elastic_arm.diagnosis.prediction import Prediction
 from elastic_arm.diagnosis.result import Cause, Diagnosis
-from elastic_arm.estimation.equations import SIDES
+from elastic_arm.estimation.equation_sets import SIDES
 from elastic_arm.excitation import FourierTrajectory
 from elastic_arm.report.html import Figure, Plot
 from elastic_arm.report.style import BLUE, CYCLE, GREY, VERMILION, drawing

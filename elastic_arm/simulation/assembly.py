@@ -12,9 +12,9 @@ import numpy as np
 
 from elastic_arm.codegen.derivations import cached_functions
 from elastic_arm.dynamics.derivation import bias, mass_matrix, solve
+from elastic_arm.effects.arm_equations import ArmEquations
+from elastic_arm.effects.effect import EffectInstance
 from elastic_arm.effects.effect_set import EffectSet
-from elastic_arm.effects.equations import ArmEquations
-from elastic_arm.effects.model import EffectInstance
 from elastic_arm.effects.motion import Contribution, SymbolicMotion
 
 SX = ca.SX

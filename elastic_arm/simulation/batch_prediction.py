@@ -18,7 +18,7 @@ from elastic_arm.arrays import Array
 from elastic_arm.codegen import kernels
 from elastic_arm.dynamics import build_model
 from elastic_arm.effects import EffectInstance
-from elastic_arm.effects.equations import ArmEquations
+from elastic_arm.effects.arm_equations import ArmEquations
 from elastic_arm.simulation.assembly import System, assemble
 from elastic_arm.simulation.integrator import runge_kutta_step
 from elastic_arm.simulation.simulator import sign_speed

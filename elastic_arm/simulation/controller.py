@@ -17,7 +17,7 @@ import numpy as np
 
 from elastic_arm.arrays import Array
 from elastic_arm.codegen.derivations import cached_functions
-from elastic_arm.effects.equations import ArmEquations
+from elastic_arm.effects.arm_equations import ArmEquations
 from elastic_arm.errors import SimulationError
 from elastic_arm.robot import Robot
 from elastic_arm.simulation.assembly import SOURCES

@@ -7,8 +7,8 @@ import numpy as np
 
 from elastic_arm.arrays import Array
 from elastic_arm.effects import EffectInstance, robot_effects
-from elastic_arm.effects.equations import ArmEquations
-from elastic_arm.effects.model import Plant
+from elastic_arm.effects.arm_equations import ArmEquations
+from elastic_arm.effects.effect import Plant
 from elastic_arm.effects.text import parse, read_effects
 from elastic_arm.errors import ElasticArmError, SimulationError
 from elastic_arm.robot import Robot

@@ -7,7 +7,7 @@ import pytest
 from elastic_arm.diagnosis import Question
 from elastic_arm.diagnosis.preparation import prepare
 from elastic_arm.effects import EFFECTS, parse
-from elastic_arm.effects.equations import ArmEquations
+from elastic_arm.effects.arm_equations import ArmEquations
 from elastic_arm.equations.places import feature_of
 from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.excitation import FourierTrajectory

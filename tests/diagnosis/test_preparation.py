@@ -13,7 +13,7 @@ from elastic_arm.diagnosis.preparation import prepare
 from elastic_arm.dynamics import build_model
 from elastic_arm.effects import EFFECTS, parse
 from elastic_arm.errors import DiagnosisError
-from elastic_arm.estimation.equations import EquationSet
+from elastic_arm.estimation.equation_sets import EquationSet
 from elastic_arm.recording import Recording, Side
 from tests.helpers.gap_recordings import MODEL, ROBOT, motions, record
 

@@ -25,7 +25,7 @@ from tests.helpers.command_line import run
 from tests.helpers.effect_samples import INSTANCES, contribution, random_motion
 
 OF_A_NEW_EFFECT = """
-from elastic_arm.effects.model import Effect
+from elastic_arm.effects.effect import Effect
 from elastic_arm.effects.parameters import Parameter
 
 EFFECT = Effect(

@@ -4,8 +4,8 @@ import casadi as ca
 import pytest
 
 from elastic_arm.effects import EFFECTS, SymbolicMotion, parse
-from elastic_arm.effects.equations import ArmEquations
-from elastic_arm.effects.model import ControllerEffect
+from elastic_arm.effects.arm_equations import ArmEquations
+from elastic_arm.effects.effect import ControllerEffect
 from elastic_arm.errors import EffectError
 from elastic_arm.robot import JointController, Robot, load_robot
 from elastic_arm.simulation import SimulationSettings, Simulator

@@ -9,8 +9,8 @@ import pytest
 
 from elastic_arm.dynamics import build_model
 from elastic_arm.effects import EFFECTS, parse
+from elastic_arm.effects.effect import ControllerEffect
 from elastic_arm.effects.effect_set import EffectSet
-from elastic_arm.effects.model import ControllerEffect
 from elastic_arm.errors import EffectError
 from elastic_arm.robot import Inertia, Robot, load_robot
 from elastic_arm.robot.kinematics import lumped

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import bilinear, lfilter, lfilter_zi
 
-from elastic_arm.effects.equations import ArmEquations
+from elastic_arm.effects.arm_equations import ArmEquations
 from elastic_arm.effects.library.torque_filters import DelayedTorques, LowPassedTorques
 from elastic_arm.effects.regressor import Once
 from elastic_arm.robot import load_robot

@@ -19,7 +19,7 @@ from elastic_arm.effects import (
     robot_effects,
 )
 from elastic_arm.effects import catalogue as catalogue_module
-from elastic_arm.effects.model import REGIMES
+from elastic_arm.effects.effect import REGIMES
 from elastic_arm.errors import EffectError
 from elastic_arm.robot import load_robot
 

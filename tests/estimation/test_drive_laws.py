@@ -5,12 +5,12 @@ import pytest
 
 from elastic_arm.dynamics import build_model
 from elastic_arm.effects import EffectInstance
-from elastic_arm.effects.equations import ArmEquations
+from elastic_arm.effects.arm_equations import ArmEquations
 from elastic_arm.effects.text import parse
 from elastic_arm.equations.places import feature_of
 from elastic_arm.estimation.band import Band
 from elastic_arm.estimation.effect_columns import Feature
-from elastic_arm.estimation.equations import EquationSet
+from elastic_arm.estimation.equation_sets import EquationSet
 from elastic_arm.estimation.known_torques import ActingEffect
 from elastic_arm.estimation.observation import observe
 from elastic_arm.estimation.whitening import WhitenedData

@@ -9,8 +9,8 @@ import pytest
 
 from elastic_arm.dynamics import build_model
 from elastic_arm.effects import EFFECTS, EffectInstance, SymbolicMotion, parse
+from elastic_arm.effects.arm_equations import ArmEquations
 from elastic_arm.effects.effect_set import EffectSet
-from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.effects.parameters import Role
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.motion import CompletedMotion, completed

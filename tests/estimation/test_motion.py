@@ -8,7 +8,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from elastic_arm.dynamics import build_model
 from elastic_arm.errors import DiagnosisError
-from elastic_arm.estimation.equations import EquationSet
+from elastic_arm.estimation.equation_sets import EquationSet
 from elastic_arm.estimation.motion import (
     CompletedMotion,
     Motion,

@@ -9,7 +9,7 @@ import pytest
 
 from elastic_arm.dynamics import build_model
 from elastic_arm.estimation.band import Band
-from elastic_arm.estimation.equations import EquationSet
+from elastic_arm.estimation.equation_sets import EquationSet
 from elastic_arm.estimation.motion import CompletedMotion, Motion, completed
 from elastic_arm.estimation.observation import Observation, observe, widest_band
 from elastic_arm.estimation.residuals import raw_residuals, residuals

@@ -8,7 +8,7 @@ import numpy as np
 
 from elastic_arm.dynamics import build_model
 from elastic_arm.estimation.band import Band
-from elastic_arm.estimation.equations import EquationSet
+from elastic_arm.estimation.equation_sets import EquationSet
 from elastic_arm.estimation.noise import encoder_steps
 from elastic_arm.estimation.observation import observe
 from elastic_arm.estimation.residuals import FreeTorques, Stretch, residuals

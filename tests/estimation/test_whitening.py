@@ -11,7 +11,7 @@ from elastic_arm.dynamics.bodies import TENSOR
 from elastic_arm.equations.numbers import Number
 from elastic_arm.equations.robot_at import calibrated_robot
 from elastic_arm.estimation.band import Band
-from elastic_arm.estimation.equations import EquationSet
+from elastic_arm.estimation.equation_sets import EquationSet
 from elastic_arm.estimation.observation import Observation, observe, widest_band
 from elastic_arm.estimation.whitening import EDGE, FLOOR, WhitenedData, noise_models
 from elastic_arm.recording import Side

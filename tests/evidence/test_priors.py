@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from elastic_arm.effects import EFFECTS
-from elastic_arm.effects.equations import ArmEquations
+from elastic_arm.effects.arm_equations import ArmEquations
 from elastic_arm.equations.places import features
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.evidence.numbers import LARGEST_SCALE, numbers_of

@@ -4,8 +4,8 @@ import casadi as ca
 import numpy as np
 
 from elastic_arm.effects import EffectInstance, SymbolicMotion
+from elastic_arm.effects.arm_equations import ArmEquations
 from elastic_arm.effects.effect_set import EffectSet
-from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.robot import Robot
 
 CHANNELS = ("x", "dx", "ddx", "tau_J", "tau_m", "dtau_J", "dtau_m", "dddx", "ddddx")

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from elastic_arm.dynamics import build_model
 from elastic_arm.effects import robot_effects
+from elastic_arm.effects.arm_equations import ArmEquations
 from elastic_arm.effects.effect_set import EffectSet
-from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.effects.motion import SymbolicMotion
 from elastic_arm.mujoco import attach
 from elastic_arm.mujoco.elements import DEFLECTION

@@ -26,7 +26,7 @@ pytest.importorskip("mujoco")
 
 from elastic_arm.cli.mujoco.export import export
 from elastic_arm.mujoco import attach, export_mjcf, export_new_mjcf, export_urdf
-from elastic_arm.mujoco.changes import inertial_change, text_of
+from elastic_arm.mujoco.changed_numbers import inertial_change, text_of
 from elastic_arm.mujoco.stated_arm import stated_arm
 from elastic_arm.robot.mjcf import open_mjcf
 

@@ -24,7 +24,7 @@ from elastic_arm.diagnosis.estimates import ParameterEstimate
 from elastic_arm.diagnosis.result import SEPARATING, Change, Diagnosis, ResidualSizes
 from elastic_arm.diagnosis.words import cause_sentence, estimates_text, probability_text, summary
 from elastic_arm.effects import EFFECTS
-from elastic_arm.effects.model import REGIMES
+from elastic_arm.effects.effect import REGIMES
 from elastic_arm.recording import read_recording, write_recording
 from elastic_arm.recording.message_types import typestore
 from elastic_arm.recording.storage.messages import read_messages

@@ -8,7 +8,7 @@ import pytest
 
 from elastic_arm.dynamics import build_model
 from elastic_arm.effects import parse
-from elastic_arm.effects.equations import ArmEquations
+from elastic_arm.effects.arm_equations import ArmEquations
 from elastic_arm.estimation.motion import completed, drive_constants
 from elastic_arm.robot import load_robot
 from elastic_arm.sensors import Sensors

@@ -15,7 +15,7 @@ from elastic_arm.diagnosis.words import listed
 from elastic_arm.effects import Catalogue
 from elastic_arm.errors import MissingExtraError, RobotError
 from elastic_arm.mujoco import Exported, export_mjcf, export_urdf
-from elastic_arm.mujoco.changes import Deviations
+from elastic_arm.mujoco.changed_numbers import Deviations
 from elastic_arm.mujoco.closed_loop import with_controllers
 from elastic_arm.mujoco.judgement import Choice, Judging, chosen
 from elastic_arm.mujoco.left_out import Motion

@@ -17,7 +17,7 @@ from elastic_arm.effects import Catalogue
 from elastic_arm.errors import RobotError
 from elastic_arm.formatting import JointUnits, rounded
 from elastic_arm.mujoco import Exported, export_mjcf, export_new_mjcf, export_urdf, export_usd
-from elastic_arm.mujoco.changes import Change
+from elastic_arm.mujoco.changed_numbers import Change
 from elastic_arm.mujoco.closed_loop import has_servos, latest, with_controllers
 from elastic_arm.mujoco.judgement import Judging, closed_loop
 from elastic_arm.mujoco.left_out import Left

@@ -19,7 +19,7 @@ import scipy  # its parts are loaded when they are used
 
 from elastic_arm.arrays import Array
 from elastic_arm.dynamics import Model, build_model
-from elastic_arm.effects.equations import ArmEquations
+from elastic_arm.effects.arm_equations import ArmEquations
 from elastic_arm.effects.law import (
     Contribution,
     Effect,

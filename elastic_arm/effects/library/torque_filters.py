@@ -16,7 +16,7 @@ import scipy  # its parts are loaded when they are used
 from numpy.typing import NDArray
 
 from elastic_arm.arrays import Array
-from elastic_arm.effects.equations import ArmEquations
+from elastic_arm.effects.arm_equations import ArmEquations
 from elastic_arm.effects.regressor import MotionSignals
 
 PADDING = 0.5  # s mirrored at both ends

@@ -16,7 +16,7 @@ import numpy as np
 from elastic_arm.arrays import Array
 from elastic_arm.codegen.recursion import Recursion
 from elastic_arm.dynamics import Model, build_model
-from elastic_arm.effects.equations import ArmEquations
+from elastic_arm.effects.arm_equations import ArmEquations
 from elastic_arm.effects.law import (
     Confusion,
     Contribution,

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from scipy.special import fdtrc
 
 from elastic_arm.arrays import Array
-from elastic_arm.effects.equations import ArmEquations
+from elastic_arm.effects.arm_equations import ArmEquations
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.formatting import short_numbers
 from elastic_arm.identification.verdict import MotionStatistics

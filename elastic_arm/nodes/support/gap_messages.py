@@ -16,7 +16,7 @@ from elastic_arm_msgs.msg import (
 )
 from std_msgs.msg import Header
 
-from elastic_arm.estimation.equations import SIDES
+from elastic_arm.estimation.equation_sets import SIDES
 
 
 def diagnosis_message(found: Mapping[str, Any]) -> GapDiagnosis:

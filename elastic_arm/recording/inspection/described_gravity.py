@@ -28,7 +28,7 @@ from scipy.signal import fftconvolve, savgol_filter
 from scipy.stats import t as student
 
 from elastic_arm.dynamics import Model, build_model
-from elastic_arm.effects.equations import ArmEquations
+from elastic_arm.effects.arm_equations import ArmEquations
 from elastic_arm.formatting import rounded, short_numbers
 from elastic_arm.recording.inspection.plausibility import is_motion
 from elastic_arm.recording.inspection.report import FEWEST, Finding, warning

@@ -9,7 +9,7 @@ import numpy as np
 from elastic_arm.diagnosis.history import together
 from elastic_arm.diagnosis.result import Diagnosis
 from elastic_arm.effects import EFFECTS, Effect, Role, Scope
-from elastic_arm.effects.model import MODELS
+from elastic_arm.effects.effect import MODELS
 from elastic_arm.studies.blind_challenge.effect_sampling import true_parameters
 from elastic_arm.studies.blind_challenge.hidden_arms.effect_laws import Fault
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.effects import Catalogue, Effect, EffectInstance, Parameter, Role, Scope
-from elastic_arm.effects.model import MODELS
+from elastic_arm.effects.effect import MODELS
 from elastic_arm.robot import Robot
 from elastic_arm.studies.blind_challenge.hidden_arms.effect_laws import Fault, variation
 from elastic_arm.studies.blind_challenge.hidden_arms.further_laws import FOREIGN

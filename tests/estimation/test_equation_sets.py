@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from elastic_arm.errors import IdentificationError
-from elastic_arm.estimation.equations import SIDES, EquationSet
+from elastic_arm.estimation.equation_sets import SIDES, EquationSet
 
 CHANNELS = ("q", "theta", "tau_J", "tau_m")
 ALL = frozenset(CHANNELS)
