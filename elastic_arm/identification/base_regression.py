@@ -26,8 +26,9 @@ lag and offset beside each other may be columns of their own::
 with a = K times the lag of the link encoder, b = K times its offset.
 :mod:`elastic_arm.identification.deflection` weighs `link` by 1 / K.
 
-These are the independent equations of :mod:`elastic_arm.estimation.equation_sets`. Laws beyond the model add columns: what
-they add to the residuals of link, drive and motor side is carried over to these rows.
+These are the independent equations of :mod:`elastic_arm.estimation.equation_sets`. Laws beyond the
+model add columns: what they add to the residuals of link, drive and motor side is carried over to
+these rows.
 """
 
 from collections.abc import Callable, Iterator, Sequence
