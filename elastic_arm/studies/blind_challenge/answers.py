@@ -33,21 +33,15 @@ def score_answer(
     causes = answer["causes"]
     # A change is told right where it happened.
     now = [c.get("recording", entry.get("since", 0)) == entry.get("since", 0) for c in causes]
-    hits = [
-        _hit(fault, [c for c, there in zip(causes, now, strict=True) if there], joints)
-        for fault in placed
-    ]
+    told_now = [c for c, there in zip(causes, now, strict=True) if there]
+    hits = [_hit(fault, told_now, joints) for fault in placed]
     # A poorer model lacks more than the one effect that was asked for: mod1 lacks S as well as the
     # splines.
-    lacking = {
-        e.id for e in effects.values() if e.lacked_by != MODELS and entry["model"] in e.lacked_by
-    }
+    own = [e for e in effects.values() if e.lacked_by != MODELS]
+    lacking = {e.id for e in own if entry["model"] in e.lacked_by}
     # What the whole level has beyond the ordinary is true of the arm, too.
     conditions = {(c["effect"], joints[c["joint"]]) for c in entry["conditions"]}
-    itself = [
-        at and any(_is(f, c["effect"], c["joint"], joints) for f in placed)
-        for c, at in zip(causes, now, strict=True)
-    ]
+    itself = [at and _is_any(placed, c, joints) for c, at in zip(causes, now, strict=True)]
     allowed = [c["effect"] in lacking or (c["effect"], c["joint"]) in conditions for c in causes]
     right = [a or b for a, b in zip(itself, allowed, strict=True)]
     found = list(zip(faults, hits, strict=True))
@@ -58,11 +52,10 @@ def score_answer(
         for off in _offs(fault, hit, effects[fault.effect])
     ]
     told = [(c["confidence"], held) for c, held in zip(causes, right, strict=True)]
-    told += [
-        (0.0, True)
-        for f in placed
-        if not any(_is(f, c["effect"], c["joint"], joints) for c in causes)
-    ]
+    for fault in placed:
+        if not any(_is_any([fault], cause, joints) for cause in causes):
+            told.append((0.0, True))
+    sure = [held for cause, held in zip(causes, right, strict=True) if cause["confidence"] >= SURE]
     return {
         "name": entry["name"],
         "level": entry["level"],
@@ -85,9 +78,7 @@ def score_answer(
         "joint_right": bool(faults) and all(_joint_right(f, causes, joints) for f in placed),
         "side_right": bool(faults) and all(_side_right(f, h, effects[f.effect]) for f, h in found),
         "no_cause": all(allowed) and answer["verdict"] != "unknown",
-        "accused": any(
-            c["confidence"] >= SURE and not r for c, r in zip(causes, right, strict=True)
-        ),
+        "accused": not all(sure),
         "z": z,
         "coverage": {
             "causes": [sum(abs(v) <= LIMIT for v in z), len(z)],
@@ -96,6 +87,11 @@ def score_answer(
         "cpu_seconds": answer.get("cpu_seconds"),
         "code": answer.get("code"),
     }
+
+
+def _is_any(faults: Sequence[Fault], cause: Mapping[str, Any], joints: Sequence[str]) -> bool:
+    """Return whether a cause is one of these faults."""
+    return any(_is(fault, cause["effect"], cause["joint"], joints) for fault in faults)
 
 
 def changes_told(found: Sequence[Diagnosis]) -> dict[str, Any]:

@@ -116,19 +116,17 @@ def score(folders: Path | Sequence[Path]) -> dict[str, Any]:
     own = [x for x in lines if not x["foreign"]]
     single = [x for x in own if len(x["truth"]) == 1]
     by_effect = {e: _effect([x for x in single if x["truth"] == [e]]) for e in effects}
+    levels: dict[str, dict[str, Any]] = {}
+    for level in dict.fromkeys(x["level"] for x in lines):
+        of_level = [x for x in lines if x["level"] == level]
+        levels[level] = level_table(of_level, [x for x in withheld if x["level"] == level])
     return {
         "challenges": settings,
         "answered": len(lines),
         "open": total - len(lines),
         "simulated": sorted(simulated),
         "code": dict(Counter(x["code"] for x in lines)),
-        "levels": {
-            level: level_table(
-                [x for x in lines if x["level"] == level],
-                [x for x in withheld if x["level"] == level],
-            )
-            for level in dict.fromkeys(x["level"] for x in lines)
-        },
+        "levels": levels,
         "by_effect": {e: row for e, row in by_effect.items() if row["right"]["trials"]},
         "items": lines,
         "withheld_items": withheld,
@@ -138,9 +136,9 @@ def score(folders: Path | Sequence[Path]) -> dict[str, Any]:
 def _line(
     entry: Mapping[str, Any], answer: Mapping[str, Any], effects: Mapping[str, Effect]
 ) -> Line:
-    faint = (
-        min(entry["share"], default=1.0) < FAINT or min(entry["multiple"], default=LOWEST) < LOWEST
-    )
+    share = min(entry["share"], default=1.0)
+    multiple = min(entry["multiple"], default=LOWEST)
+    faint = share < FAINT or multiple < LOWEST
     return score_answer(entry, answer, effects) | {"faint": faint}
 
 
@@ -150,31 +148,25 @@ def level_table(lines: Sequence[Line], withheld: Sequence[Line]) -> dict[str, An
     foreign = [x for x in lines if x["foreign"]]
     single = [x for x in own if len(x["truth"]) == 1]
     large = [x for x in single if not x["faint"]]
-    sets = {
-        n: [x["effect_right"] for x in own if len(x["truth"]) == n and not x["faint"]]
-        for n in (2, 3)
-    }
-    faint = [x["effect_right"] for x in own if len(x["truth"]) > 1 and x["faint"]]
-    due = [
-        x
-        for x in withheld
-        if not x["faint"] and (x["verdict"] == "unknown" or (x["shrink"] or 0.0) < NEIGHBOURS)
-    ]
+    none = [x for x in own if not x["truth"]]
+    two = [x for x in own if len(x["truth"]) == 2 and not x["faint"]]
+    three = [x for x in own if len(x["truth"]) == 3 and not x["faint"]]
+    several_faint = [x for x in own if len(x["truth"]) > 1 and x["faint"]]
+    single_faint = [x for x in single if x["faint"]]
+    clear = [x for x in withheld if not x["faint"]]
+    # Where the other effects explain nearly all, no answer is due.
+    due = [x for x in clear if x["verdict"] == "unknown" or (x["shrink"] or 0.0) < NEIGHBOURS]
     shares = {
-        "effect right": proportion([x["effect_right"] for x in large]),
-        "joint right": proportion([x["joint_right"] for x in large]),
-        "side right": proportion([x["side_right"] for x in large]),
-        "nothing more than ordinary: no cause": proportion(
-            [x["no_cause"] for x in own if not x["truth"]]
-        ),
-        "arms with a false cause at confidence 0.9": proportion([x["accused"] for x in lines]),
+        "effect right": _share(large, "effect_right"),
+        "joint right": _share(large, "joint_right"),
+        "side right": _share(large, "side_right"),
+        "nothing more than ordinary: no cause": _share(none, "no_cause"),
+        "arms with a false cause at confidence 0.9": _share(lines, "accused"),
         "withheld or foreign: unknown": proportion([expected_unknown(x) for x in (*due, *foreign)]),
-        "two at once, both right": proportion(sets[2]),
-        "three at once, all right": proportion(sets[3]),
-        "several at once, one of them faint": proportion(faint),
-        "effect right, below ten bounds": proportion(
-            [x["effect_right"] for x in single if x["faint"]]
-        ),
+        "two at once, both right": _share(two, "effect_right"),
+        "three at once, all right": _share(three, "effect_right"),
+        "several at once, one of them faint": _share(several_faint, "effect_right"),
+        "effect right, below ten bounds": _share(single_faint, "effect_right"),
     }
     for kind in KINDS:
         held, asked = np.sum([x["coverage"][kind] for x in own] or [[0, 0]], axis=0)
@@ -195,6 +187,10 @@ def level_table(lines: Sequence[Line], withheld: Sequence[Line]) -> dict[str, An
     }
 
 
+def _share(lines: Sequence[Line], question: str) -> dict[str, Any]:
+    return proportion([line[question] for line in lines])
+
+
 def table_rows(level: str, table: Mapping[str, Any]) -> list[tuple[str, str, str]]:
     """Return the rows of a level's table as text: question, what was reached, and to reach."""
     rows = [
@@ -203,19 +199,12 @@ def table_rows(level: str, table: Mapping[str, Any]) -> list[tuple[str, str, str
         if share["trials"]
     ]
     for row in table["calibration"]:
-        name = (
-            f"causes of confidence {row['from']:g} to {row['to']:g} (mean"
-            f" {row['mean_confidence']:.2f}) right"
-        )
+        mean = f"mean {row['mean_confidence']:.2f}"
+        name = f"causes of confidence {row['from']:g} to {row['to']:g} ({mean}) right"
         rows.append((name, text(row), ""))
     if table["brier"] is not None:
-        rows.append(
-            (
-                "Brier score, logarithmic score",
-                f"{table['brier']:.3f}, {table['log_score']:.3f}",
-                "",
-            )
-        )
+        scores = f"{table['brier']:.3f}, {table['log_score']:.3f}"
+        rows.append(("Brier score, logarithmic score", scores, ""))
     for n, seconds in table["seconds"].items():
         spent = f"{seconds['median']:.0f} s, longest {seconds['longest']:.0f} s"
         rows.append((f"a diagnosis of {n} joints, one core", spent, ""))
@@ -224,18 +213,14 @@ def table_rows(level: str, table: Mapping[str, Any]) -> list[tuple[str, str, str
 
 def effect_rows(found: Mapping[str, Any]) -> list[tuple[str, ...]]:
     """Return a row an effect, as text."""
-    return [
-        (
-            effect,
-            *(
-                f"{row[k]['hits']}/{row[k]['trials']}"
-                for k in ("right", "joint", "side", "intervals")
-            ),
-            "–" if row["shrink"] is None else f"{row['shrink']:.3f}",
-            "–" if row["missed"] is None else f"{row['missed']:.0f}",
-        )
-        for effect, row in found["by_effect"].items()
-    ]
+    rows = []
+    for effect, row in found["by_effect"].items():
+        shares = [row[name] for name in ("right", "joint", "side", "intervals")]
+        shrink = "–" if row["shrink"] is None else f"{row['shrink']:.3f}"
+        missed = "–" if row["missed"] is None else f"{row['missed']:.0f}"
+        texts = [f"{share['hits']}/{share['trials']}" for share in shares]
+        rows.append((effect, *texts, shrink, missed))
+    return rows
 
 
 def markdown(found: Mapping[str, Any]) -> str:
@@ -306,9 +291,9 @@ def _effect(lines: Sequence[Line]) -> dict[str, Any]:
     missed = [x["multiple"] for x in lines if not x["effect_right"]]
     held, asked = np.sum([x["coverage"]["causes"] for x in large] or [[0, 0]], axis=0)
     return {
-        "right": proportion([x["effect_right"] for x in large]),
-        "joint": proportion([x["joint_right"] for x in large]),
-        "side": proportion([x["side_right"] for x in large]),
+        "right": _share(large, "effect_right"),
+        "joint": _share(large, "joint_right"),
+        "side": _share(large, "side_right"),
         "intervals": proportion([True] * held + [False] * (asked - held)),
         "shrink": float(np.median(shrinks)) if shrinks else None,
         "missed": max(missed, default=None),
@@ -319,9 +304,10 @@ def _seconds(lines: Sequence[Line]) -> dict[str, dict[str, float]]:
     spent: dict[int, list[float]] = {}
     for x in lines:
         spent.setdefault(x["joints_of_arm"], []).append(x["cpu_seconds"] or 0.0)
-    return {
-        str(n): {"median": float(np.median(s)), "longest": max(s)} for n, s in sorted(spent.items())
-    }
+    found = {}
+    for joints, seconds in sorted(spent.items()):
+        found[str(joints)] = {"median": float(np.median(seconds)), "longest": max(seconds)}
+    return found
 
 
 def _table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
