@@ -1,4 +1,9 @@
-"""Write MCAP files chunk by chunk: every chunk on disk is readable, whatever happens after."""
+"""Write MCAP files chunk by chunk: every chunk on disk is readable, whatever happens after.
+
+The records are those of the library `mcap`. The writer of rosbags serves bags that are written in
+one go: it takes message by message in one thread, has no checksums and no lz4, does not have the
+system carry chunks to the disk, and leaves a torn record where the disk is full.
+"""
 
 import os
 import struct

@@ -1,4 +1,8 @@
-"""Bags that rosbag2 stored with SQLite (.db3): plain, or compressed as a file with zstd."""
+"""Bags that rosbag2 stored with SQLite (.db3): plain, or compressed as a file with zstd.
+
+Read through Python's own sqlite3, as rosbags does, but block by block, with limits for what a
+hostile or damaged file claims, and with the log that a killed recorder left.
+"""
 
 import sqlite3
 from collections.abc import Iterator, Sequence
