@@ -161,7 +161,8 @@ class Recording:
             return parts[0]
         together: dict[str, Any] = {}
         for name in parts[0].sides():
-            sides = [part.sides()[name] for part in parts if name in part.sides()]
+            # A side that is empty in some part is left out.
+            sides = [side for part in parts if (side := part.sides().get(name))]
             together[name] = joined_sides(sides) if len(sides) == len(parts) else None
         notes = tuple(dict.fromkeys(note for part in parts for note in part.notes))
         return replace(parts[-1], **together, notes=notes)
