@@ -139,11 +139,11 @@ def compose(robot: Robot, name: str, *, bearings: bool = False) -> Bodies:
     (COMPOSITIONS[name] if robot.elastic else _rigid)(arm)
     arm.add_springs(bearings)
     n = robot.n
-    kinds = (
-        "q_{}",
-        *(("theta_{}",) if robot.elastic else ()),
-        *(("q_{}x", "q_{}y") if bearings else ()),
-    )
+    kinds = ["q_{}"]
+    if robot.elastic:
+        kinds.append("theta_{}")
+    if bearings:
+        kinds += ["q_{}x", "q_{}y"]
     motor_side = range(n, 2 * n) if robot.elastic else range(0)
     return Bodies(
         gravity=snap(robot.base_placement[:3, :3].T @ robot.gravity),

@@ -232,9 +232,9 @@ class LimitUse:
                 f"the {self.kinds[index]} of {self.joints[joint]} reaches {100 * shares[joint]:.0f}"
                 " % of its limit"
             )
-        what, gap = (("the floor", self.floor), ("another link", self.links))[
-            index - len(self.kinds)
-        ]
+        what, gap = ("the floor", self.floor)
+        if index > len(self.kinds):
+            what, gap = ("another link", self.links)
         if gap < 0.0:
             return f"a link goes {-1e3 * gap:.0f} mm into {what}"
         return (

@@ -130,12 +130,12 @@ def with_consistency(
         identified = identified_robot(robot, equations, Psi, effects)
     except (IdentificationError, RobotError) as error:
         return result.with_(notes=(*result.notes, f"no physically consistent arm: {error.problem}"))
+    notes = [note for note in result.notes if note != INEXACT]
+    if not found.exact:
+        notes.append(INEXACT)
     return result.with_(
         Psi=Psi,
-        notes=(
-            *(note for note in result.notes if note != INEXACT),
-            *(() if found.exact else (INEXACT,)),
-        ),
+        notes=tuple(notes),
         consistency={"trust": found.trust, "misfit": found.misfit, "correlation": correlated},
         identified=identified,
     )

@@ -256,12 +256,11 @@ class Identifier:
             self.accumulator = self._empty(recorded)
             self._recorded = recorded
         if recorded != self._recorded:
-            one, other = (
-                ", ".join(sorted(frozenset().union(*sets))) for sets in (self._recorded, recorded)
-            )
-            what = f"one recording holds {one}, another {other}" + ", not at the same joints" * (
-                one == other
-            )
+            one = ", ".join(sorted(frozenset().union(*self._recorded)))
+            other = ", ".join(sorted(frozenset().union(*recorded)))
+            what = f"one recording holds {one}, another {other}"
+            if one == other:
+                what = f"{what}, not at the same joints"
             raise IdentificationError(what, "Identify recordings with equal channels.")
         return self.accumulator.equations
 

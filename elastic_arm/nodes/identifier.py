@@ -146,7 +146,10 @@ class IdentifierNode(SamplingNode):
         received = self._identifier.progress.received
         laws = [e for e in result.estimates if e.is_friction]
         sizes = [f"{e.short} {' ± '.join(rounded(e.value, e.std))} {e.unit}" for e in laws]
-        found = " ".join([*result.summary(), *([f"{'; '.join(sizes)}."] if sizes else [])])
+        sentences = list(result.summary())
+        if sizes:
+            sentences.append(f"{'; '.join(sizes)}.")
+        found = " ".join(sentences)
         return (
             f"{found} Estimate of {result.samples} samples, of {received} received, written to"
             f" {file}"

@@ -153,7 +153,9 @@ class SimulatorNode(ArmNode):
         began = time.monotonic()
         self._arm = self._build()
         real_time = self._wanted.real_time_factor == 1.0
-        self._exclusive = [topics.MOTOR_STATES] + [topics.CLOCK] * (not real_time)
+        self._exclusive = [topics.MOTOR_STATES]
+        if not real_time:
+            self._exclusive.append(topics.CLOCK)
         # Discovery went on while the arm was built; a busy machine leaves it little time then.
         discovery = graph.DISCOVERY * graph.slowness() - (time.monotonic() - began)
         graph.require_single_publisher(self, self._exclusive, max(discovery, 0.5))

@@ -83,10 +83,9 @@ def check_bag(
             report.add("warning", "description", words)
     except RecordingError as error:
         report.add("error", "undecodable", str(error))
-    report.findings += [
-        *_together(parts),
-        *(contradicted(motions, robot) if robot is not None else []),
-    ]
+    report.findings += _together(parts)
+    if robot is not None:
+        report.findings += contradicted(motions, robot)
     return report
 
 
@@ -97,16 +96,14 @@ def _checked(
     report = Report(content.source)
     recording = _read(content, channels, robot, report)
     if recording is not None:
-        report.begin_ns = (
-            recording.start_ns if any(map(len, recording.measured().values())) else None
-        )
+        if any(map(len, recording.measured().values())):
+            report.begin_ns = recording.start_ns
         seen: set[bytes] = set()
         for name, side in without_zeros(recording, []).sides().items():
             if (stamps := side.stamp_ns.tobytes()) not in seen:
                 seen.add(stamps)
-                _check_stamps(
-                    _SIDES[name] if channels is None else f"the {name} side", side.stamp_ns, report
-                )
+                what = _SIDES[name] if channels is None else f"the {name} side"
+                _check_stamps(what, side.stamp_ns, report)
         try:
             report.findings += looked_through(recording, robot, motions)
         except RecordingError as error:
@@ -218,8 +215,10 @@ def _read(
 
 def _check_content(content: Content, report: Report) -> None:
     for damage in content.damage:
-        missing = damage.endswith("metadata.yaml is missing")
-        report.add(*(("warning", "missing_metadata") if missing else ("error", "damaged")), damage)
+        if damage.endswith("metadata.yaml is missing"):
+            report.add("warning", "missing_metadata", damage)
+        else:
+            report.add("error", "damaged", damage)
     if content.promised is not None and content.promised != content.messages:
         message = (
             f"metadata.yaml promises {content.promised} messages, the files hold {content.messages}"
