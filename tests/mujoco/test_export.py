@@ -584,4 +584,4 @@ def test_an_export_is_played_beside_its_base(tmp_path: Path) -> None:
     refused = CliRunner().invoke(
         app, [*map(str, words[:1]), "--out", str(tmp_path / "o.xml"), *map(str, words[5:7])]
     )
-    assert refused.exit_code == 2 and "Give it as --base" in refused.output
+    assert refused.exit_code == 2 and "Give it with --base" in refused.output

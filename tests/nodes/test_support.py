@@ -548,7 +548,7 @@ def test_a_name_that_is_no_text_is_refused_before_ros_sees_it(
     said = capsys.readouterr().err
     assert (
         said.startswith("error: 'bag:=x")
-        and "is no UTF-8 text" in said
+        and "is not valid UTF-8" in said
         and len(said.splitlines()) == 1
     )
 

@@ -161,7 +161,7 @@ def test_command_writes_the_motion_that_the_simulator_takes(tmp_path: Path) -> N
     check_residuals(folder / "residuals.csv", tmp_path)
     words = " ".join(told.stdout.split())
     assert (
-        f"told apart by: {SEPARATING}" in words
+        f"separated by: {SEPARATING}" in words
         and "prediction: Driven by the measured torque" in words
     )
     told = run(

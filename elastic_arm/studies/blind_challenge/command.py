@@ -84,7 +84,7 @@ def create(
     ] = 0,
     workers: Workers = CORES,
 ) -> None:
-    """Draw hidden arms from a seed and record them; the truth is sealed. Goes on where it stopped.
+    """Draw hidden arms from a seed and record them; the truth is sealed. Resumes after interruption.
 
     Example: elastic-arm challenge create blind --seed 7 --per-effect 2
     """
@@ -128,7 +128,7 @@ def diagnose(
 ) -> None:
     """Diagnose every recording that has no answer yet, without looking at the truth.
 
-    With --withheld the truth is opened to know which effect each diagnosis must do without.
+    With --withheld, the truth is opened to remove the effect of each arm from the catalogue.
 
     Example: elastic-arm challenge diagnose blind
     """

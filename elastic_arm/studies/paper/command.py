@@ -36,10 +36,10 @@ def paper(
     ] = False,
     force: Force = False,
 ) -> None:
-    """Reproduce the paper: mod1, mod2, mod3 against a virtual prototype, over the ratios, down to
-    the parameters.
+    """Reproduce the paper: compare mod1, mod2 and mod3 with a virtual prototype over five gear
+    ratios.
 
-    Writes report.html with every figure and claim, and all numbers as CSV and JSON beside it.
+    Writes report.html with every figure and claim, and all numbers as CSV and JSON.
 
     Examples:
 
