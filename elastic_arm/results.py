@@ -71,7 +71,7 @@ class Result:
         require_libraries("a data frame needs", library)
         tables = self.tables()
         if table and table not in tables:
-            raise OutputError(f"there is no table {table!r}", f"Take one of {', '.join(tables)}.")
+            raise OutputError(f"unknown table {table!r}", f"Choose one of {', '.join(tables)}.")
         rows = tables[table or next(iter(tables))]
         mixed = (
             {"strict": False} if library == "polars" else {}

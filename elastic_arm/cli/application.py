@@ -144,7 +144,7 @@ Robot arms with elastic joints: find where a model and a real arm differ, and wh
       without ros2:
       simulator & identifier & trajectory_generator --ros-args -p trajectory:=config/excitation.yaml
 
-`elastic-arm --help` lists all commands, `elastic-arm COMMAND --help` the options of one."""
+`--help` lists all commands; behind the name of a command, it lists its options."""
 
 
 def load(name: str) -> Any:

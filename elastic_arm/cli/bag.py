@@ -125,7 +125,8 @@ def check(
                 _print_report(after)
             elif _MENDABLE & {finding.code for finding in report.findings}:
                 out.print(
-                    f"`elastic-arm bag check --repair {escape(str(path))}` writes a copy of the undamaged "
+                    f"`elastic-arm bag check --repair {escape(str(path))}` writes a copy of the "
+                    "undamaged "
                     "parts",
                     soft_wrap=True,
                 )
@@ -228,7 +229,7 @@ def export(
     namespace: options.Namespace = None,
     force: Force = False,
 ) -> None:
-    """Write a bag as arrays, each side with its own stamps, and the mapping for importing them again.
+    """Write a bag as arrays, each side with its own stamps, and the mapping for importing them.
 
     Example: elastic-arm bag export bags/excitation --out excitation.parquet
     """

@@ -110,15 +110,15 @@ def diagnose(
     require_kind(question, Question, "question", DiagnosisError, "Give Question(robot).")
     watch = watch or Watch()
     prepared = prepare(recordings, validate, question)
-    watch.say(f"checked: {len(prepared.problem.sources)} recordings")
+    watch.say(f"diagnosed: {len(prepared.problem.sources)} recordings")
     answer = Answer.of(prepared, question, watch)
     for _ in range(AGAIN):
         events = answer.events()
         if events == answer.prepared.events or watch.is_over():
             break
-        watch.say(f"{len(events)} events left out")
+        watch.say(f"{len(events)} events excluded")
         answer = Answer.of(answer.prepared.without(events), question, watch)
-    watch.say("what the recordings that judge confirm")
+    watch.say("confirmation on the judging recordings")
     return answer.confirmed().result()
 
 

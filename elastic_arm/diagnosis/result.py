@@ -538,19 +538,19 @@ class Diagnosis(Result):
 
         Raises a DiagnosisError if the file is not such a result.
         """
-        remedy = "Give a diagnosis.json of `elastic-arm diagnose`."
+        remedy = "Give a diagnosis.json written by `elastic-arm diagnose`."
         try:
             data = json.loads(Path(path).read_text(encoding="utf-8"))
         except (OSError, ValueError) as error:
             raise DiagnosisError(f"{path} cannot be read: {error}", remedy) from None
         if not isinstance(data, dict) or data.get("schema") != SCHEMA:
-            raise DiagnosisError(f"{path} is no diagnosis", f"Its schema must be {SCHEMA}.")
+            raise DiagnosisError(f"{path} is not a diagnosis", f"Its schema must be {SCHEMA}.")
         try:
             return from_dict(
                 data, Path(path).parent, Catalogue.default() if catalogue is None else catalogue
             )
         except (KeyError, TypeError, ValueError, AttributeError) as error:
-            what = f"{path} is no whole diagnosis ({type(error).__name__}: {error})"
+            what = f"{path} is not a complete diagnosis ({type(error).__name__}: {error})"
             raise DiagnosisError(what, remedy) from None
 
     def _table(self, values: Mapping[Place, float | None]) -> dict[str, Any]:

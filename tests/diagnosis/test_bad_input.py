@@ -68,7 +68,7 @@ def drifting(recording: Recording, rate: float) -> Recording:
 @pytest.mark.parametrize(
     ("spoil", "words"),
     [
-        (at_rest, ("holds no motion", "excite")),
+        (at_rest, ("contains no motion", "excite")),
         (lambda r: r.between(0.0, 3.0), ("too short", "at least")),
         (
             lambda r: with_effort(r, lambda e: 0 * e, "link", "motor"),
@@ -96,7 +96,7 @@ def test_one_dead_torque_channel_is_left_out_with_a_remark(clean: list[Recording
     dead = [with_effort(r, lambda e: 0 * e, "link") for r in clean]
     found = diagnose([dead[0]], Question(ROBOT, effects=()), [dead[1]])
     assert found.verdict == "none"
-    assert any("joint torque" in note and "taken as not recorded" in note for note in found.notes)
+    assert any("joint torque" in note and "treated as not recorded" in note for note in found.notes)
     assert found.to_dict()["gap"]["before"]["joint_1"]["drive"] is None
 
 

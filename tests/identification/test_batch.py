@@ -255,7 +255,7 @@ def test_a_file_that_is_no_identification_is_refused(tmp_path: Path) -> None:
 def test_an_arm_at_rest_is_refused(samples: Samples) -> None:
     """A recording in which nothing moves identifies nothing, and says so before it fits noise."""
     still = replace(samples, q=0.0 * samples.q, theta=0.0 * samples.theta)
-    with pytest.raises(IdentificationError, match="holds no motion"):
+    with pytest.raises(IdentificationError, match="contains no motion"):
         identify(recorded(still), load_robot(None))
 
 

@@ -179,8 +179,8 @@ def test_other_words_for_a_field_are_answered_with_its_name(tmp_path: Path) -> N
             100.0,
             link={"position": {"key": "q", "scale": 2.0, "zero": 0.3}},
         )
-    assert "scale: unknown key (it is called factor)" in caught.value.problem
-    assert "zero: unknown key (it is called offset)" in caught.value.problem
+    assert "scale: unknown key (the name is factor)" in caught.value.problem
+    assert "zero: unknown key (the name is offset)" in caught.value.problem
 
 
 @pytest.mark.parametrize(

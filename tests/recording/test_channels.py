@@ -179,7 +179,7 @@ CHANNEL = {"topic": "/x"}
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        ({"joints": {}}, "joints: has 0 entries, needs 1 or more"),
+        ({"joints": {}}, "joints: has 0 entries, but needs at least 1"),
         ({"joint": {}}, "joint: unknown key"),
         (
             {"joints": {"a": {"link": {"position": {**CHANNEL, "unit": "degrees"}}}}},
@@ -212,7 +212,7 @@ CHANNEL = {"topic": "/x"}
         ),
         ({"joints": {"a": {"link": {"position": CHANNEL}}, "b": {}}}, "b has no channel"),
         ({"joints": {"a": {"link": [1]}}}, "joints.a.link"),
-        (["a"], "holds no fields"),
+        (["a"], "contains no fields"),
     ],
 )
 def test_wrong_channel_maps_are_refused_by_field(

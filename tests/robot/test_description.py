@@ -201,10 +201,10 @@ def test_a_mixture_of_elastic_and_rigid_joints_is_refused_by_name(
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "holds no fields"),
-        ("- 1\n- 2\n", "holds no fields"),
+        ("", "contains no fields"),
+        ("- 1\n- 2\n", "contains no fields"),
         ("name: [1, 2\n", "line 2"),
-        ("\udcff", "is no text file"),
+        ("\udcff", "is not a text file"),
         (None, r"broken\.yaml: no such file"),
     ],
 )

@@ -64,7 +64,9 @@ def open_bag(path: str | Path) -> Bag:
     """Open a bag."""
     path = Path(path)
     if "\0" in str(path):
-        raise RecordingError(f"{str(path)!r} is no name of a file: it holds a NUL", WHAT_IS_A_BAG)
+        raise RecordingError(
+            f"{str(path)!r} is not a valid file name: it contains a NUL character", WHAT_IS_A_BAG
+        )
     try:
         return _opened(path)
     except OSError as error:

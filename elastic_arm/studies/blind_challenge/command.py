@@ -38,7 +38,7 @@ from elastic_arm.studies.blind_challenge.score import score as score_answers
 
 challenge_app = typer.Typer(
     name="challenge",
-    help="Check the diagnosis on arms whose effect is withheld from it.",
+    help="Test the diagnosis on simulated arms with effects unknown to it.",
     no_args_is_help=True,
 )
 
@@ -84,7 +84,8 @@ def create(
     ] = 0,
     workers: Workers = CORES,
 ) -> None:
-    """Draw hidden arms from a seed and record them; the truth is sealed. Resumes after interruption.
+    """Draw hidden arms from a seed and record them; the truth is sealed. Resumes if
+    interrupted.
 
     Example: elastic-arm challenge create blind --seed 7 --per-effect 2
     """
