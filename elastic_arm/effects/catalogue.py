@@ -145,7 +145,7 @@ def _of_entry_point(point: EntryPoint) -> Effect:
 
 def _of_file(path: Path) -> list[Effect]:
     """Execute a file and return its effects."""
-    source = read_text(path, EffectError, "Give a Python file that holds an effect.")
+    source = read_text(path, EffectError, "Give a Python file that contains an effect.")
     spec = importlib.util.spec_from_loader(
         f"elastic_arm_user_effects_{path.stem}", loader=None, origin=str(path)
     )
@@ -156,13 +156,13 @@ def _of_file(path: Path) -> list[Effect]:
         exec(compile(source, str(path), "exec"), vars(module))
     except SyntaxError as error:
         raise EffectError(
-            f"{path}: line {error.lineno}: {error.msg}", "Mend the Python of the file."
+            f"{path}: line {error.lineno}: {error.msg}", "Correct the Python of the file."
         ) from error
     except _RAISED as error:
-        raise _located(path, error, f"Mend the file; {_EXAMPLE}") from error
+        raise _located(path, error, f"Correct the file; {_EXAMPLE}") from error
     held = _held(module)
     if not held or not all(isinstance(effect, Effect) for effect in held):
-        what = "EFFECT is no Effect" if held else "holds no EFFECT"
+        what = "EFFECT is no Effect" if held else "contains no EFFECT"
         raise EffectError(f"{path}: {what}", f"Write EFFECT = Effect(id=…, …); {_EXAMPLE}")
     for effect in held:
         try:
@@ -172,7 +172,7 @@ def _of_file(path: Path) -> list[Effect]:
                 ", ".join((*effect.names, *effect.states)) or "nothing: the effect has no parameter"
             )
             raise _located(
-                path, error, f"Mend the law of {effect.id}; p holds {values}."
+                path, error, f"Correct the law of {effect.id}; p contains {values}."
             ) from error
     return held
 

@@ -155,7 +155,7 @@ class Effect:
         ):  # fmt: skip
             if unknown := [value for value in given if value not in known]:
                 yield (
-                    f"{what} holds {unknown[0]!r}",
+                    f"{what} contains {unknown[0]!r}",
                     f"Take of {', '.join(known) or 'nothing: it has no parameter'}.",
                 )
         if not self.sides or not self.lacked_by:

@@ -31,7 +31,7 @@ def read_effects(
     found: list[EffectInstance] = []
     for one in [given] if isinstance(given, str | EffectInstance) else given:
         if not isinstance(one, str | EffectInstance):
-            raise EffectError(f"{one!r} is no effect", _GRAMMAR)
+            raise EffectError(f"{one!r} is not an effect", _GRAMMAR)
         found += read(one) if isinstance(one, str) else [one]
     return tuple(found)
 

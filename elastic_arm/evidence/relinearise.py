@@ -100,7 +100,9 @@ def explain(problem: Problem, *, refit: bool, watch: Watch | None = None) -> Exp
             f"linearised about itself: {own.score - near.fit.score:+.1f}: {words_of(own, near.fit)}"
         )
         gain = own.score - start.fit.score
-        watch.say(f"causes: a set of {len(own.optional)}, {gain:.0f} nats more probable than none")
+        watch.say(
+            f"causes: a set of {len(own.optional)}, {gain:.0f} nats more probable than no cause"
+        )
         return Node(own, there)
 
     def expand(node: Node, scores: Mapping[Any, float]) -> Sequence[Fit]:

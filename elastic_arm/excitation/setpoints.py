@@ -12,7 +12,7 @@ from elastic_arm.errors import ExcitationError, require_libraries
 from elastic_arm.excitation.fourier import FourierTrajectory, require
 from elastic_arm.output_files import write_result
 
-REMEDY = "Give a file in a folder you may write to"
+REMEDY = "Give a file in a writable folder"
 
 
 def write_csv(

@@ -202,4 +202,4 @@ def described_width(width: float, judge: str) -> str:
     """Return in words that the description served as a prior, and what chose how far it is
     trusted."""
     prior = f"a prior of {100 * width:.2g} % of it"
-    return f"regularised towards the description, with {prior}: {judge} are predicted best so"
+    return f"regularised towards the description, with {prior}, which predicts {judge} best"

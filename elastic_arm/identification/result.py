@@ -176,7 +176,7 @@ class Identification(Result):
         """Return what was found as sentences: what is known, and how right the identified arm is on
         other motions."""
         words = [e.verdict for e in self.estimates]
-        counts = f"{words.count('poorly')} poorly, {words.count('not')} not at all"
+        counts = f"{words.count('poorly')} poorly, {words.count('not')} not determined"
         found = [f"{words.count('well')} of {len(words)} parameters are well determined, {counts}."]
         for recording, arms in (self.validation or {}).items():
             worst = [
@@ -185,9 +185,10 @@ class Identification(Result):
             ]
             sizes = [f"{e:.3g} {self.units.at(j, 'Nm')} ({j}, {COMPARED[s]})" for e, j, s in worst]
             errors = (
-                f"the nominal arm errs by up to {sizes[0]}, the identified one by up to {sizes[1]}"
+                f"the error of the nominal arm is up to {sizes[0]}, that of the identified arm"
+                f" up to {sizes[1]}"
             )
-            found.append(f"On {recording}, which no fit has seen, {errors}.")
+            found.append(f"On {recording}, which was held out, {errors}.")
         return found
 
     def to_dict(self) -> dict[str, Any]:
@@ -221,12 +222,12 @@ class Identification(Result):
             ) from None
         if not isinstance(data, dict) or data.pop("schema", None) != SCHEMA:
             raise IdentificationError(
-                f"{path} is no identification", f"Its schema must be {SCHEMA}."
+                f"{path} is not an identification", f"Its schema must be {SCHEMA}."
             )
         try:
             return _from_dict(data)
         except (KeyError, TypeError, ValueError, AttributeError) as error:
-            what = f"{path} is no whole identification ({type(error).__name__}: {error})"
+            what = f"{path} is not a complete identification ({type(error).__name__}: {error})"
             raise IdentificationError(what, "Identify again, or give another file.") from None
 
     def save_robot(self, path: str | Path) -> None:
@@ -235,7 +236,7 @@ class Identification(Result):
         Raises an IdentificationError if no physically consistent parameters were identified.
         """
         if self.identified is None:
-            problem = "no full set of parameters was identified"
+            problem = "no complete set of parameters was identified"
             raise IdentificationError(problem, "Identify with physical consistency (--consistent).")
         save_robot(self.identified, path)
 
@@ -265,7 +266,8 @@ def compare(identification: Identification, true_robot: Robot) -> list[Compariso
     value = {p.name: p.nominal for p in parameters}
     if not set(value) <= set(identification.parameter_names):
         raise IdentificationError(
-            "the true arm has other bodies than the identified one", "Compare equal arms."
+            "the true arm has other bodies than the identified one",
+            "Compare arms with the same structure.",
         )
     true = identification.T @ np.array(
         [value.get(name, 0.0) for name in identification.parameter_names]

@@ -253,10 +253,10 @@ class Identifier:
             one, other = (
                 ", ".join(sorted(frozenset().union(*sets))) for sets in (self._recorded, recorded)
             )
-            what = f"one recording holds {one}, another {other}" + ", not at the same joints" * (
+            what = f"one recording contains {one}, another {other}" + ", not at the same joints" * (
                 one == other
             )
-            raise IdentificationError(what, "Identify recordings with equal channels.")
+            raise IdentificationError(what, "Identify recordings with the same channels.")
         return self.accumulator.equations
 
     def _empty(self, recorded: Recorded) -> Accumulator:
@@ -305,7 +305,7 @@ class Identifier:
         blocks = self._ready().snapshot()
         if not blocks.grams:
             raise IdentificationError(
-                f"{self._piece.waiting} samples are not yet enough for an estimate",
+                f"{self._piece.waiting} samples are not sufficient for an estimate",
                 "Wait some seconds, or record longer.",
             )
         if self.equations.summed:

@@ -34,8 +34,8 @@ from elastic_arm.robot import Robot
 PULLED = (*WIDTHS, 1e-2, 1e-3, 1e-4, 1e-5)
 HELD_OUT = "the held-out recordings"
 ALIKE = (
-    f"within its deviations, the fit predicts {HELD_OUT} as well as the description, which may stay"
-    " as it is"
+    f"the description predicts {HELD_OUT} as well as the fit within its standard "
+    "deviations and may stay unchanged"
 )
 # Relative errors of the description that the consistent arm may still take it for, where it
 # predicts badly.
@@ -188,7 +188,7 @@ def validated(
             size = f"{error:.3g} against {described:.3g} {result.units.at(joint, 'Nm')}"
             worse.setdefault(source, []).append(f"{joint} ({side}: {size})")
     notes = [
-        f"{source} is predicted worse than by the description: {', '.join(at)}"
+        f"the prediction of {source} is worse than that of the description: {', '.join(at)}"
         for source, at in worse.items()
     ]
     return result.with_(validation=found, notes=(*result.notes, *notes))
@@ -232,9 +232,7 @@ def _pulled(
             estimates=best.estimates, covariance=best.covariance, noise=best.noise
         )
     if refuted and not alike and ratio > EQUAL:
-        said.append(
-            "no fit near the description is better than it: do not use the identified numbers"
-        )
+        said.append("no fit near the description improves on it: do not use the identified numbers")
     return result.with_(notes=(*result.notes, *said))
 
 
@@ -273,14 +271,14 @@ def _consistent_or_none(
         else [f"the consistent arm predicts {HELD_OUT} worse than the description{where}"]
     )
     return result.with_(
-        identified=None, notes=(*result.notes, ": ".join([*said, "no robot.yaml is written"]))
+        identified=None, notes=(*result.notes, ": ".join([*said, "robot.yaml is not written"]))
     )
 
 
 def _described(joints: Sequence[str], equations: BaseRegression) -> str:
     motors = any(f"{joint}.{ARMATURE}" in equations.names for joint in joints)
-    what = "laws and the motor inertia" if motors else "laws"
+    what = "effects and the motor inertia" if motors else "laws"
     return (
-        f"robot.yaml has the {what} of {', '.join(joints)} as the description has them: with those"
-        " identified, the held-out recordings are predicted worse"
+        f"robot.yaml keeps the described {what} of {', '.join(joints)}: with the "
+        "identified ones, the prediction of the held-out recordings is worse"
     )

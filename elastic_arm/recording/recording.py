@@ -119,7 +119,7 @@ class Recording:
         try:
             for side_name, side in self.measured().items():
                 if not (side.stamp_ns[1:] > side.stamp_ns[:-1]).all():
-                    problem = f"the stamps of {side_name} do not advance"
+                    problem = f"the stamps of {side_name} do not increase"
                     raise RecordingError(problem, "Give every stamp once, in order.")
             samples = replace(join(self.link, self.motor, self.clock), clock=self.clock)
             if self.read_ns is not None:
@@ -138,8 +138,8 @@ class Recording:
             k: replace(side, stamp_ns=side.stamp_ns + by_ns) for k, side in self.sides().items()
         }
         words = (
-            f"{self.source}: the clock was set back: later stamps are taken for {by_ns * 1e-9:.4g}"
-            " s later"
+            f"{self.source}: the clock was set back: later stamps are shifted by "
+            f"{by_ns * 1e-09:.4g} s"
         )
         return replace(self, **sides, notes=(*self.notes, words))
 
@@ -179,7 +179,10 @@ class Recording:
             )
         if tuple(joints) == self.joints:
             return self
-        other = f"{', '.join(called)} are {', '.join(joints)} by their names without what all share"
+        other = (
+            f"{', '.join(called)} match {', '.join(joints)} after removing the common part"
+            " of the names"
+        )
         notes = self.notes if called == list(joints) else (*self.notes, other)
         columns = [self.joints.index(name) for name in called]
         cut: dict[str, Any] = {
@@ -207,7 +210,7 @@ class Recording:
         measured = [side for side in self.measured().values() if len(side)]
         if not measured:
             raise RecordingError(
-                f"{self.source or 'the recording'} holds no samples of the arm",
+                f"{self.source or 'the recording'} contains no samples of the arm",
                 "Record /joint_states or /motor_states, or both.",
             )
         return measured
@@ -221,7 +224,7 @@ def recordings_of(given: object, name: str = "recordings") -> list[Recording]:
     found: list[Recording] = []
     for one in several:
         require_kind(
-            one, Recording, name, RecordingError, "Give what read_recording or simulate returns."
+            one, Recording, name, RecordingError, "Give the result of read_recording or simulate."
         )
         found.append(one)
     return found

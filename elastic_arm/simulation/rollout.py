@@ -72,8 +72,8 @@ def simulate(
     if not hasattr(trajectory, "evaluate"):
         kind = type(trajectory).__name__
         raise SimulationError(
-            f"trajectory is of type {kind}, which is no motion",
-            "Give what load_trajectory returns.",
+            f"trajectory is of type {kind}, which is not a motion",
+            "Give the result of load_trajectory.",
         )
     require_kind(
         settings, SimulationSettings, "settings", SimulationError, "Give SimulationSettings(…)."
@@ -89,7 +89,7 @@ def simulate(
     if seconds * rate > MOST_SAMPLES:
         raise SimulationError(
             f"{seconds:g} s at {rate:g} Hz are more than {MOST_SAMPLES} samples",
-            "Simulate a shorter motion, or fewer samples a second.",
+            "Simulate a shorter motion, or fewer samples per second.",
         )
     t = np.arange(round(seconds * rate) + 1) / rate
     q, dq, ddq = trajectory.evaluate(t)

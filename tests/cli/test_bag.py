@@ -131,7 +131,8 @@ def test_a_dataset_becomes_a_bag_an_episode_and_a_bag_becomes_arrays_and_the_sam
         tmp_path / "bags",
     )
     assert (
-        done.exit_code == 0 and done.stdout.count("1 of 100 rows have holes on the link side") == 2
+        done.exit_code == 0
+        and done.stdout.count("1 of 100 rows have missing values on the link side") == 2
     )
     assert [len(read_recording(tmp_path / "bags" / f"run_{k}").link or ()) for k in (0, 1)] == [
         99,

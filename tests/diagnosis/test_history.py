@@ -226,4 +226,4 @@ def test_a_bag_that_cannot_be_read_is_left_out_and_named(tmp_path: Path) -> None
 def test_a_folder_without_bags_is_refused(tmp_path: Path) -> None:
     """In one line that says what to name."""
     result = CliRunner().invoke(app, ["history", str(tmp_path)])
-    assert result.exit_code == 2 and "holds no .mcap or .db3 file" in result.stderr
+    assert result.exit_code == 2 and "contains no .mcap or .db3 file" in result.stderr

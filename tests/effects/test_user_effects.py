@@ -96,7 +96,7 @@ def test_a_users_file_is_in_the_catalogue_and_an_arm_file_may_name_it(tmp_path: 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("x = 1", "holds no EFFECT"),
+        ("x = 1", "contains no EFFECT"),
         ("EFFECT = 3", "no Effect"),
         ("x = (\n", r"line 1: .*never closed"),
         ("\nimport nowhere_at_all", "line 2: ModuleNotFoundError"),
@@ -107,7 +107,7 @@ def test_a_users_file_is_in_the_catalogue_and_an_arm_file_may_name_it(tmp_path: 
         ),
         (
             OWN.format(id="magnet").replace('p["pull"]', 'p["push"]'),
-            r"line \d+: KeyError: 'push'.*p holds pull",
+            r"line \d+: KeyError: 'push'.*p contains pull",
         ),
         (
             OWN.format(id="magnet").replace("link=", "lnk="),
@@ -164,11 +164,11 @@ def test_an_installed_package_adds_its_effect(monkeypatch: pytest.MonkeyPatch) -
     [
         ({"id": "no id"}, "is no id"),
         ({"formula": ""}, "formula is empty"),
-        ({"sides": ("axle",)}, "sides holds 'axle'"),
+        ({"sides": ("axle",)}, "sides contains 'axle'"),
         ({"sides": ()}, "in no equation"),
-        ({"regime": "sometimes"}, "regime holds 'sometimes'"),
-        ({"lacked_by": ("mod4",)}, "lacked_by holds 'mod4'"),
-        ({"magnitude": ("weight",)}, "magnitude holds 'weight'"),
+        ({"regime": "sometimes"}, "regime contains 'sometimes'"),
+        ({"lacked_by": ("mod4",)}, "lacked_by contains 'mod4'"),
+        ({"magnitude": ("weight",)}, "magnitude contains 'weight'"),
         ({"states": ("size",)}, "two things"),
         ({"choices": (Choice("size", ("a", "b"), "a"),)}, "two things"),
         (

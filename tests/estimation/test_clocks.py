@@ -66,7 +66,7 @@ def test_late_stamps_of_regular_samples_are_not(std: float, velocity: bool) -> N
     regular, irregular = jittered(std)
     clock = Clock.of(recorded(regular, irregular, velocity=velocity))
     assert clock.mode == "regular"
-    assert "taken regularly" in clock.note
+    assert "arrival times of regular samples" in clock.note
 
 
 @pytest.mark.parametrize("late", [1e-3, 2.5e-3])

@@ -223,7 +223,7 @@ def test_random_motions_are_found_where_few_places_are_free(
     (motion,) = random_trajectories(model, limits, 1, rng=np.random.default_rng(0))
     assert limits.use(motion, model).kept
     monkeypatch.setattr(problem, "DRAWN", 0)
-    with pytest.raises(ExcitationError, match="a random motion breaks the limits everywhere"):
+    with pytest.raises(ExcitationError, match="a random motion violates the limits everywhere"):
         random_trajectories(model, limits, 1, rng=np.random.default_rng(0))
 
 

@@ -566,7 +566,7 @@ def test_arguments_that_ros_does_not_take_are_refused_in_a_line(
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["-p", "topics:=['no topic!']"], "'no topic!' is no name of a topic"),
+        (["-p", "topics:=['no topic!']"], "'no topic!' is not a name of a topic"),
         (["-p", "bag:=" + "n" * 300], "File name too long"),
     ],
 )

@@ -231,7 +231,7 @@ def test_wrong_channel_maps_are_refused_by_field(
         ({"topic": "/nowhere"}, "no messages on /nowhere"),
         (
             {"name": "elbow"},
-            "no message on /motor_states names elbow; there are joint_1, joint_2, joint_3",
+            "no message on /motor_states contains elbow; the joints are joint_1, joint_2, joint_3",
         ),
         ({"field": "torque"}, "no numbers in field 'torque'"),
         ({"field": "effort", "index": 7}, "no number 7 in field 'effort'"),

@@ -100,7 +100,9 @@ def test_a_joint_of_the_wrong_sign_is_named(side: str, elastic: bool) -> None:
     (finding,) = contradicted_gravity(recorded(robot, side=side, flipped=[1]), robot)
     words = finding.message
     assert finding.code == "gravity_sign"
-    assert words.startswith(f"{side} side: the torque of joint_2 has the other sign than described")
+    assert words.startswith(
+        f"{side} side: the torque of joint_2 has the opposite sign of the description"
+    )
 
 
 def test_the_parts_of_a_recording_are_judged_together() -> None:
@@ -121,7 +123,7 @@ def test_signs_of_all_torques_and_an_arm_upside_down_are_said_together(which: st
         recorded(robot, gravity, speed=0.3, flipped=range(4) if which == "all signs" else ()), robot
     )
     words = finding.message
-    assert "either all torques have the wrong sign" in words and "hangs upside down" in words
+    assert "either all torques have the wrong sign" in words and "is mounted upside down" in words
 
 
 def test_an_arm_on_a_wall_has_no_torques_of_the_wrong_sign() -> None:
@@ -167,7 +169,7 @@ def test_torques_of_a_wrong_unit_are_named_with_their_factor(factor: float, word
     wrong = replace(recording, link=replace(recording.link, effort=factor * recording.link.effort))
     (finding,) = contradicted_gravity(wrong, robot)
     assert finding.code == "gravity_size" and words in finding.message
-    assert "follows the gravity that the description predicts" in finding.message
+    assert "follows the predicted gravity" in finding.message
 
 
 def test_angles_taken_for_degrees_show_in_gravity() -> None:
@@ -261,7 +263,7 @@ def test_mirrored_joints_of_a_noisy_arm_of_six_are_named(wrong: tuple[int, ...])
             (1.0, 1.0, -1.0, 1.0),
             "angles",
             "mirrored",
-            "the angle of joint_3 has the other sign",
+            "the angle of joint_3 has the opposite sign",
         ),
     ],
 )
@@ -283,7 +285,7 @@ def test_joints_and_channels_that_were_confused_are_named(
 
 
 @pytest.mark.parametrize(
-    ("left", "words"), [(0.0, "holds no gravity"), (0.3, "holds a part only of the gravity")]
+    ("left", "words"), [(0.0, "contains no gravity"), (0.3, "contains only part of the gravity")]
 )
 def test_torques_without_gravity_are_named_with_the_correlation(left: float, words: str) -> None:
     """Where the compensation of the arm's weight was subtracted, wholly or in part."""

@@ -151,7 +151,7 @@ def test_clocks_that_are_apart_are_joined() -> None:
         other.stamp_ns + 10**12,
         np.random.default_rng(0).normal(size=other.position.shape).cumsum(axis=0),
     )
-    assert "not one motion" in cleared(Recording(NAMES, link, reference=strange))[1][0].message
+    assert "no motion" in cleared(Recording(NAMES, link, reference=strange))[1][0].message
 
 
 @pytest.mark.parametrize("late", [0.06, -0.12])

@@ -73,7 +73,7 @@ def test_encoders_that_agree_but_for_the_wind_up_are_not_blamed() -> None:
 def test_a_zero_and_a_ratio_of_encoders_are_named() -> None:
     """An incremental encoder 0.4 rad off, a ratio 0.35 % off: the joint, and by how much."""
     cleared = without_outliers(elastic(0.4))
-    assert any("position of joint_2 are 0.4 rad apart" in note for note in cleared.notes)
+    assert any("position of joint_2 differ by 0.4 rad" in note for note in cleared.notes)
     np.testing.assert_allclose(cleared.motor.position, elastic().motor.position, rtol=0, atol=2e-4)  # type: ignore[union-attr, arg-type]
     (ratio,) = disagreeing(elastic(ratio=1.0035))
     assert ratio.code == "encoder_ratio" and "of joint_2 are 1 times" not in ratio.message

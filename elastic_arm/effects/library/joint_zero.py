@@ -40,8 +40,8 @@ EFFECT = Effect(
     confusions=(
         Confusion(
             "link_inertia_mismatch",
-            "on the last joint, or while the joints beyond it stand still: a turned link is one"
-            " with another centre of mass",
+            "on the last joint, or while the joints beyond it do not move: a turned link "
+            "is one with another centre of mass",
             "motion of the joints beyond: a zero turns all of them, a centre of mass does not",
         ),
         Confusion(

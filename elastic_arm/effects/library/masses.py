@@ -95,7 +95,7 @@ LOAD = Effect(
         ),
         Confusion(
             "payload",
-            "the joints beyond the link stand still",
+            "the joints beyond the link do not move",
             "motion of all joints over a wide range",
         ),
     ),

@@ -49,8 +49,8 @@ EFFECT: Effect = SensorEffect(
     description="Channels that reach the recorder late: filters, buses, other clocks.",
     plain="has its {channels} recorded {delay} late",
     signature=(
-        "The residual follows the rate of what is late: zero where it stands still, largest where"
-        " it changes."
+        "The residual follows the rate of what is late: zero where it does not move, "
+        "largest where it changes."
     ),
     law=law,
     parameters=(

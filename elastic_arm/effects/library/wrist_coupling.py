@@ -61,10 +61,10 @@ EFFECT = Effect(
     searched=False,
     confusions=(
         Confusion(
-            "coulomb_friction", "the joint before stands still", "motion in which both joints turn"
+            "coulomb_friction", "the joint before does not move", "motion in which both joints turn"
         ),
         Confusion(
-            "viscous_friction", "the joint before stands still", "motion in which both joints turn"
+            "viscous_friction", "the joint before does not move", "motion in which both joints turn"
         ),
     ),
 )

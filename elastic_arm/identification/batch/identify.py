@@ -56,12 +56,18 @@ from elastic_arm.robot import Robot, require_robot
 # another motion badly.
 LOOSE = 3.0
 MOTOR_INERTIA = (
-    "the description states no motor inertia: it was identified too (armature; a URDF cannot"
-    " hold it)"
+    "the description states no motor inertia: it was also identified (armature, "
+    "which a URDF cannot represent)"
 )
-BARE = "without a torque, and so without an equation: what it alone would show is not determined"
-UNSEEN = "left out, as it acts at a joint without a torque"
-FELT = "taken as what the joint torque sensors feel (side=link), as no motor torque was recorded"
+BARE = (
+    "no torque was recorded, so there is no equation: parameters visible only in "
+    "these torques are not determined"
+)
+UNSEEN = "excluded, as it acts at a joint without a torque"
+FELT = (
+    "interpreted as friction that the joint torque sensors measure (side=link), "
+    "as no motor torque was recorded"
+)
 
 
 def identify(
@@ -197,7 +203,7 @@ def _estimated(trials: Trials, choice: BatchChoice) -> tuple[Identification, Bat
     notes += (
         []
         if width is None
-        else [described_width(width, "parts of the recordings left out in turn")]
+        else [described_width(width, "cross-validation over parts of the recordings")]
     )
     notes += trials.notes(choice)
     notes += poor_fits(

@@ -54,7 +54,7 @@ ProgressCallback = Callable[[str, float], None]
 ROUNDING = 1e-12
 # Hz up to which first resonances of arms lie: rows of a band that ends there are not averaged.
 RESONANCES = 20.0
-STICKS = "instants at which a joint sticks are left out: its dry friction takes any value there"
+STICKS = "times at which a joint sticks are excluded: its dry friction takes any value there"
 # Standard deviation, as a factor, of the speeds within which friction turns over.
 SPREAD = 10.0
 # Laws whose squared errors differ by this share may be ranked either way by another motion.
@@ -184,9 +184,9 @@ class Trials:
                 if c not in _traced(equations) and c.place not in unasked
             ]:
                 raise IdentificationError(
-                    f"{', '.join(lost)}: no trace in the torques that were recorded",
-                    "Leave the law out, or let it act on the recorded side, as in"
-                    " coulomb_friction:side=link.",
+                    f"{', '.join(lost)}: not visible in the recorded torques",
+                    "Omit the effect, or let it act on the recorded side, as in "
+                    "coulomb_friction:side=link.",
                 )
             made = stage(equations, ends=ends, stuck=not choice.sticking)
             derived.append(made.aligned(equations, derived[0] if derived else None))
@@ -247,8 +247,8 @@ class Trials:
         found = []
         if any(is_dry(instance) for instance in self.effects):
             found.append(
-                f"dry friction turns over within {standstill(choice.sign_speed, self.robot)} of"
-                " standstill"
+                f"dry friction reverses within {standstill(choice.sign_speed, self.robot)} of "
+                "standstill"
             )
         if not choice.sticking:
             found.append(STICKS)

@@ -65,7 +65,7 @@ def followed(recording: Recording) -> Iterator[Finding]:
     rates = [1.0 / float(np.median(np.diff(stamps))) for stamps in (given, t)]
     joints, told = (
         recording.joints,
-        "they were made of the recording; record what the drives were told",
+        "they were computed from the recording; record the commands sent to the drives",
     )
     samples = np.round(lag / float(np.median(np.diff(t))))
     for shift in np.unique(samples[copied]).tolist():
@@ -73,8 +73,8 @@ def followed(recording: Recording) -> Iterator[Finding]:
         which = "themselves" if not shift else f"of {count} {'later' if shift > 0.0 else 'before'}"
         of_shift = copied & (samples == shift)
         off = (
-            f"but for {span_of(1e2 * left[of_shift])} % of their spread, closer than any drive"
-            " follows"
+            f"with deviations of {span_of(100.0 * left[of_shift])} % of their spread, less"
+            " than the tracking error of any drive"
         )
         yield from about(
             joints,
@@ -86,27 +86,20 @@ def followed(recording: Recording) -> Iterator[Finding]:
         )
     if apart.any():
         words = f"{listed(joints, apart)} did not follow the recorded commands"
-        yield warning(
-            "not_followed", words, "look for another joint's command, or one of another controller"
-        )
-    late = f"are {span_of(1e3 * lag[good])} ms behind the commands (delay and drive together)"
-    size = (
-        f"{span_of(gain[good])} times as large and {span_of(1e2 * left[good])} % of their"
-        " spread off"
-    )
+        yield warning("not_followed", words, "check for exchanged joints or another controller")
+    late = f"lag the commands by {span_of(1000.0 * lag[good])} ms (delay and drive together)"
+    size = f"gain {span_of(gain[good])}, deviations {span_of(100.0 * left[good])} % of their spread"
     rate = f"commands come at {rates[0]:.4g} Hz, positions at {rates[1]:.4g} Hz"
     yield from about(
         joints, good, "commands", "positions", f"{late}, {size}; {rate}", severity="note"
     )
     early = good & (lag < -0.5 / rates[1])
-    clocks = "are they stamped by two clocks, or are commands those of the next step?"
+    clocks = "do they have different clocks, or are the commands those of the next step?"
     yield from about(joints, early, "early", "positions", "are ahead of the commands", clocks)
     near = np.abs(np.log(np.abs(gain)[:, None] / np.array(MISTAKEN))).min(axis=1) < np.log(NEAR)
     odd = good & ((gain < 0.0) | near)
     times = f"are {span_of(gain[odd])} times the commands"
-    yield from about(
-        joints, odd, "command_unit", "positions", times, "look at unit and sign of both"
-    )
+    yield from about(joints, odd, "command_unit", "positions", times, "check unit and sign of both")
 
 
 def _lag(given: Array, command: Array, t: Array, angle: Array) -> tuple[float, float, float]:

@@ -170,7 +170,7 @@ def _velocities(name: str, motion: _Compared, joints: Sequence[str]) -> list[Fin
     )
     what, remedy = f"{name} velocity", "check units and signs"
     if scaled.any() and alike:
-        remedy += f", and the unit of the times: the samples come at {1 / motion.step:.3g} Hz"
+        remedy += f", and the unit of the times: the sample rate is {1 / motion.step:.3g} Hz"
     columns, derivative = "check the columns, units and signs", "the derivative of the position"
     findings = about(joints, strange, "velocity", what, f"is not {derivative}", columns)
     degrees: tuple[tuple[NDArray[np.bool_], Severity], ...] = (
@@ -208,14 +208,14 @@ def _stamps(name: str, motion: _Compared) -> list[Finding]:
         if found is None or found.stamps:
             return []
         spread = (
-            f"the stamps spread by {1e6 * usual / rate:.3g} us (std) and the motion does not follow"
-            " them"
+            f"the stamps have jitter of {1000000.0 * usual / rate:.3g} us (std) that the "
+            "motion does not show"
         )
         return [
             warning(
                 "arrival_stamps",
                 f"{name} side: {spread}",
-                "times of arrival, of samples taken regularly",
+                "arrival times of regular samples?",
             )
         ]
     advance, mean, change = _advances(motion.t, motion.q[:, good], motion.v[:, good], 1)
@@ -238,11 +238,11 @@ def _stamps(name: str, motion: _Compared) -> list[Finding]:
     ):  # 0.3 is the correlation of two groups of joints about it
         return []
     size = f"{1e6 * np.sqrt(both) * motion.step:.3g} us (std)"
-    words = f"all joints together are {size} ahead of what their velocities give, or behind"
+    words = f"all joints together lead or lag the integral of their velocities by {size}"
     # 0.1 of the interval: less, a good log's rounding or a late cycle now and then, costs nothing
     # that follows
     severity: Severity = "warning" if np.sqrt(both) > 0.1 else "note"
-    made_up = f"{name} side: the stamps are perfectly regular and made up"
+    made_up = f"{name} side: the stamps are perfectly regular and were generated"
     return [Finding(severity, "made_up_stamps", f"{made_up}: {words}")]
 
 
@@ -251,18 +251,16 @@ def _noiseless(recording: Recording) -> list[Finding]:
     said, joints = list[Finding](), recording.joints
     for name, found in torque_spectra(recording).items():
         what, computed, smooth = f"{name} effort", found.computed, found.low_passed
-        noise = (
-            f"has {span_of(found.level[computed])} dB of noise, less than a converter of 16 bits"
-        )
-        falls = f"not even noise, and falls steeply from {span_of(found.knee[smooth])} Hz on"
-        nothing = f"holds nothing above {span_of(found.end[smooth])} Hz, {falls}"
+        noise = f"has {span_of(found.level[computed])} dB of noise, less than a 16-bit converter"
+        falls = f"no noise, and a steep drop at {span_of(found.knee[smooth])} Hz"
+        nothing = f"has no content above {span_of(found.end[smooth])} Hz, {falls}"
         said += about(
             joints,
             computed,
             "computed_torque",
             what,
             noise,
-            "it is computed, as by a model, not measured",
+            "it is computed, for example by a model, not measured",
         )
         said += about(
             joints, smooth, _SMOOTH, what, nothing, "it was low-passed there, or computed", "note"
@@ -310,14 +308,14 @@ def _backwards(recording: Recording) -> list[Finding]:
         _PARTS
     )  # standard deviations
     found = certain & (work.sum(axis=0) < -np.sqrt(np.mean(effort**2, axis=0)) * lent)
-    words = "takes energy out of the motion, as its friction does"
+    words = "removes energy from the motion in addition to its friction"
     return about(
         joints,
         found,
         "backward_torque",
         "motor effort",
         words,
-        "check its sign, and that of the angle",
+        "check its sign and that of the angle",
     )
 
 
@@ -326,7 +324,10 @@ def _same_arrays(recording: Recording) -> list[Finding]:
     if link is None or motor is None or not np.array_equal(link.stamp_ns, motor.stamp_ns):
         return []
     findings = []
-    for channel, words in (("position", "there is one encoder"), ("effort", "there is one torque")):
+    for channel, words in (
+        ("position", "there is only one encoder"),
+        ("effort", "there is only one torque"),
+    ):
         one, other = link.channels().get(channel), motor.channels().get(channel)
         if one is not None and other is not None:
             # 1e-12 is the span of a difference of two channels that are the same numbers, but for

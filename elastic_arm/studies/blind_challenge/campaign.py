@@ -127,7 +127,7 @@ def create(
     if path.exists():
         known = _read_manifest(path)
         if known["settings"] != plain:
-            raise DiagnosisError(f"{folder} holds another challenge", "Choose another folder")
+            raise DiagnosisError(f"{folder} contains another challenge", "Choose another folder")
         if "truth_sha256" in known:
             return str(known["truth_sha256"])
     catalogue = Catalogue.default().with_files(settings.effects_files)
@@ -199,7 +199,7 @@ def load_manifest(folder: Path) -> dict[str, Any]:
     manifest = _read_manifest(folder / MANIFEST)
     if "truth_sha256" not in manifest or not (folder / SEALED).is_file():
         raise DiagnosisError(
-            f"{folder} holds a challenge that is not complete", "Go on with challenge create"
+            f"{folder} contains a challenge that is not complete", "Go on with challenge create"
         )
     return manifest
 
