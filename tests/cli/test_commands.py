@@ -206,7 +206,7 @@ UNUSABLE: dict[str, str] = {  # a command but for --out -> what its refusal name
     "simulate --sensors perfect": "exact",
     "simulate --trajectory nowhere.yaml": "nowhere.yaml",
     "simulate --effect friction:joint_1:torque=1": "Did you mean",
-    "simulate --effect payload:mass=-5": "or more.",
+    "simulate --effect payload:mass=-5": "at least 0 kg",
     "excite --harmonics 0": "harmonics",
     "excite --harmonics 100000": "harmonics",
     "excite --criterion beauty": "beauty",
@@ -228,7 +228,7 @@ def test_what_makes_no_sense_is_refused_and_nothing_is_begun(tmp_path: Path, com
 
 
 EFFECTS_OF_FILES = {
-    "there is no effect 'columb_fr": {"effect": "columb_friction"},
+    "unknown effect 'columb_fr": {"effect": "columb_friction"},
     "coulomb_friction lacks its parameter torque": {
         "effect": "coulomb_friction",
         "joint": "joint_1",

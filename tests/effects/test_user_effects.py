@@ -115,7 +115,7 @@ def test_a_users_file_is_in_the_catalogue_and_an_arm_file_may_name_it(tmp_path: 
         ),
         (
             OWN.format(id="magnet").replace("motion.at(i, link=", "("),
-            "law of magnet returns no Contribution",
+            "law of magnet does not return a Contribution",
         ),
         (None, "no such file"),
     ],
@@ -162,15 +162,15 @@ def test_an_installed_package_adds_its_effect(monkeypatch: pytest.MonkeyPatch) -
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"id": "no id"}, "is no id"),
+        ({"id": "not a valid id"}, "is not a valid id"),
         ({"formula": ""}, "formula is empty"),
         ({"sides": ("axle",)}, "sides contains 'axle'"),
         ({"sides": ()}, "in no equation"),
         ({"regime": "sometimes"}, "regime contains 'sometimes'"),
         ({"lacked_by": ("mod4",)}, "lacked_by contains 'mod4'"),
         ({"magnitude": ("weight",)}, "magnitude contains 'weight'"),
-        ({"states": ("size",)}, "two things"),
-        ({"choices": (Choice("size", ("a", "b"), "a"),)}, "two things"),
+        ({"states": ("size",)}, "two meanings"),
+        ({"choices": (Choice("size", ("a", "b"), "a"),)}, "two meanings"),
         (
             {"parameters": (Parameter("phase", "rad", -3.0, 3.0, role=Role.PHASE),)},
             "needs exactly one amplitude",
