@@ -47,7 +47,7 @@ class ClosedLoopError:
 class Result:
     """A result with tables, a summary and a figure.
 
-    What draws stands further down the imports, and is found by name when it is first used.
+    The plot functions belong to a later package and are found by name on first use.
     """
 
     _report: ClassVar[
@@ -55,11 +55,11 @@ class Result:
     ]  # module with `overview(result)`, a figure, `head(result)`, HTML, and `summary`
 
     def tables(self) -> dict[str, Sequence[Row]]:
-        """Return its tables by name, as rows; the first one is the most important."""
+        """Return the tables by name, as rows; the first one is the most important."""
         raise NotImplementedError
 
     def summary(self) -> list[str]:
-        """Return what was found as sentences, the most important first."""
+        """Return the result as sentences, the most important first."""
         return list(import_module(self._report).summary(self))
 
     def __repr__(self) -> str:

@@ -64,8 +64,8 @@ def history_command(
     scheduler: Annotated[
         str | None,
         typer.Option(
-            help="Diagnose the recordings one by one on the Dask cluster at this address, which needs "
-            "access to the same files."
+            help="Diagnose the recordings one by one on the Dask cluster at this address, which"
+            " needs access to the same files."
         ),
     ] = None,
     json: options.Json = False,

@@ -115,7 +115,8 @@ def _without_differences(recording: Recording) -> Recording:
             found.append(name)
     if not found:
         return recording
-    words = f"{where}: {' and '.join(found)} velocities are differences of the positions and are not used."
+    sides_found = " and ".join(found)
+    words = f"{where}: {sides_found} velocities are differences of the positions and are not used."
     return replace(
         recording, link=sides["link"], motor=sides["motor"], notes=(*recording.notes, words)
     )

@@ -172,7 +172,7 @@ def load_trajectory(path: str | Path) -> FourierTrajectory:
     Raises
     ------
     ExcitationError
-        If it cannot be read or holds no trajectory; names the field.
+        If it cannot be read or is not a trajectory; names the field.
     """
     remedy = "Write trajectory files with `elastic-arm excite`."
     content = read_fields(path, ExcitationError, remedy)

@@ -77,38 +77,38 @@ class Identification(Result):
     Parameters
     ----------
     robot, model, recordings, joints
-        Names of the nominal arm, of the model, of where the data came from, and of the joints.
+        Names of the nominal arm, the model, the recordings and the joints.
     estimates, covariance
-        Base parameters, and (B, B) theirs.
+        Base parameters, and their covariance (B, B).
     noise
-        Equation -> joint -> std of the residual, Nm, in the band of the derivative stage, for an
-        arm that is taken for rigid that of averages (:data:`.accumulator.AVERAGED`); joints that
-        have it.
+        Equation -> joint -> standard deviation of the residual, Nm, in the band of the derivative
+        stage; for a rigid arm that of averages (:data:`.accumulator.AVERAGED`).
     condition, undetermined
-        Condition number of the weighted, equilibrated regressor; combinations that the data leave
-        open, in words.
+        Condition number of the weighted, equilibrated regressor; descriptions of combinations
+        that the data do not determine.
     samples, derivatives
-        Number of samples used, and how derivatives were made.
+        Number of samples used, and methods of the derivatives.
     excitation
         Judgement of the motion before the fit: condition, poor, reasons, weakest.
     parameter_names, T, Psi
         All parameters, the map to the base parameters (B, P), and physically consistent values of
-        all (P,) with laws beyond the model last; Psi is None where it was not requested.
+        all parameters (P,), those of additional effects last; Psi is None if not requested.
     notes
-        What else the user should know.
+        Further information for the user.
     consistency
-        For Psi: `trust`, the relative error of the nominal that made the recording most probable;
-        `misfit`, by how much of the noise the consistent arm fits worse than the base parameters;
-        `correlation`, by how much more the errors weigh than white ones, as they follow the motion.
+        For Psi: `trust`, the relative error of the nominal arm with the highest likelihood;
+        `misfit`, the additional misfit of the consistent arm relative to the noise;
+        `correlation`, the factor by which errors that follow the motion exceed white ones.
     validation
         Recording -> "nominal", "identified" or "consistent" -> equation -> joint -> rms of the
-        residual, Nm, on data that no fit has seen.
+        residual, Nm, on held-out data.
     identified
         The arm with the parameters of Psi; not part of the JSON file, see :meth:`save_robot`.
     prismatic
-        The joints that slide: N at these for Nm, m for rad.
+        The prismatic joints, which use N for Nm and m for rad.
     closed_loop
-        Of a commanded arm, joint -> error under the recorded commands, as described and as written.
+        For an arm with commands: joint -> error under the recorded commands, for the description
+        and for the written correction.
     """
 
     _report = "elastic_arm.report.identification"
@@ -155,8 +155,8 @@ class Identification(Result):
         return replace(self, **changes)
 
     def tables(self) -> dict[str, Sequence[Row]]:
-        """Return "parameters", and "residuals": root mean squares, of the fit and on data that no
-        fit has seen."""
+        """Return the tables "parameters" and "residuals": root mean squares of the fit and on
+        held-out data."""
         parameters = [{"short": e.short, **asdict(e)} for e in self.estimates]
         sizes = {"fit": {"identified": self.noise}, **(self.validation or {})}
         residuals = [
@@ -173,8 +173,8 @@ class Identification(Result):
         return [(e.name, e.unit, e.value, e.std, e.nominal, e.verdict) for e in self.estimates]
 
     def summary(self) -> list[str]:
-        """Return what was found as sentences: what is known, and how right the identified arm is on
-        other motions."""
+        """Return the result as sentences: determined parameters, and errors of the arm on held-out
+        motions."""
         words = [e.verdict for e in self.estimates]
         counts = f"{words.count('poorly')} poorly, {words.count('not')} not determined"
         found = [f"{words.count('well')} of {len(words)} parameters are well determined, {counts}."]
@@ -192,14 +192,14 @@ class Identification(Result):
         return found
 
     def to_dict(self) -> dict[str, Any]:
-        """Return it as plain data; numbers that are not finite become null."""
+        """Return the result as plain data; numbers that are not finite become null."""
         return {
             "schema": SCHEMA,
             **plain({f: getattr(self, f) for f in self.__dataclass_fields__ if f != "identified"}),
         }
 
     def to_json(self, path: str | Path | None = None) -> str:
-        """Return it as JSON text, and write it to `path` when given.
+        """Return the result as JSON text, and write it to `path` if given.
 
         Raises an IdentificationError if the file cannot be written.
         """
@@ -231,7 +231,7 @@ class Identification(Result):
             raise IdentificationError(what, "Identify again, or give another file.") from None
 
     def save_robot(self, path: str | Path) -> None:
-        """Write the identified arm as an arm file, which `load_robot` and the simulator take.
+        """Write the identified arm as an arm file for `load_robot` and the simulator.
 
         Raises an IdentificationError if no physically consistent parameters were identified.
         """

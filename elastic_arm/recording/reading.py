@@ -109,12 +109,12 @@ def read_recording(
     channels
         A channel map or its file, for bags that use other names, units or signs.
     joints
-        The joints wanted, in robot-description order; by default all, in the order of the URDF in
-        the bag, or else of the numbers in their names.
+        The requested joints in robot-description order; by default all, in the order of the URDF in
+        the bag, or otherwise of the numbers in their names.
     arrival
-        Take the times at which messages were recorded for their stamps.
+        Use the times at which messages were recorded as their stamps.
     namespace
-        Of the arm, where the bag holds several; a channel map names whole topics instead.
+        Namespace of the arm if the bag contains several; a channel map uses full topic names.
 
     Raises
     ------

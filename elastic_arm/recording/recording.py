@@ -39,21 +39,20 @@ class Recording:
     robot_description
         URDF text, None where not recorded.
     source
-        Where it came from: the file or folder, or "simulation".
+        The source: a file or folder, or "simulation".
     notes
-        What a reader had to assume or mend.
+        Assumptions and corrections of the reader.
     clock
-        What stamps mean where the user knows it, "regular" or "stamps"; None where the motion
-        decides.
+        Meaning of the stamps if the user knows it, "regular" or "stamps"; None if inferred from
+        the motion.
     currents
         The torque channels, of "joint_torque" and "motor_torque", that are motor currents times a
         torque constant.
     made_by
-        Joint -> controller that made its motor torque of command and state; the reference then is
-        as the drives take it. Empty where torques were measured.
+        Joint -> controller from which its motor torque was computed; the reference is then the
+        input of the drives. Empty if torques were measured.
     read_ns
-        (M,) stamps at which torques were read that are recorded more often; None where every sample
-        was.
+        (M,) stamps at which torques were read if they are recorded more often; None otherwise.
     """
 
     joints: tuple[str, ...]
@@ -100,7 +99,7 @@ class Recording:
         return {name: side for name, side in named.items() if side is not None}
 
     def measured(self) -> dict[str, Side]:
-        """Return those of the arm itself, by name: not what it was to follow."""
+        """Return the measured sides by name, without the reference."""
         return {name: side for name, side in self.sides().items() if name != "reference"}
 
     @property
@@ -133,7 +132,7 @@ class Recording:
             ) from None
 
     def moved(self, by_ns: int) -> Recording:
-        """Return it at later times."""
+        """Return the recording shifted in time."""
         sides: dict[str, Any] = {
             k: replace(side, stamp_ns=side.stamp_ns + by_ns) for k, side in self.sides().items()
         }
@@ -154,8 +153,7 @@ class Recording:
 
     @staticmethod
     def joined(parts: Sequence[Recording]) -> Recording:
-        """Return parts of one recording, in the order of their times, as one: the channels that all
-        of them have."""
+        """Return consecutive parts of one recording as one, with their common channels."""
         if len(parts) == 1:
             return parts[0]
         sides = {name: [part.sides().get(name) for part in parts] for name in parts[0].sides()}

@@ -66,7 +66,7 @@ class Side:
         return len(self.stamp_ns)
 
     def holding(self) -> Side:
-        """Return it without channels that no joint has."""
+        """Return a copy without channels that no joint has."""
         there = {
             name: values for name, values in self.channels().items() if joints_with(values).any()
         }

@@ -101,16 +101,15 @@ def write_recording(
     Parameters
     ----------
     path
-        Folder to make; must not exist.
+        Folder to create; must not exist.
     recording
-        What to write; log times are the stamps.
+        The recording; log times equal the stamps.
     compression
         "none", "lz4" or "zstd".
     further
-        What to write besides: topic -> a side of the same joints, as sensor_msgs/JointState.
+        Additional topics: topic -> a side of the same joints, as sensor_msgs/JointState.
     drawn
-        The arm that viewers are to show: its URDF takes the place of the recording's, and `/tf`
-        moves its links.
+        The arm for viewers: its URDF replaces that of the recording, and `/tf` moves its links.
 
     Returns
     -------
@@ -120,7 +119,7 @@ def write_recording(
     Raises
     ------
     RecordingError
-        If the folder exists or cannot be written, or the recording is empty or something else.
+        If the folder exists or cannot be written, or the recording is empty or has another type.
     """
     recordings_of(recording, "recording")
     if not isinstance(path, str | Path):

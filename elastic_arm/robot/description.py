@@ -189,7 +189,7 @@ class Robot:
         return self.base_mass + sum(j.link.mass for j in self.joints) + sum(parts)
 
     def carriers(self, i: int) -> tuple[str, str]:
-        """Return the two bodies on which transmission i (from 0) can ride: the one before its joint
+        """Return the two bodies that can carry transmission i (from 0): the one before its joint
         and its link."""
         return ("base", *self.link_names)[i], self.link_names[i]
 
@@ -205,12 +205,13 @@ class Robot:
         return self.with_(joints=joints)
 
     def with_armatures(self) -> Self:
-        """Return a copy whose models hold the inertia of its motors, from zero, where its
-        description states none.
+        """Return a copy whose models include motor inertia, initially zero, if the description
+        states none.
 
-        A description of links alone, like a URDF, has no motor inertia. Geared motors have as much
-        as the links that they move (it counts by the square of the ratio), and all torque that they
-        make has passed it. A single joint has none beside its link's: no motion separates the two.
+        A description of only links, like a URDF, has no motor inertia. The inertia of geared
+        motors at the joint is comparable to that of the links, as it is multiplied by the square
+        of the ratio. An arm with a single joint gets none, because no motion separates it from
+        the inertia of the link.
         """
         if self.n == 1 or self.elastic or all(joint.armature for joint in self.joints):
             return self

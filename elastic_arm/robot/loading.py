@@ -57,19 +57,19 @@ def load_robot(
     ----------
     path
         An arm file (``.yaml``, ``.yml``), a ``.urdf``, an MJCF (``.xml``), or an overlay: YAML that
-        names a ``urdf`` and adds what a URDF cannot hold (``transmissions`` and ``limits`` by
-        joint). The nominal three-joint arm when None.
+        names a ``urdf`` and adds ``transmissions`` and ``limits`` by joint. The nominal
+        three-joint arm if None.
     chain
-        The arm's first and last link as ``base:tip``, for a URDF or MJCF that holds more than the
-        arm.
+        First and last link of the arm as ``base:tip``, for a URDF or MJCF that contains more than
+        the arm.
     at
-        Where joints outside the chain of an MJCF are held: a keyframe, or ``joint=value,…``.
+        Positions of fixed joints outside the chain of an MJCF: a keyframe, or ``joint=value,…``.
 
     Raises
     ------
     RobotError
-        If it cannot be read, or describes no arm that can exist; names file, field, reason and
-        remedy.
+        If it cannot be read, or describes a physically impossible arm; names file, field, reason
+        and remedy.
     """
     if not isinstance(path, str | Path | None):
         raise RobotError(

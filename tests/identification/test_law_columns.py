@@ -44,7 +44,6 @@ def test_a_value_of_what_is_to_be_found_is_refused() -> None:
 
 @pytest.mark.parametrize("law", ["motor_torque_gain", "joint_torque_gain:joint_2"])
 def test_a_torque_gain_is_refused_beside_masses(law: str) -> None:
-    """With its gain left open a torque zero masses explain every torque, with masses of zero: that is no
-    identification."""
+    """With a free torque gain, masses of zero explain every torque, so nothing is identified."""
     with pytest.raises(IdentificationError, match=r"zero masses explain every torque.*--refit"):
         parse_laws([law], ROBOT)

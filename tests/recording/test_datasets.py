@@ -79,7 +79,7 @@ def test_the_episodes_of_a_lerobot_dataset_are_recordings(tmp_path: Path, versio
         again = read_recording(write_recording(tmp_path / f"bag_{k}", run))
         assert_equal(again, run)
     with pytest.raises(
-        RecordingError, match=r"contains 3 runs\. Give the number of one under rows\.value"
+        RecordingError, match=r"contains 3 runs\. Give the number of one run under rows\.value"
     ):
         import_arrays(root, tmp_path / "map.yaml")
     one = draft.to_yaml().replace(
@@ -131,7 +131,7 @@ def test_files_that_name_others_are_refused(tmp_path: Path) -> None:
         file.create_virtual_dataset("q", layout)
         file["linked"] = h5py.ExternalLink(str(tmp_path / "source.h5"), "q")
     for name in ("external", "virtual"):
-        with pytest.raises(RecordingError, match="q lies in other files"):
+        with pytest.raises(RecordingError, match="q is in other files"):
             load_arrays(tmp_path / f"{name}.h5")
     with h5py.File(tmp_path / "virtual.h5", "a") as file:
         del file["q"]
@@ -249,6 +249,6 @@ def test_sides_are_joined_on_request_alone_and_with_a_word(
 
 def test_other_endings_are_refused(tmp_path: Path) -> None:
     """The ending chooses the format."""
-    with pytest.raises(RecordingError, match=r"none of .csv, .npz, .parquet, .h5"):
+    with pytest.raises(RecordingError, match=r"extensions .csv, .npz, .parquet, .h5"):
         export_arrays(two_sided(np.random.default_rng(0), 50), tmp_path / "run.xlsx")
     assert "none of .csv" in refusal("bag", "export", tmp_path, "--out", tmp_path / "run.xlsx")

@@ -83,22 +83,22 @@ def identify(
     Parameters
     ----------
     recordings
-        One or several, with equal channels.
+        One or several recordings with the same channels.
     robot
         The nominal arm.
     settings
-        How; by default with all parameters and no laws.
+        Settings; by default all parameters and no additional effects.
     validate
-        Recordings that no fit may see; the residuals on them are part of the result.
+        Held-out recordings; the result contains the residuals on them.
     progress
-        Called with what is being done and the share that is done.
+        Called with the current stage and its completed share.
 
     Raises
     ------
     IdentificationError
         If the recordings allow no equation, or too few samples.
     RecordingError, RobotError
-        If an argument is something else, or a channel holds numbers of no arm.
+        If an argument has another type, or a channel contains implausible numbers.
     """
     return identify_with(recordings, robot, settings, validate=validate, progress=progress)[0]
 

@@ -70,14 +70,14 @@ class IdentificationSettings:
     model
         mod1, mod2 or mod3.
     effects
-        Laws identified in addition to the model's own parameters and to those that the description
-        states, as text ("coulomb_friction", on every joint) or as
+        Effects identified in addition to the parameters of the model and to the effects in the
+        description, as text ("coulomb_friction", on every joint) or as
         :func:`elastic_arm.effects.text.parse_laws` reads them.
     consistent
-        Also find all parameters, physically consistent and close to the nominal where the data
-        determine nothing.
+        Also estimate all parameters such that they are physically consistent, and close to the
+        nominal ones where the data do not determine them.
     catalogue
-        Where the ids of the description's effects are looked up; the default one when None.
+        Catalogue of the effects in the description; the default one if None.
     """
 
     model: str = "mod3"

@@ -484,8 +484,8 @@ def _coupled(joints: Sequence[str]) -> Iterator[tuple[_Turn, list[_Way]]]:
                 f"a coupled drive ({line}, "
             )
             alone = (
-                f"{words}with the angle under motor and the torque, which belongs to the joint"
-                " itself, under link)"
+                f"{words}with the angle under motor and the torque under link, as it belongs to"
+                " the joint itself)"
             )
             both = f"{words}with angle and torque under motor)"
             same = _Change(np.arange(len(joints)), np.ones(len(joints)))
