@@ -474,7 +474,7 @@ def share_at(found: Diagnosis, joint: str, side: str) -> str:
         return "no significant gap"
     if not found.causes:
         return "gap"
-    return "larger" if percent(share).startswith("-") else f"{percent(share)} gone"
+    return "larger" if percent(share).startswith("-") else f"{percent(share)} removed"
 
 
 def prediction_sentence(found: Diagnosis, prediction: Prediction) -> str:

@@ -169,7 +169,7 @@ def test_tables_are_csv_files_and_a_notebook_shows_the_verdict(tmp_path: Path) -
         files["causes.csv"][1] == "coulomb_friction,joint_2,motor,0.7,0.5,torque,6,0.123456789,Nm"
     )
     assert (
-        "Joint 2 loses 6 Nm of dry friction" in found._repr_html_()
+        "Joint 2 has dry friction of 6 Nm" in found._repr_html_()
         and found.plot()._repr_png_()[1:4] == b"PNG"
     )
 
@@ -195,9 +195,8 @@ def test_what_a_description_states_goes_from_its_number_to_the_one_found() -> No
     one = replace(cause(), stated={"torque": 60.0, "side": "motor"})
     written = replace(one, stated={"torque": 60.0}).to_dict()
     assert (written["from"], written["to"]) == ({"torque": 60.0}, {"torque": 6.0})
-    assert (
-        "loses 6 Nm of dry friction, where the description states torque 60 Nm"
-        in cause_sentence(one, "mod3")
+    assert "has dry friction of 6 Nm, where the description states torque 60 Nm" in cause_sentence(
+        one, "mod3"
     )
     assert cause_size(one) == "torque 60 → 6.00 ± 0.12 Nm"
 
@@ -257,8 +256,7 @@ def test_a_cause_is_a_plain_sentence() -> None:
     name."""
     alone = replace(cause(), alternatives=())
     assert (
-        cause_sentence(alone, "mod3")
-        == "Joint 2 loses 6 Nm of dry friction, which the model lacks."
+        cause_sentence(alone, "mod3") == "Joint 2 has dry friction of 6 Nm, which the model lacks."
     )
     assert (
         "(or viscous_friction on joint_2: the recording does not separate them)"
@@ -297,7 +295,9 @@ def test_a_size_within_its_deviation_of_none_is_not_said_as_known(std: float, wo
         std > 0.06
     )
     stated = replace(cause(torque=ParameterEstimate(0.1, 0.3, "Nm")), stated={"torque": 60.0})
-    assert "loses 0.1 Nm of" in cause_sentence(stated, "mod3")  # 200 deviations from what is stated
+    assert "has dry friction of 0.1 Nm" in cause_sentence(
+        stated, "mod3"
+    )  # 200 deviations from what is stated
     sizes = {
         "mass": ParameterEstimate(1.0, 0.1, "kg"),
         "position": ParameterEstimate([0.06, 0.0, 0.0], [0.3] * 3, "m"),
@@ -328,7 +328,7 @@ def test_the_summary_says_what_the_arm_has_and_how_right_the_model_is_then() -> 
     that is gone."""
     first, last = summary(diagnosis(cause()))
     assert (
-        first.startswith("explained: Joint 2 loses 6 Nm of dry friction")
+        first.startswith("explained: Joint 2 has dry friction of 6 Nm")
         and "error on another motion" in last
     )
     assert "0.4 Nm at joint_2 (motor side, noise 0.1 Nm), where it exceeds the noise most;" in last
@@ -445,7 +445,7 @@ def test_a_joint_that_moves_worse_is_said_first_and_not_explained(tmp_path: Path
     assert "joint_2 to 102 mrad (30.8 mrad with the description)" in first
     assert "joint_3 without limit (no simulator accepts these numbers)" in first
     assert "The correction of joint_2 and joint_3 is not written" in first
-    assert second.startswith("Joint 2 loses 6 Nm of dry friction, which the model lacks")
+    assert second.startswith("Joint 2 has dry friction of 6 Nm, which the model lacks")
     written = found.to_dict()
     assert written["closed_loop"]["joint_1"] == {
         "described": 0.03,

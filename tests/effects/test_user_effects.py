@@ -97,10 +97,10 @@ def test_a_users_file_is_in_the_catalogue_and_an_arm_file_may_name_it(tmp_path: 
     ("text", "message"),
     [
         ("x = 1", "contains no EFFECT"),
-        ("EFFECT = 3", "no Effect"),
+        ("EFFECT = 3", "not an Effect"),
         ("x = (\n", r"line 1: .*never closed"),
         ("\nimport nowhere_at_all", "line 2: ModuleNotFoundError"),
-        (OWN.format(id="payload"), "'payload' is taken"),
+        (OWN.format(id="payload"), "'payload' belongs to another"),
         (
             OWN.format(id="magnet").replace("0.0, 10.0", "10.0, 0.0"),
             r"line \d+: parameter pull: its range is 10 to 0",

@@ -251,7 +251,7 @@ def test_limits_that_no_motion_meets_are_named(
 @pytest.mark.parametrize(
     ("options", "problem"),
     [
-        ({"criterion": "beauty"}, "no criterion 'beauty'"),
+        ({"criterion": "beauty"}, "unknown criterion 'beauty'"),
         ({"evaluations": 0}, "0 evaluations"),
         ({"random": 0}, "0 random motions"),
         ({"columns": ()}, "no base parameters"),

@@ -35,7 +35,7 @@ def test_a_value_of_what_is_to_be_found_is_refused() -> None:
     angle, is taken."""
     with pytest.raises(
         IdentificationError,
-        match=r"torque is what identification finds.*Omit it: .*:joint_2\.",
+        match=r"identification estimates torque.*Omit it: .*:joint_2\.",
     ):
         parse_laws(["coulomb_friction:joint_2:torque=3"], ROBOT)
     (spring,) = parse_laws(["joint_spring:joint_2:rest=0.3"], ROBOT)

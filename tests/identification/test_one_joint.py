@@ -195,7 +195,7 @@ def test_motion_in_one_direction_tells_no_zero_from_dry_friction(
     """Neither is called well determined, and the reason is said; a motion that reverses has
     neither."""
     one_way = found(pendulum(1.0), swung(1, steady=steady, zero=0.5), laws=laws)
-    assert any("j turned in one direction only" in note for note in one_way.notes)
+    assert any("j turned in only one direction" in note for note in one_way.notes)
     assert {e.verdict for e in one_way.estimates if "coulomb" in e.name or "offset" in e.name} <= {
         "poorly",
         "not",

@@ -75,7 +75,7 @@ def test_equations_that_close_to_rounding_decide_nothing(arm: Robot) -> None:
             arm,
             IdentificationSettings(effects=laws, consistent=False),
         )
-    assert any("turns over within 0.005 rad/s" in note for note in found.notes), found.notes
+    assert any("reverses within 0.005 rad/s" in note for note in found.notes), found.notes
 
 
 def test_speeds_of_joints_that_slide_are_in_metres(arm: Robot) -> None:

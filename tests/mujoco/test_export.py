@@ -181,7 +181,9 @@ def test_unphysical_numbers_are_refused(base: Path) -> None:
         0.2, np.zeros(3), 1e-3 * np.eye(3)
     )  # less than the cover that stands on the link
     joints = (replace(robot.joints[0], link=light), *robot.joints[1:])
-    with pytest.raises(RobotError, match="leaves body 'link1' no physical inertia"):
+    with pytest.raises(
+        RobotError, match="leave body 'link1' without a physically possible inertia"
+    ):
         export_mjcf(robot.with_(joints=joints), base, base.parent / "fixed.xml")
     assert not (base.parent / "fixed.xml").exists()
 

@@ -242,17 +242,17 @@ ABSURD_STREAMS = {
     "of 68 years": (
         NOW_S * 10**9,
         [point(0.0, ZEROS), point(2.0**31 - 1, ZEROS)],
-        "streams 2.15e.09 s of points",
+        "streams points over 2.15e.09 s",
     ),
     "of three hours": (
         NOW_S * 10**9,
         [point(0.0, ZEROS), point(10800.0, ZEROS)],
-        "streams 1.08e.04 s of points",
+        "streams points over 1.08e.04 s",
     ),
     "from 1970 to now": (
         10**9,
         [point(0.0, ZEROS), point(NOW_S, ZEROS)],
-        "streams 1.7e.09 s of points",
+        "streams points over 1.7e.09 s",
     ),
     "in 2038": (LAST, [point(0.0, ZEROS)], "due 4.47e.08 s from now"),
     "faster than any arm": (

@@ -334,7 +334,7 @@ def test_effects_are_set_and_cleared_while_the_arm_runs(graph: Graph) -> None:
         request = SetParameters.Request(parameters=[RosParameter(name="effects", value=value)])
         results += graph.call(SetParameters, "/simulator/set_parameters", request).results
     assert [result.successful for result in results] == [True, True, False], results
-    assert "no list of texts" in results[2].reason
+    assert "not a list of texts" in results[2].reason
     graph.until(lambda: "effects: none" in simulator.output, "it is reported")
     assert simulator.output.index(f"effects: {friction}") < simulator.output.index("effects: none")
 
@@ -466,7 +466,7 @@ def test_the_identifier_obeys_its_services(graph: Graph, run: Run) -> None:
     status = graph.status("identifier")
     graph.start("identifier", save_to=graph.folder / "saved")
     graph.until(
-        lambda: "nothing on /joint_states" in status.get("said", ""), "a silent arm is reported"
+        lambda: "no messages on /joint_states" in status.get("said", ""), "a silent arm is reported"
     )
     graph.start("replayer", bag=run.bag, topics="['/joint_states', '/motor_states']", rate=4.0)
     graph.until(lambda: int(status.get("samples used", 0)) > 4000, "samples are used")

@@ -165,7 +165,7 @@ def test_numbers_one_a_line_are_asked_for_their_layout(tmp_path: Path) -> None:
     with pytest.raises(RecordingError) as caught:
         imported(tmp_path / "run", "abc", 100.0, link={"position": {"key": "q"}})
     assert (
-        "If it contains 3 numbers a sample one after the other, add flat: true"
+        "If it contains 3 numbers per sample one after the other, add flat: true"
         in caught.value.remedy
     )
 
@@ -267,8 +267,7 @@ def test_a_share_of_a_torque_is_no_torque(tmp_path: Path, name: str) -> None:
         imported(tmp_path / "run.csv", "a", "t", link=link, motor={"effort": {"key": name}})
     draft = guess_mapping(load_arrays(tmp_path / "run.csv"), ["a"])
     assert (
-        draft.missing == ["motor.effort.factor"]
-        and f"how many Nm are one {word}" in draft.to_yaml()
+        draft.missing == ["motor.effort.factor"] and f"number of Nm per {word}" in draft.to_yaml()
     )
     (tmp_path / "map.yaml").write_text(draft.to_yaml())
     with pytest.raises(RecordingError, match=r"motor\.effort\.factor"):

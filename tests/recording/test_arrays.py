@@ -120,7 +120,7 @@ def test_a_force_beside_currents_has_no_constant(tmp_path: Path) -> None:
         ({"joints": ["a", "a"]}, "duplicate name"),
         (
             {"link": {"position": {"key": "q", "columns": [0]}}},
-            "q has shape (50, 1); 50 samples of 2 joints",
+            "q has shape (50, 1); expected 50 samples of 2 joints",
         ),
         ({"link": {"position": {"key": "junk"}}, "ignore": ["q"]}, "junk has shape"),
         ({"times": {}}, "give either a key or a rate"),
@@ -173,7 +173,7 @@ def test_bad_arrays_are_refused(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match="cannot be read"):
         import_arrays(tmp_path / "pickle.npz", mapping)
     np.savez(tmp_path / "words.npz", **{**make_arrays(), "q": np.array([["a", "b"]] * 50)})
-    with pytest.raises(RecordingError, match="no table of numbers"):
+    with pytest.raises(RecordingError, match="not a table of numbers"):
         import_arrays(tmp_path / "words.npz", mapping)
     (tmp_path / "a.xlsx").write_bytes(b"")
     with pytest.raises(RecordingError, match=r"none of \.csv, \.txt"):

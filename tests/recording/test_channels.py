@@ -292,7 +292,7 @@ def test_a_channel_map_has_the_same_coupling() -> None:
 
 @pytest.mark.parametrize(
     ("coupling", "words"),
-    [({"d": {"a": 1.0}}, "no joint d"), ({"b": {"e": 1.0}}, "no joint e"), ({"b": {"a": 1.0}}, "cannot move"),
+    [({"d": {"a": 1.0}}, "unknown joint d"), ({"b": {"e": 1.0}}, "unknown joint e"), ({"b": {"a": 1.0}}, "cannot move"),
      ({"b": {"b": float("nan")}}, "not finite")],
 )  # fmt: skip
 def test_what_is_no_coupling_is_refused(

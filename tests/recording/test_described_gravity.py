@@ -132,7 +132,7 @@ def test_an_arm_on_a_wall_has_no_torques_of_the_wrong_sign() -> None:
     robot = arm()
     recording = recorded(robot, np.array([0.0, 9.81, 0.0]))
     (finding,) = contradicted_gravity(recording, robot)
-    assert finding.code == "mounting" and "where the description has 0 0 -9.81" in finding.message
+    assert finding.code == "mounting" and "but the description has 0 0 -9.81" in finding.message
 
 
 def test_little_is_concluded_from_little() -> None:
@@ -250,13 +250,13 @@ def test_mirrored_joints_of_a_noisy_arm_of_six_are_named(wrong: tuple[int, ...])
             "exchanged",
             "all channels of joint_1 and joint_4 seem to be exchanged",
         ),
-        ((3, 2, 1, 0), ONES, "all", "exchanged", "all channels are in the reversed order"),
+        ((3, 2, 1, 0), ONES, "all", "exchanged", "all channels are in reversed joint order"),
         (
             (0, 1, 2, 3),
             (1.0, 1.0, -1.0, 1.0),
             "all",
             "mirrored",
-            "joint_3 turns the other way than described",
+            "joint_3 turns in the opposite direction of the description",
         ),
         (
             (0, 1, 2, 3),
@@ -340,7 +340,7 @@ def test_a_joint_whose_zero_is_elsewhere_is_named_with_the_angle(
 
     (finding,) = found(joint)
     assert finding.code == "other_zero" and f"the zero of joint_{joint + 1}" in finding.message
-    offset, _, std = finding.message.partition("lie ")[2].split()[:3]
+    offset, _, std = finding.message.partition("differ by ")[2].split()[:3]
     assert abs(float(offset) - 0.08) < 4.0 * float(std) < 0.02
     assert found(3) == []
 
@@ -358,5 +358,8 @@ def test_no_arm_is_written_by_channels_that_are_not_what_they_are_taken_for(tmp_
         )
         assert told.exit_code == 0
         assert (tmp_path / f"{name}_o" / "robot.yaml").exists() == (name == "right")
-        said = "no corrected file:" in told.output and "joint_3 turns the other way" in told.output
+        said = (
+            "no corrected file:" in told.output
+            and "joint_3 turns in the opposite direction" in told.output
+        )
         assert said == (name == "wrong")

@@ -104,7 +104,7 @@ def test_a_torque_that_follows_the_velocity_is_no_velocity() -> None:
     assert not any(
         guess.side == "motor" and guess.channel == "velocity" for guess in draft.channels
     )
-    assert draft.ignored == (("motor", "motor effort too; torque was chosen"),)
+    assert draft.ignored == (("motor", "also a candidate for motor effort; torque was chosen"),)
 
 
 def test_what_is_called_a_velocity_and_is_none_is_left_out_with_the_reason() -> None:
@@ -207,7 +207,7 @@ def test_arrays_of_other_joints_or_without_a_sample_are_refused() -> None:
         guess_mapping({"time": T, "q": Q}, [f"joint_{k}" for k in range(7)])
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        with pytest.raises(RecordingError, match="no array holds"):
+        with pytest.raises(RecordingError, match="no array contains"):
             guess_mapping({"t": np.empty(0), "q": np.empty((0, 2))}, JOINTS)
 
 

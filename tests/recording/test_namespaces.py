@@ -55,7 +55,7 @@ def test_of_several_arms_one_is_chosen_by_its_namespace(tmp_path: Path, wanted: 
     recording = read_recording(bag, namespace=wanted)
     np.testing.assert_array_equal(recording.link.position, angles(tmp_path, 1))
     with pytest.raises(
-        RecordingError, match=r"no arm in the namespace /middle\. There are: /left, /right"
+        RecordingError, match=r"no arm in the namespace /middle\. The namespaces are: /left, /right"
     ):
         read_recording(bag, namespace="middle")
 

@@ -128,7 +128,7 @@ def test_freezes_are_found_with_their_times() -> None:
             in finding.message
         )
     later = replace(icy, motor=replace(icy.motor, stamp_ns=icy.motor.stamp_ns + 100_000))
-    assert [finding.message.split(" stay")[0] for finding in frozen(later)] == [
+    assert [finding.message.split(" are unchanged")[0] for finding in frozen(later)] == [
         "all channels of the link side"
     ]
     assert frozen(whole) == []

@@ -32,9 +32,7 @@ def test_of_a_rigid_arm_the_encoders_of_the_motors_are_used_and_the_lag_is_state
     """Their zero is no lag; and nothing is left of a link side that no joint needs."""
     found = by_motor_encoders(recorded(), RIGID)
     assert found.link is None
-    assert (
-        "joint_1, joint_2: " in found.notes[-1] and "which are 3 ms behind them" in found.notes[-1]
-    )
+    assert "joint_1, joint_2: " in found.notes[-1] and "which lag them by 3 ms" in found.notes[-1]
 
 
 def test_link_encoders_stay_where_they_are_needed() -> None:

@@ -301,7 +301,7 @@ def test_files_of_an_earlier_diagnosis_do_not_stay(two_causes: Diagnosis, tmp_pa
 def test_help_says_what_is_written_and_how_it_ends() -> None:
     """`diagnose --help` names the files, the exit status and every option of the contract."""
     words = " ".join(re.sub(r"[│╭╮╰╯─]", " ", run("diagnose", "--help").output).split())
-    for word in ("diagnosis.json", "report.html", "robot.yaml", SEPARATING, "Exit status 0", "--validate", "--model",
+    for word in ("diagnosis.json", "report.html", "robot.yaml", SEPARATING, "exit status", "--validate", "--model",
                  "--robot", "--channels", "--with", "--refit", "--out", "--priors", "--against",
                  "--json", "--no-propose"):  # fmt: skip
         assert word in words

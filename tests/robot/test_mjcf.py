@@ -217,7 +217,7 @@ def test_what_no_serial_arm_has_is_refused_by_name(
 @pytest.mark.parametrize(
     ("chain", "at", "words"),
     [
-        ("link1:link9", None, "no body 'link9'.*link"),
+        ("link1:link9", None, "unknown body 'link9'.*link"),
         ("link4:link1", None, "is not a descendant of"),
         (None, "elbow=1", "cannot read 'elbow=1'.*open"),
         (None, "joint1=x", "cannot read"),
@@ -275,7 +275,7 @@ HOSTILE = {
         "j",
         "",
         '<asset><hfield name="h" nrow="60000" ncol="60000" size="1 1 1 1"/></asset>',
-        "refuses",
+        "rejects",
     ),
     "two billion keyframes": ("j", "", '<size nkey="2000000000"/>', "s of processor"),
     "copies without end": (
@@ -290,7 +290,7 @@ HOSTILE = {
         "",
         "100 joints|101 joints",
     ),
-    "half a character": ("&#xd800;", "", "", "no UTF-8 text"),
+    "half a character": ("&#xd800;", "", "", "not valid UTF-8"),
 }
 
 
@@ -429,7 +429,7 @@ def test_friction_of_a_dc_motor_is_friction_of_its_joint(tmp_path: Path) -> None
     )
     notes = load_robot(two_joints(tmp_path, actuator=electrical)).notes
     assert any(
-        "inductance, limit of the voltage, thermal resistance of actuator m: left out" in one
+        "inductance, limit of the voltage, thermal resistance of actuator m: ignored" in one
         for one in notes
     )
 

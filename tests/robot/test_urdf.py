@@ -224,7 +224,7 @@ def test_continuous_joints_and_unstated_limits_are_said() -> None:
     assert robot.joints[1].limits.velocity is None
     assert robot.joints[1].limits.torque is None
     assert any("'one' is continuous" in note for note in robot.notes)
-    assert any("'two' states the velocity limit 0" in note for note in robot.notes)
+    assert any("'two' has the velocity limit 0" in note for note in robot.notes)
 
 
 def test_a_link_without_inertial_counts_as_massless_and_is_said() -> None:
@@ -278,7 +278,9 @@ def test_an_inertia_that_a_body_just_cannot_have_is_made_one() -> None:
     moments = np.linalg.eigvalsh(robot.joints[0].link.inertia)
     assert moments[2] * (1 + 1e-6) < moments[0] + moments[1] < moments[2] * (1 + 1e-3)
     assert moments == pytest.approx([0.03, 0.04, 0.072], rel=0.05)
-    assert [note for note in robot.notes if "link 'a': no body has its inertia" in note]
+    assert [
+        note for note in robot.notes if "link 'a': its inertia is physically impossible" in note
+    ]
 
 
 def test_what_rests_may_state_any_inertia() -> None:
@@ -339,7 +341,7 @@ def test_a_chain_leaves_out_other_branches_and_keeps_gravity() -> None:
 
 @pytest.mark.parametrize(
     ("chain", "problem"),
-    [(("foot", "no"), "no link 'no'"), (("b", "a"), "'a' is not a descendant of 'b'")],
+    [(("foot", "no"), "unknown link 'no'"), (("b", "a"), "'a' is not a descendant of 'b'")],
 )
 def test_a_chain_that_is_no_path_is_refused(chain: tuple[str, str], problem: str) -> None:
     """Links that are not there, or not one on the other, make no arm."""

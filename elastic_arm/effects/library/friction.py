@@ -41,7 +41,7 @@ VISCOUS = friction(
     lambda w, sign, p: p["coefficient"] * w,
     formula="F_v w",
     description=("Friction proportional to the velocity of its side: grease, oil, seals."),
-    plain="loses {coefficient} of friction that grows with its speed",
+    plain="has viscous friction of {coefficient}",
     signature=(
         "The residual is a straight line through zero over velocity, largest where the joint is"
         " fastest."
@@ -62,7 +62,7 @@ COULOMB = friction(
     lambda w, sign, p: p["torque"] * sign,
     formula="F_c sign(w)",
     description="Dry friction: a constant torque against the motion of its side.",
-    plain="loses {torque} of dry friction",
+    plain="has dry friction of {torque}",
     signature=(
         "The residual jumps by twice the torque at every reversal of velocity and is flat in"
         " between."
@@ -117,7 +117,7 @@ DEGRESSIVE = friction(
         "Viscous friction that saturates with speed: shear-thinning lubricant, such "
         "as grease in a gear."
     ),
-    plain="loses up to {torque} of friction that saturates above {speed}",
+    plain="has up to {torque} of friction that saturates above {speed}",
     signature="The residual rises with velocity near standstill and is flat far above the speed v.",
     parameters=(
         amount("torque", "Nm", 0.1, 100.0, "F, at high speed"),

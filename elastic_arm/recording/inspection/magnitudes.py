@@ -60,7 +60,7 @@ def of_no_arm(recording: Recording) -> list[Finding]:
             speed = np.nan_to_num(np.sqrt(np.mean(speeds**2, axis=0)))
             fast = speed > FASTEST_JOINT
             words = (
-                f"has a speed of {span_of(speed[fast])} rad/s (root mean square), above the "
+                f"reaches {span_of(speed[fast])} rad/s (root mean square), above the "
                 f"{FASTEST_JOINT:g} rad/s of any arm"
             )
             remedy = (
@@ -77,7 +77,7 @@ def of_no_arm(recording: Recording) -> list[Finding]:
                 ),
             ):
                 words = (
-                    f"has a size of {span_of(size[odd])} Nm (root mean square), outside the range "
+                    f"is {span_of(size[odd])} Nm (root mean square), outside the range "
                     f"of any arm, {WEAKEST:g} to {STRONGEST:g} Nm"
                 )
                 findings += about(joints, odd, "no_arm", f"{name} effort", words, hint)
