@@ -11,6 +11,7 @@ from elastic_arm.diagnosis.context import DiagnosisContext
 from elastic_arm.diagnosis.next_motion import DECISIVE
 from elastic_arm.diagnosis.result import SEPARATING, Cause, Diagnosis, Imperfection
 from elastic_arm.diagnosis.words import (
+    REPEATED_MOTION,
     alone_text,
     cause_size,
     change_text,
@@ -187,11 +188,9 @@ def _where(found: Diagnosis) -> list[Block]:
     blocks: list[Block] = [Text(text)]
     if found.causes and found.shrink is not None:
         low, high = found.shrink_interval or (np.nan, np.nan)
-        taken = (
-            f"reduce the gap by {percent(found.shrink)} (95 % interval {percent(low)} to "
-            f"{percent(high)})"
-        )
-        taken = "increase the total gap" if taken.startswith("take -") else taken
+        share = percent(found.shrink)
+        taken = f"reduce the gap by {share} (95 % interval {percent(low)} to {percent(high)})"
+        taken = "increase the total gap" if share.startswith("-") else taken
         what = (
             f"All causes together {taken}, measured as power above the sensor noise on the judging"
             " recordings."
@@ -396,7 +395,7 @@ def _grounds(found: Diagnosis) -> list[Block]:
     return [
         Text(text),
         Text(f"Trust in the description: {trust_text(found.trust)}."),
-        *(Text(note, "warn" if "not an independent" in note else "plain") for note in found.notes),
+        *(Text(note, "warn" if note == REPEATED_MOTION else "plain") for note in found.notes),
     ]
 
 
