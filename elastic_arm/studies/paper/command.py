@@ -26,11 +26,11 @@ def paper(
     folder: Annotated[
         Path, typer.Option("--out", help="Folder for report.html, CSV and JSON.")
     ] = Path("paper"),
-    quick: Annotated[bool, typer.Option(help="Less of everything, in a minute.")] = False,
+    quick: Annotated[bool, typer.Option(help="Run a reduced study, in a minute.")] = False,
     workers: Annotated[
-        int, typer.Option(min=1, help="Processes for the prototype's runs.")
+        int, typer.Option(min=1, help="Number of processes for the prototype.")
     ] = os.cpu_count() or 1,
-    seed: Annotated[int, typer.Option(min=0, help="Of noise and searches.")] = 1,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of noise and searches.")] = 1,
     json: Annotated[
         bool, typer.Option("--json", help="Print the claims as JSON, for scripts.")
     ] = False,
