@@ -69,8 +69,8 @@ def _sampled(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     require(
         np.isfinite(rate) and rate > 0.0,
-        f"{rate:g} set-points a second are asked for",
-        "Ask for some",
+        f"{rate:g} set-points per second are requested",
+        "Request at least one",
     )
     t = np.linspace(0.0, trajectory.duration, 1 + round(rate * trajectory.duration))
     return t, *trajectory.evaluate(t)
