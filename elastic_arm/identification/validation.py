@@ -277,7 +277,7 @@ def _consistent_or_none(
 
 def _described(joints: Sequence[str], equations: BaseRegression) -> str:
     motors = any(f"{joint}.{ARMATURE}" in equations.names for joint in joints)
-    what = "effects and the motor inertia" if motors else "laws"
+    what = "effects and the motor inertia" if motors else "effects"
     return (
         f"robot.yaml keeps the described {what} of {', '.join(joints)}: with the "
         "identified ones, the prediction of the held-out recordings is worse"
