@@ -326,8 +326,8 @@ def joined(first: Samples, second: Samples) -> Samples:
 
 
 _MEANING: dict[Mode, str] = {
-    "stamps": "the stamps are true sample times",
-    "regular": "the samples are regular, with stamps that deviate",
+    "stamps": "the stamps are used as sample times",
+    "regular": "regular sample times are used instead of the stamps",
 }
 
 

@@ -89,7 +89,7 @@ def test_a_users_file_is_in_the_catalogue_and_an_arm_file_may_name_it(tmp_path: 
     carrying = arm.with_(effects=(instance.to_dict(),))
     assert robot_effects(carrying, catalogue) == (instance,)
     assert "magnet" not in Catalogue.default()
-    with pytest.raises(EffectError, match="no effect 'magnet'"):
+    with pytest.raises(EffectError, match="unknown effect 'magnet'"):
         robot_effects(carrying)
 
 

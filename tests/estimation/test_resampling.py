@@ -41,7 +41,7 @@ def test_a_regular_recording_is_its_own_grid() -> None:
     np.testing.assert_allclose(grid.q, taken.q, atol=1e-12)
 
 
-@pytest.mark.parametrize(("unit", "words"), [(1e3, "not sufficient"), (1e-3, "too many")])
+@pytest.mark.parametrize(("unit", "words"), [(1e3, "too few"), (1e-3, "too many")])
 def test_times_in_another_unit_are_refused(unit: float, words: str) -> None:
     """Milliseconds taken for seconds, or the reverse, give a rate at which no arm is recorded:
     asked is the unit."""

@@ -233,7 +233,7 @@ def test_limits_that_no_motion_meets_are_named(
 ) -> None:
     """With 5 Nm no pose of this arm can be held: the error says which joint asks for how much."""
     with pytest.raises(
-        ExcitationError, match=r"at best the torque of joint_2 reaches \d+ % of its limit"
+        ExcitationError, match=r"the best one: the torque of joint_2 reaches \d+ % of its limit"
     ):
         optimise(
             mod3,
