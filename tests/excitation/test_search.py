@@ -243,7 +243,7 @@ def test_limits_that_no_motion_meets_are_named(
             evaluations=20,
             random=2,
         )
-    with pytest.raises(ExcitationError, match=r"mm (of|into) the floor"):
+    with pytest.raises(ExcitationError, match=r"mm of the floor|penetrates the floor"):
         high = MotionLimits.of(arm, workspace=Workspace.of(arm, floor=3.0))
         optimise(mod3, high, columns, rng=np.random.default_rng(0), evaluations=20, random=2)
 
