@@ -155,7 +155,7 @@ def _controllers(robot: Robot) -> list[str]:
             limit = (
                 [] if drive.torque is None else [f"at most {drive.torque:.4g} {joint.unit('Nm')}"]
             )
-            late = [f"delay {1000.0 * drive.delay:.4g} ms"] if drive.delay else []
+            late = [f"delay {1e3 * drive.delay:.4g} ms"] if drive.delay else []
             fed = [] if drive.feedforward == "none" else [f"feed-forward: {drive.feedforward}"]
             found.append(
                 f"controller of {joint.name}: {drive.mode},"

@@ -211,8 +211,8 @@ def _print_result(
     out.print(_limit_table(result, model.robot.units))
     for name, gap in result.use.gaps():
         out.print(
-            f"smallest distance to {escape(name)}: {1000.0 * gap:.0f} mm (margin "
-            f"{1000.0 * limits.margin:g} mm)"
+            f"smallest distance to {escape(name)}: {1e3 * gap:.0f} mm (margin "
+            f"{1e3 * limits.margin:g} mm)"
         )
     for sentence in limits.assumed:
         out.print(f"[cyan]note:[/] {escape(sentence)}", soft_wrap=True)

@@ -176,7 +176,7 @@ def _left(
     far = f"{FARTHEST:g} {units.at(joint, 'rad')}"
     return (
         f"driven by the measured torque, {what} deviates by more than {far} within "
-        f"{1000.0 * horizons[k]:g} ms ({joint}, {side}), for example because most of the "
+        f"{1e3 * horizons[k]:g} ms ({joint}, {side}), for example because most of the "
         "torque is friction that the model lacks, or because an inertia is far too small"
     )
 

@@ -138,8 +138,8 @@ def _one_clock(recording: Recording) -> Recording:
         mended = _restamped(recording, link, total)
     note = (
         f"{recording.source or 'the recording'}: the clocks of link and motor side drift apart"
-        f" by {1000000.0 * total:.3g} us per second, "
-        f"{1000.0 * abs(total) * recording.duration:.3g} ms in total: corrected with the "
+        f" by {1e6 * total:.3g} us per second, "
+        f"{1e3 * abs(total) * recording.duration:.3g} ms in total: corrected with the "
         "motion of all joints."
     )
     return replace(mended, notes=(*recording.notes, note))

@@ -134,7 +134,7 @@ def _default() -> Catalogue:
 
 def _of_entry_point(point: EntryPoint) -> Effect:
     remedy = (
-        f"Uninstall the package {(point.dist.name if point.dist else point.value)}, or correct it."
+        f"Uninstall the package {point.dist.name if point.dist else point.value}, or correct it."
     )
     try:
         effect = point.load()

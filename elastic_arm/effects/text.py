@@ -119,7 +119,7 @@ def parse_laws(
         if stated := [p.name for p in linear if p.name in written.values]:
             raise IdentificationError(
                 f"{effect.id}: identification estimates {', '.join(stated)}, so it cannot be given",
-                f"Omit it: {effect.id}{(f':{written.joint}' if written.joint else '')}.",
+                f"Omit it: {effect.id}{f':{written.joint}' if written.joint else ''}.",
             )
         neutral = {
             p.name: [p.neutral or 0.0] * p.size if p.size > 1 else p.neutral or 0.0 for p in linear

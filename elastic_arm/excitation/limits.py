@@ -230,10 +230,9 @@ class LimitUse:
             index - len(self.kinds)
         ]
         if gap < 0.0:
-            return f"a link penetrates {what} by {-1000.0 * gap:.0f} mm"
+            return f"a link penetrates {what} by {-1e3 * gap:.0f} mm"
         return (
-            f"a link is within {1000.0 * gap:.1f} mm of {what}; the margin is "
-            f"{1000.0 * self.margin:g} mm"
+            f"a link is within {1e3 * gap:.1f} mm of {what}; the margin is {1e3 * self.margin:g} mm"
         )
 
     def to_dict(self) -> dict[str, Any]:

@@ -138,7 +138,7 @@ class Recording:
         }
         words = (
             f"{self.source}: the clock was set back: later stamps are shifted by "
-            f"{by_ns * 1e-09:.4g} s"
+            f"{by_ns * 1e-9:.4g} s"
         )
         return replace(self, **sides, notes=(*self.notes, words))
 

@@ -133,7 +133,7 @@ def write_recording(
     first_ns = min(int(stream.stamp_ns[0]) for stream in streams if len(stream.stamp_ns))
     if first_ns < 0:
         problem = (
-            f"the recording starts at {first_ns * 1e-09:.6g} s, before time zero, which "
+            f"the recording starts at {first_ns * 1e-9:.6g} s, before time zero, which "
             "stamps of a bag cannot represent"
         )
         raise RecordingError(problem, "Add a constant to all times.")

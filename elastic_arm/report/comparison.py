@@ -39,7 +39,7 @@ def sections(found: SimulationComparison) -> list[Section]:
 def _differences(found: RecordingDifference) -> list[Text | Table | Figure]:
     how = Text(
         f"Real minus simulated, over {found.t[-1] - found.t[0]:.3g} s, aligned by "
-        f"{found.aligned_by} positions ({1000.0 * found.offset:.3f} ms). Share: relative to "
+        f"{found.aligned_by} positions ({1e3 * found.offset:.3f} ms). Share: relative to "
         "the standard deviation of the real channel."
     )
     tables: list[Table] = []

@@ -301,7 +301,7 @@ def _sizes(found: Diagnosis, context: DiagnosisContext | None) -> list[Block]:
 def _prediction(found: Diagnosis) -> list[Block]:
     prediction = found.prediction
     if prediction is None or prediction.before is None or prediction.after is None:
-        return [Text(f"Not available: {(prediction.reason if prediction else '')}.", "warn")]
+        return [Text(f"Not available: {prediction.reason if prediction else ''}.", "warn")]
     text = (
         f"The simulation starts at {prediction.starts} times of the validation data from the "
         "measured state and is driven by the measured motor torque. The root mean square of "

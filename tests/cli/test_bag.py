@@ -140,7 +140,7 @@ def test_a_dataset_becomes_a_bag_an_episode_and_a_bag_becomes_arrays_and_the_sam
     ]
     done = run("bag", "export", bag, "--out", tmp_path / "out" / "a.parquet")
     assert done.exit_code == 0 and "2000 samples of the motor side" in done.stdout
-    command = done.stdout.partition("elastic-arm bag ")[2].partition(" makes")[0].split()
+    command = done.stdout.partition("elastic-arm bag ")[2].partition(" imports")[0].split()
     assert run("bag", *command[:-1], tmp_path / "again").exit_code == 0
     assert_equal(read_recording(tmp_path / "again"), read_recording(bag))
     again = run("bag", "export", bag, "--out", tmp_path / "out" / "a.parquet")

@@ -153,7 +153,7 @@ USAGE: dict[str, tuple[str, str]] = {
     "bag check": ("missing argument", "bag check"),
     "bag import a --map m --out b --compression zip": ("one of none, lz4, zstd", "bag import"),
     "challenge create folder --ratio 3": (
-        "invalid value for --ratio: '3' is no range",
+        "invalid value for --ratio: '3' is not a range",
         "challenge create",
     ),
 }

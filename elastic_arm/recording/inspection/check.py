@@ -320,7 +320,7 @@ def _check_drift(content: Content, report: Report) -> None:
     if abs(drift) > _DRIFT and abs(drift) * duration * 1e9 > 0.5 * steps[0]:
         message = (
             f"the clocks of {both[0].topic} and {both[1].topic} drift apart by "
-            f"{drift * 1000000.0:.4g} us per second, {abs(drift) * duration * 1000.0:.4g} "
+            f"{drift * 1e6:.4g} us per second, {abs(drift) * duration * 1e3:.4g} "
             "ms over the recording"
         )
         report.add("warning", "drift", message, topic=both[1].topic)

@@ -87,7 +87,7 @@ def followed(recording: Recording) -> Iterator[Finding]:
     if apart.any():
         words = f"{listed(joints, apart)} did not follow the recorded commands"
         yield warning("not_followed", words, "check for exchanged joints or another controller")
-    late = f"lag the commands by {span_of(1000.0 * lag[good])} ms (delay and drive together)"
+    late = f"lag the commands by {span_of(1e3 * lag[good])} ms (delay and drive together)"
     size = f"gain {span_of(gain[good])}, deviations {span_of(100.0 * left[good])} % of their spread"
     rate = f"commands come at {rates[0]:.4g} Hz, positions at {rates[1]:.4g} Hz"
     yield from about(

@@ -56,7 +56,7 @@ def disagreeing(recording: Recording) -> list[Finding]:
     if late.any() and not (np.abs(lag - np.median(lag)) < 0.2 * np.abs(np.median(lag))).all():
         late = np.zeros_like(late)
     where = "lead" if lag[late].sum() > 0.0 else "lag"
-    apart = f"{where} those of the link by {span_of(1000.0 * np.abs(lag[late]))} ms"
+    apart = f"{where} those of the link by {span_of(1e3 * np.abs(lag[late]))} ms"
     clocks = (
         "two clocks, or arrival times on one side? Record both with one clock, or "
         "shift the stamps of one"
@@ -134,7 +134,7 @@ def by_motor_encoders(recording: Recording, robot: Robot) -> Recording:
     note = (
         f"{listed(recording.joints, both)}: the arm is described as rigid, so the "
         f"motor encoders are used instead of the link encoders, which {where} them by "
-        f"{span_of(1000.0 * np.abs(lags))} ms (only with transmissions in the arm file"
+        f"{span_of(1e3 * np.abs(lags))} ms (only with transmissions in the arm file"
         " can an encoder lag be separated from damping)"
     )
     return replace(recording, link=rest, notes=(*recording.notes, f"{recording.source}: {note}."))

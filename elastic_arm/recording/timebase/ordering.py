@@ -83,7 +83,7 @@ def _one_clock(stamp_ns: Stamps, topic: str, log_ns: Stamps) -> tuple[Stamps, li
             if (silent := int(log_ns[k + 1] - log_ns[k])) > LATE_NS:
                 # The same of all topics, whenever each arrived: they belong together.
                 message, back = (
-                    f"{message}, and the gap of {silent * 1e-09:.3g} s is shortened to 1 s",
+                    f"{message}, and the gap of {silent * 1e-9:.3g} s is shortened to 1 s",
                     back + LATE_NS,
                 )
             time = float(stamp_ns[k] - stamp_ns[0]) * 1e-9

@@ -251,7 +251,7 @@ def _shape_of_coupling(result: StudyResult) -> Judged:
 
     never = [entry for entry in expected if entry not in there and entry not in tilting]
     finding = (
-        f"the zeros of (8) are zero: {('yes' if zero else 'no')}. Nonzero and "
+        f"the zeros of (8) are zero: {'yes' if zero else 'no'}. Nonzero and "
         f"constant: {names(there)}; nonzero only under bearing tilt: {names(tilting)};"
         f" zero for every pose and tilt: {names(never)}"
     )
@@ -400,7 +400,7 @@ def _only_first_below_noise(result: StudyResult) -> Judged:
     below = largest < 0.5
     finding = (
         f"largest errors of tau^m: {listed(largest, 3)} Nm (joint 1, 2, …): "
-        f"{('all are' if below.all() else 'not all are')} of this size or smaller, not"
+        f"{'all are' if below.all() else 'not all are'} of this size or smaller, not"
         " only those of joint 1"
     )
     return finding, [bool(below[0]), bool(not below[1:].any())]
@@ -431,7 +431,7 @@ def _counts(result: StudyResult) -> Judged:
     )
     finding = (
         f"{text}. mod2 and mod3 equal, mod1 fewer: "
-        f"{('yes' if ours[0] == ours[1] > ours[2] else 'no')}; the numbers differ "
+        f"{'yes' if ours[0] == ours[1] > ours[2] else 'no'}; the numbers differ "
         "because the paper counts parameters that it does not name"
     )
     return finding, [ours[0] == ours[1], ours[1] > ours[2], ours == [75, 75, 65]]
