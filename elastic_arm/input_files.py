@@ -271,13 +271,13 @@ def _reason(fault: ErrorDetails) -> str:
             return f"{value} is not a finite number"
         case "too_short":
             return (
-                f"has {fault['ctx']['actual_length']} entries, but needs at least "
-                f"{fault['ctx']['min_length']}"
+                f"has {fault['ctx']['actual_length']} entries, but needs at least"
+                f" {fault['ctx']['min_length']}"
             )
         case "too_long":
             return (
-                f"has {fault['ctx']['actual_length']} entries, but at most "
-                f"{fault['ctx']['max_length']} are allowed"
+                f"has {fault['ctx']['actual_length']} entries, but at most"
+                f" {fault['ctx']['max_length']} are allowed"
             )
         case "string_too_short":
             return "is empty"

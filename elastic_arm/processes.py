@@ -90,8 +90,8 @@ def _cluster(scheduler: str) -> tuple[Executor, Callable[[], Any]]:
         problem = f"no Dask scheduler responds at {scheduler}: {one_line(str(error))}"
         raise ElasticArmError(
             problem,
-            "Start `dask scheduler` and `dask worker`, and give the tcp:// address of the "
-            "scheduler",
+            "Start `dask scheduler` and `dask worker`, and give the tcp:// address of the"
+            " scheduler",
         ) from None
     return client.get_executor(pure=False), client.close
 

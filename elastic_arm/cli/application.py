@@ -89,21 +89,21 @@ SUBCOMMANDS = {
     "diagnose": Subcommand(
         "cli.diagnose",
         "diagnose_command",
-        "Find where a recording and a model differ, which effect the model lacks, and by how "
-        "much the gap shrinks with it.",
+        "Find where a recording and a model differ, which effect the model lacks, and by how"
+        " much the gap shrinks with it.",
         SeveralValues,
     ),
     "history": Subcommand(
         "cli.history",
         "history_command",
-        "Track the numbers of one arm over several recordings, with time, size and "
-        "probability of changes.",
+        "Track the numbers of one arm over several recordings, with time, size and"
+        " probability of changes.",
     ),
     "export": Subcommand(
         "cli.mujoco.export",
         "export",
-        "Write an arm, such as robot.yaml from a diagnosis, as MJCF, URDF or USD, and list "
-        "all changes and omissions.",
+        "Write an arm, such as robot.yaml from a diagnosis, as MJCF, URDF or USD, and list"
+        " all changes and omissions.",
     ),
     "replay": Subcommand(
         "cli.mujoco.replay",
@@ -118,8 +118,8 @@ SUBCOMMANDS = {
     "paper": Subcommand(
         "studies.paper.command",
         "paper",
-        "Reproduce the paper: compare mod1, mod2 and mod3 with a virtual prototype over five "
-        "gear ratios.",
+        "Reproduce the paper: compare mod1, mod2 and mod3 with a virtual prototype over five"
+        " gear ratios.",
     ),
 }
 
@@ -212,8 +212,8 @@ app = typer.Typer(
     name="elastic-arm",
     cls=Application,
     help=(
-        "Emulate an arm with elastic joints, identify it, and find where and why a model and "
-        "a real arm differ."
+        "Emulate an arm with elastic joints, identify it, and find where and why a model and"
+        " a real arm differ."
     ),
     invoke_without_command=True,
     rich_markup_mode="rich",

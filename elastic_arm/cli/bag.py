@@ -125,9 +125,9 @@ def check(
                 _print_report(after)
             elif _MENDABLE & {finding.code for finding in report.findings}:
                 out.print(
-                    f"`elastic-arm bag check --repair {escape(str(path))}` writes a copy of the "
-                    "undamaged "
-                    "parts",
+                    f"`elastic-arm bag check --repair {escape(str(path))}` writes a copy of the"
+                    " undamaged"
+                    " parts",
                     soft_wrap=True,
                 )
         # What was never recorded no copy can mend: gaps and the like are left to be judged.
@@ -291,8 +291,8 @@ def _write_draft(arrays: Path, file: Path, draft: Draft) -> None:
     if draft.missing:
         out.print(f"[yellow]fill in:[/] {', '.join(draft.missing)}", soft_wrap=True)
     out.print(
-        f"Review and correct {escape(str(file))}, then run: elastic-arm bag import "
-        f"{escape(str(arrays))} --map {escape(str(file))} --out BAG",
+        f"Review and correct {escape(str(file))}, then run: elastic-arm bag import"
+        f" {escape(str(arrays))} --map {escape(str(file))} --out BAG",
         soft_wrap=True,
     )
 

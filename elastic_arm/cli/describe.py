@@ -49,8 +49,8 @@ def describe(
     robot = options.load_arm(robot_file, chain, at)
     if robot.n > _QUICK:
         err.print(
-            f"compiling the equations of {robot.n} joints and computing their base parameters, "
-            "about a minute"
+            f"compiling the equations of {robot.n} joints and computing their base parameters,"
+            " about a minute"
         )
     told = build_model(robot, model)
     parameters = base_of(told)
@@ -61,8 +61,8 @@ def describe(
         return
     _print_robot(robot)
     known = (
-        f"motion determines {len(parameters)} combinations of the {len(told.parameters)} "
-        f"parameters of {model}"
+        f"motion determines {len(parameters)} combinations of the {len(told.parameters)}"
+        f" parameters of {model}"
     )
     out.print(f"\n{known}, the base parameters{':' if base else ' (--base lists them)'}")
     if base:

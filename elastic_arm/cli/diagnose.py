@@ -337,8 +337,8 @@ def print_diagnosis(found: Diagnosis, folder: Path) -> None:
     for place in found.unexplained:
         size = f"{place.rmse:.3g} {found.units.at(place.joint, 'Nm')}"
         out.print(
-            f"unexplained: {escape(place.joint)}, {place.side} side, {size}, depends on "
-            f"{place.regime}"
+            f"unexplained: {escape(place.joint)}, {place.side} side, {size}, depends on"
+            f" {place.regime}"
         )
     if found.prediction is not None and (found.causes or found.prediction.reason):
         out.print(f"prediction: {escape(prediction_sentence(found, found.prediction))}")
@@ -412,8 +412,8 @@ def _print_places(found: Diagnosis) -> None:
                 *(cell.replace(" (", "\n(") if out.is_terminal else cell for cell in cells),
             )
         out.print(
-            f"residuals in {found.units.over('Nm')} below {found.band:.3g} Hz, {sizes} (removed "
-            "share of the residual's own gap):"
+            f"residuals in {found.units.over('Nm')} below {found.band:.3g} Hz, {sizes} (removed"
+            " share of the residual's own gap):"
         )
         out.print(table)
     if agreeing := [joint for joint in found.joints if joint not in apart]:
@@ -444,6 +444,6 @@ def _print_proposal(proposal: Proposal) -> None:
         if pair.decides:
             advice = f"record {SEPARATING} ({proposal.seconds:g} s) to separate {names}"
         out.print(
-            f"next: {escape(advice)} (expected log-likelihood ratio {expected}; this recording: "
-            f"{here})"
+            f"next: {escape(advice)} (expected log-likelihood ratio {expected}; this recording:"
+            f" {here})"
         )

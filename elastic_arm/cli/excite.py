@@ -139,12 +139,12 @@ def _print_judgement(judgement: Excitation, periods: int) -> None:
         out.print(f"`identify` will rate this motion [green]good[/] ({times})")
         return
     out.print(
-        f"`identify` will rate this motion [yellow]poor[/] ({times}): "
-        f"{escape('; '.join(judgement.reasons))}"
+        f"`identify` will rate this motion [yellow]poor[/] ({times}):"
+        f" {escape('; '.join(judgement.reasons))}"
     )
     out.print(
-        "  try faster motion (--period 5, higher limits of the arm), or another --criterion "
-        "(a_optimal)"
+        "  try faster motion (--period 5, higher limits of the arm), or another --criterion"
+        " (a_optimal)"
     )
 
 
@@ -211,8 +211,8 @@ def _print_result(
     out.print(_limit_table(result, model.robot.units))
     for name, gap in result.use.gaps():
         out.print(
-            f"smallest distance to {escape(name)}: {1e3 * gap:.0f} mm (margin "
-            f"{1e3 * limits.margin:g} mm)"
+            f"smallest distance to {escape(name)}: {1e3 * gap:.0f} mm (margin"
+            f" {1e3 * limits.margin:g} mm)"
         )
     for sentence in limits.assumed:
         out.print(f"[cyan]note:[/] {escape(sentence)}", soft_wrap=True)

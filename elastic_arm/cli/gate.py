@@ -20,8 +20,8 @@ FailOn = Annotated[
         "--fail-on",
         metavar="unknown|explained|change:P%",
         help=(
-            "Exit with status 1 for this verdict, or if a size differs by more than P % between "
-            "recordings or from the stated value. May be repeated."
+            "Exit with status 1 for this verdict, or if a size differs by more than P % between"
+            " recordings or from the stated value. May be repeated."
         ),
     ),
 ]

@@ -170,9 +170,9 @@ def _judged(result: Identification, written: Written) -> Identification:
         return result
     what = "the corrected file" if written.robot is not None else "no file"
     words = (
-        f"With all identified numbers, {listed(choice.worse)} moves worse under the recorded "
-        f"commands: {listed(choice.taken_back)} keeps the numbers of the description, and "
-        f"{what} is written."
+        f"With all identified numbers, {listed(choice.worse)} moves worse under the recorded"
+        f" commands: {listed(choice.taken_back)} keeps the numbers of the description, and"
+        f" {what} is written."
     )
     return result.with_(notes=(words, *result.notes))
 
@@ -201,8 +201,8 @@ def _print(result: Identification, out_dir: Path, corrected: Exported | str | No
         reasons = "; ".join(result.excitation["reasons"])
         remedy = "`elastic-arm excite` finds a better motion"
         out.print(
-            "[bold yellow]the excitation is poor[/], judged by the motion alone: "
-            f"{escape(reasons)}; {remedy}"
+            "[bold yellow]the excitation is poor[/], judged by the motion alone:"
+            f" {escape(reasons)}; {remedy}"
         )
     for sentence in result.summary():
         out.print(escape(sentence))
@@ -227,8 +227,8 @@ def _print(result: Identification, out_dir: Path, corrected: Exported | str | No
         *(["robot.yaml"] if result.identified is not None else []),
     ]
     out.print(
-        f"results in {escape(str(out_dir))}: {', '.join(written)}, with all parameter "
-        "combinations in full"
+        f"results in {escape(str(out_dir))}: {', '.join(written)}, with all parameter"
+        " combinations in full"
     )
     print_correction(corrected)
 

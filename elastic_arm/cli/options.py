@@ -49,16 +49,16 @@ Clock = Annotated[
     typer.Option(
         "--clock",
         help=(
-            "Sample times: the stamps, a regular clock, or the arrival times of messages; by "
-            "default inferred from the data."
+            "Sample times: the stamps, a regular clock, or the arrival times of messages; by"
+            " default inferred from the data."
         ),
     ),
 ]
 Namespace = Annotated[
     str | None,
     typer.Option(
-        help="Namespace of the arm if a bag contains several: left for /left/joint_states and so "
-        "on."
+        help="Namespace of the arm if a bag contains several: left for /left/joint_states and so"
+        " on."
     ),
 ]
 Motion = Annotated[
@@ -128,8 +128,8 @@ KnownEffects = Annotated[
         metavar="EFFECT[:JOINT][:NAME=VALUE]",
         autocompletion=completions,
         help=(
-            "Known effects, which are fitted first as part of the model. NAME=VALUE is the "
-            "starting value."
+            "Known effects, which are fitted first as part of the model. NAME=VALUE is the"
+            " starting value."
         ),
     ),
 ]

@@ -57,8 +57,8 @@ def replace_folder(folder: Path, problem: str) -> Path:
     atexit.register(made.cleanup)
     _REPLACED[folder] = Path(made.name)
     _LOG.warning(
-        "%s %s: kernels are compiled again in %s. Remove it, or set %s to a folder "
-        "that only you can write to.",
+        "%s %s: kernels are compiled again in %s. Remove it, or set %s to a folder"
+        " that only you can write to.",
         folder,
         problem,
         made.name,

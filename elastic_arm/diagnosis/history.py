@@ -134,8 +134,8 @@ def together(
     ]
     places = set().union(*(one.noise for one in found))
     lacking = [
-        f"{one.identify[0]} lacks channels of the other recordings: effects visible only in "
-        "these are not compared"
+        f"{one.identify[0]} lacks channels of the other recordings: effects visible only in"
+        " these are not compared"
         for one in found
         if set(one.noise) < places
     ]

@@ -101,8 +101,8 @@ def predict(
     if context.model.robot.elastic and "motor" not in context.validate.layout.sides:
         return Prediction(
             reason=(
-                "motor torque and motor angle were not both recorded, so no simulation can be "
-                "driven"
+                "motor torque and motor angle were not both recorded, so no simulation can be"
+                " driven"
             )
         )
     if bare := _undriven(context):
@@ -117,8 +117,8 @@ def predict(
     if light := _without_inertia(context):
         return Prediction(
             reason=(
-                f"the model has no inertia at {', '.join(light)}, whose acceleration would be "
-                "unbounded"
+                f"the model has no inertia at {', '.join(light)}, whose acceleration would be"
+                " unbounded"
             )
         )
     first = context.seen[0].pieces[0]
@@ -175,9 +175,9 @@ def _left(
     (joint, side), k = min(first.items(), key=lambda found: found[1])
     far = f"{FARTHEST:g} {units.at(joint, 'rad')}"
     return (
-        f"driven by the measured torque, {what} deviates by more than {far} within "
-        f"{1e3 * horizons[k]:g} ms ({joint}, {side}), for example because most of the "
-        "torque is friction that the model lacks, or because an inertia is far too small"
+        f"driven by the measured torque, {what} deviates by more than {far} within"
+        f" {1e3 * horizons[k]:g} ms ({joint}, {side}), for example because most of the"
+        " torque is friction that the model lacks, or because an inertia is far too small"
     )
 
 

@@ -217,8 +217,8 @@ def _check_memory(observed: Sequence[Observation], layout: EquationSet, band: Ba
     need = OF_JOINTS * layout.n**3 + OF_ROW * layout.n * layout.rows * 2.0 * band.cutoff * seconds
     if need > (there := available_memory()):
         raise DiagnosisError(
-            f"{seconds:.0f} s of {layout.n} joints need about {need / 1e9:.2g} GB of "
-            f"memory, but {there / 1e9:.2g} GB are free",
+            f"{seconds:.0f} s of {layout.n} joints need about {need / 1e9:.2g} GB of"
+            f" memory, but {there / 1e9:.2g} GB are free",
             "Use less motion (--motion 20), fewer recordings or more memory",
         )
 

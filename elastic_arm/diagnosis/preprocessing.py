@@ -79,8 +79,8 @@ def _live(recording: Recording) -> Recording:
         elif constant.any():
             joints = ", ".join(j for j, c in zip(recording.joints, constant, strict=True) if c)
             notes.append(
-                f"{where}: {TORQUES[name]} of {joints} is constant: results for them are "
-                "unreliable."
+                f"{where}: {TORQUES[name]} of {joints} is constant: results for them are"
+                " unreliable."
             )
     if dead and all(side is None or side.effort is None for side in sides.values()):
         raise DiagnosisError(
@@ -138,9 +138,9 @@ def _one_clock(recording: Recording) -> Recording:
         mended = _restamped(recording, link, total)
     note = (
         f"{recording.source or 'the recording'}: the clocks of link and motor side drift apart"
-        f" by {1e6 * total:.3g} us per second, "
-        f"{1e3 * abs(total) * recording.duration:.3g} ms in total: corrected with the "
-        "motion of all joints."
+        f" by {1e6 * total:.3g} us per second,"
+        f" {1e3 * abs(total) * recording.duration:.3g} ms in total: corrected with the"
+        " motion of all joints."
     )
     return replace(mended, notes=(*recording.notes, note))
 

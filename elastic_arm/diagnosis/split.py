@@ -37,8 +37,8 @@ def split(
             if any(_contains(r, judge) for r in recordings):
                 raise DiagnosisError(
                     f"{judge.source or 'the validation recording'} is also a fitted recording",
-                    "Validate on another recording, or omit --validate to use the last third of "
-                    "each",
+                    "Validate on another recording, or omit --validate to use the last third of"
+                    " each",
                 )
         return list(recordings), list(validate)
     least = SHORTEST / HELD_BACK
@@ -47,9 +47,9 @@ def split(
         times, lasts = _course_of_time(r)
         if lasts[-1] * HELD_BACK < SHORTEST:
             raise DiagnosisError(
-                f"{r.source or 'the recording'} lasts {lasts[-1]:.1f} s, too short to reserve a "
-                "third "
-                "for validation",
+                f"{r.source or 'the recording'} lasts {lasts[-1]:.1f} s, too short to reserve a"
+                " third"
+                " for validation",
                 f"Record at least {least:.0f} s, or give another recording with --validate",
             )
         ends.append(float(np.interp(lasts[-1] * (1.0 - HELD_BACK), lasts, times)))

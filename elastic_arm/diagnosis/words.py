@@ -25,9 +25,9 @@ WORTH_A_LINE = 0.05  # probability of an alternative that has a line of its own
 NAMED = 4  # alternatives that a line names
 
 LOW_PASSED = (
-    "residuals are compared below that frequency, as the torques of the motion are "
-    "missing above, with an assumed noise of 0.5 % of the torque, as the recording "
-    "contains none"
+    "residuals are compared below that frequency, as the torques of the motion are"
+    " missing above, with an assumed noise of 0.5 % of the torque, as the recording"
+    " contains none"
 )
 REPEATED_MOTION = (
     "The validation data repeat the motion of the fit and are therefore not independent."
@@ -135,8 +135,8 @@ def event_notes(events: Sequence[Event]) -> list[str]:
 def bare_note(joints: Sequence[str]) -> str:
     """Return the note on joints without a torque."""
     words = (
-        "no torque was recorded, so there is no equation: effects visible only in these "
-        "torques cannot be diagnosed"
+        "no torque was recorded, so there is no equation: effects visible only in these"
+        " torques cannot be diagnosed"
     )
     return f"{', '.join(joints)}: {words}."
 
@@ -161,31 +161,31 @@ def unseen_notes(instances: Sequence[EffectInstance], bare: Sequence[str]) -> li
     for missing, joints in places.items():
         names = "; ".join(effect_at(effect, ", ".join(at)) for effect, at in joints.items())
         found.append(
-            f"Known effects that are not visible because no {missing} was recorded: {names}. They "
-            "keep their stated sizes."
+            f"Known effects that are not visible because no {missing} was recorded: {names}. They"
+            " keep their stated sizes."
         )
     return found
 
 
 UNFINISHED = (
-    "The search ended early with the best answer so far. Exchanges of several causes and "
-    "laws outside the catalogue may not have been tried."
+    "The search ended early with the best answer so far. Exchanges of several causes and"
+    " laws outside the catalogue may not have been tried."
 )
 
 
 def law_note(joint: str, law: GeneralLaw) -> str:
     """Return the note on a law without a form."""
     return (
-        f"A torque of {joint} ({law.side}) depends on {law.argument}, and no effect of the "
-        "catalogue has this form."
+        f"A torque of {joint} ({law.side}) depends on {law.argument}, and no effect of the"
+        " catalogue has this form."
     )
 
 
 def shape_note(joint: str, side: str) -> str:
     """Return the note on a residual that keeps more power than its sensors have as noise."""
     return (
-        f"The remaining residual at {joint} ({side} side) exceeds the noise of its sensors, "
-        "and no effect explains it."
+        f"The remaining residual at {joint} ({side} side) exceeds the noise of its sensors,"
+        " and no effect explains it."
     )
 
 
@@ -214,9 +214,9 @@ def scale_sentence(found: Diagnosis) -> str:
     ]
     where = f" The estimated scale is {listed(off)}." if off else ""
     return (
-        "no torque was recorded; torques are computed from commands and positions with the "
-        f"described controllers. The standard deviation of their scale is {known}; masses and "
-        f"friction inherit this uncertainty.{where}"
+        "no torque was recorded; torques are computed from commands and positions with the"
+        f" described controllers. The standard deviation of their scale is {known}; masses and"
+        f" friction inherit this uncertainty.{where}"
     )
 
 
@@ -247,8 +247,8 @@ def closed_loop_sentences(found: Diagnosis) -> list[str]:
     else:
         written = f"The correction of {listed(found.taken_back)} is not written"
     return [
-        "With all corrections, the errors under the recorded commands increase: "
-        f"{listed(moved)}. {written}."
+        "With all corrections, the errors under the recorded commands increase:"
+        f" {listed(moved)}. {written}."
     ]
 
 
@@ -300,8 +300,8 @@ def _verdict_sentence(found: Diagnosis, beside: str) -> str:
     if not found.causes:
         places = ", ".join(f"{p.joint} ({p.side} side)" for p in found.unexplained[:3])
         return (
-            "recording and model differ, and no effect of the catalogue explains the difference; "
-            f"it is largest at {places}."
+            "recording and model differ, and no effect of the catalogue explains the difference;"
+            f" it is largest at {places}."
         )
     causes = "it" if len(found.causes) == 1 else f"these {len(found.causes)} causes"
     motion = "on another motion" if found.independent_motion else "on a repetition of the motion"
@@ -488,8 +488,8 @@ def prediction_sentence(found: Diagnosis, prediction: Prediction) -> str:
     errors = [_short(size[joint, side][-1], unit) for size in (before, after)]
     horizon = f"{1e3 * prediction.horizons[-1]:g} ms"
     sentence = (
-        f"Driven by the measured torque, the model has a largest angle error of {errors[0]} "
-        f"after {horizon}"
+        f"Driven by the measured torque, the model has a largest angle error of {errors[0]}"
+        f" after {horizon}"
     )
     added = f"; with the causes, {errors[1]}" if any(c.acts for c in found.causes) else ""
     return f"{sentence} ({joint}, {side}){added}."
@@ -527,7 +527,7 @@ def step_text(one: Course, recordings: Sequence[str]) -> str:
     what = f"{sized.effect.replace('_', ' ')} of {sized.joint or 'the whole arm'}"
     when = f"between {recordings[step.after]} and {recordings[step.until]}"
     return (
-        f"{what} {way} from {before} to {after} {when} (probability "
-        f"{probability_text(step.probability)}); probability of any change: "
-        f"{probability_text(one.changed)}"
+        f"{what} {way} from {before} to {after} {when} (probability"
+        f" {probability_text(step.probability)}); probability of any change:"
+        f" {probability_text(one.changed)}"
     )

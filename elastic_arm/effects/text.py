@@ -105,16 +105,16 @@ def parse_laws(
             )
         if effect.in_time:
             raise IdentificationError(
-                f"{effect.id} depends on the time since the start of the recording, which "
-                "identification does not track",
+                f"{effect.id} depends on the time since the start of the recording, which"
+                " identification does not track",
                 "Use `elastic-arm diagnose`.",
             )
         if isinstance(effect, SensorEffect) and any(p.neutral == 1.0 for p in linear):
             raise IdentificationError(
-                f"{effect.id}: a torque gain and the masses cannot be identified together: "
-                "zero masses explain every torque",
-                "Omit it, or find it with `elastic-arm diagnose --refit`, which has priors "
-                "for gains.",
+                f"{effect.id}: a torque gain and the masses cannot be identified together:"
+                " zero masses explain every torque",
+                "Omit it, or find it with `elastic-arm diagnose --refit`, which has priors"
+                " for gains.",
             )
         if stated := [p.name for p in linear if p.name in written.values]:
             raise IdentificationError(

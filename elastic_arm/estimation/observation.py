@@ -345,8 +345,8 @@ def _longest(grids: Sequence[Grid], where: str) -> Grid:
     """Return the longest piece, which has to hold motion."""
     if not grids:
         raise DiagnosisError(
-            f"{where} is too short: it has no interval of {SHORTEST:g} s without a gap of "
-            f"{BRIDGED:g} s",
+            f"{where} is too short: it has no interval of {SHORTEST:g} s without a gap of"
+            f" {BRIDGED:g} s",
             "Record at least 10 s of motion",
         )
     longest = max(grids, key=len)

@@ -354,8 +354,8 @@ def _mode(samples: Samples, k: NDArray[np.int64], rate: float, jitter: Array) ->
     stamped = _roughness(interpolate(t, position[piece], wanted[wanted < t[-1]], 1.0 / rate))
     mode = "stamps" if stamped < 0.8 * regular else "regular"
     why = (
-        f"the motion does not decide: its roughness is {stamped:.2g} with stamps and "
-        f"{regular:.2g} without"
+        f"the motion does not decide: its roughness is {stamped:.2g} with stamps and"
+        f" {regular:.2g} without"
     )
     return mode, f"{size}; assumed {mode}: {why} (--clock overrides it)"
 
@@ -379,8 +379,8 @@ def extended(grid: Grid, count: int) -> Grid:
     """
     if len(grid) <= count:
         raise IdentificationError(
-            f"{len(grid)} samples without a gap at {grid.rate:.3g} Hz are not sufficient "
-            f"for the smoother, which needs more than {count}",
+            f"{len(grid)} samples without a gap at {grid.rate:.3g} Hz are not sufficient"
+            f" for the smoother, which needs more than {count}",
             "Record longer, or with more samples per second.",
         )
     channels = {}

@@ -158,8 +158,8 @@ class Smoother:
     def _require(self, samples: int) -> None:
         if samples <= 2 * self.lag:
             raise IdentificationError(
-                f"an interval of {samples / self.rate:.2f} s is too short for the smoother, "
-                f"which needs more than {2 * self.lag / self.rate:.2f} s",
+                f"an interval of {samples / self.rate:.2f} s is too short for the smoother,"
+                f" which needs more than {2 * self.lag / self.rate:.2f} s",
                 "Record longer without gaps.",
             )
 

@@ -331,9 +331,9 @@ class WhitenedData:
                 self._free.append(free)
         if not self.parts:
             raise DiagnosisError(
-                "too little motion of "
-                f"{', '.join(o.source or 'the recording' for o in observations)} remains "
-                "after filtering",
+                "too little motion of"
+                f" {', '.join(o.source or 'the recording' for o in observations)} remains"
+                " after filtering",
                 "Record longer without gaps",
             )
         self.y = self.weighted([part.stretch.values for part in self.parts])

@@ -52,8 +52,8 @@ class FourierTrajectory:
         require(
             self.a.shape == self.b.shape and len(self.a) == len(self.q0) > 0,
             f"a is {self.a.shape}, b is {self.b.shape} and q0 is {self.q0.shape}",
-            "Give a and b one row per joint and one column per harmonic, and q0 one "
-            "number per joint",
+            "Give a and b one row per joint and one column per harmonic, and q0 one"
+            " number per joint",
         )
         require(
             self.omega > 0.0, f"omega is {self.omega:g} rad/s", "Give a base frequency above zero"

@@ -51,8 +51,8 @@ def poor_fits(
             ratio = float(np.std(left) / max(size, 1e-300))
             times = f"{ratio:.3g}" if ratio < COUNTED else f"more than {COUNTED:g}"
             said = (
-                f"{joint}: the residual is {np.std(left):.3g} of {np.std(torque):.3g} {unit} "
-                f"(rms), {times} times the "
+                f"{joint}: the residual is {np.std(left):.3g} of {np.std(torque):.3g} {unit}"
+                f" (rms), {times} times the "
             )
             said += "noise of its sensor"
             # What exceeds the torque itself is no answer to it.

@@ -34,8 +34,8 @@ from elastic_arm.robot import Robot
 PULLED = (*WIDTHS, 1e-2, 1e-3, 1e-4, 1e-5)
 HELD_OUT = "the held-out recordings"
 ALIKE = (
-    f"the description predicts {HELD_OUT} as well as the fit within its standard "
-    "deviations and may stay unchanged"
+    f"the description predicts {HELD_OUT} as well as the fit within its standard"
+    " deviations and may stay unchanged"
 )
 # Relative errors of the description that the consistent arm may still take it for, where it
 # predicts badly.
@@ -279,6 +279,6 @@ def _described(joints: Sequence[str], equations: BaseRegression) -> str:
     motors = any(f"{joint}.{ARMATURE}" in equations.names for joint in joints)
     what = "effects and the motor inertia" if motors else "effects"
     return (
-        f"robot.yaml keeps the described {what} of {', '.join(joints)}: with the "
-        "identified ones, the prediction of the held-out recordings is worse"
+        f"robot.yaml keeps the described {what} of {', '.join(joints)}: with the"
+        " identified ones, the prediction of the held-out recordings is worse"
     )

@@ -166,21 +166,21 @@ def _reasons(
         SHORTEST_SECONDS, SHORTEST_PERIODS / max(statistics.frequency, 1e-9)
     ):
         reasons.append(
-            f"{statistics.seconds:.2g} s of motion are too short to estimate the errors: "
-            "standard deviations may be several times too small"
+            f"{statistics.seconds:.2g} s of motion are too short to estimate the errors:"
+            " standard deviations may be several times too small"
         )
     rows = statistics.effective_samples * groups
     if rows < ROWS_PER_PARAMETER * parameters:
         reasons.append(
-            f"the motion has few independent samples: {statistics.seconds:.3g} s at "
-            f"{statistics.frequency:.2g} Hz give about {rows:.0f} independent equations "
-            f"for {parameters} parameters"
+            f"the motion has few independent samples: {statistics.seconds:.3g} s at"
+            f" {statistics.frequency:.2g} Hz give about {rows:.0f} independent equations"
+            f" for {parameters} parameters"
         )
     bad = np.count_nonzero(~(relative <= POORLY))
     if bad > POOR_SHARE * len(relative):
         reasons.append(
-            f"with {TORQUE_NOISE:g} Nm of noise, {bad} of the arm's {len(relative)} base "
-            f"parameters have standard deviations above {POORLY:.0%} of their usual size"
+            f"with {TORQUE_NOISE:g} Nm of noise, {bad} of the arm's {len(relative)} base"
+            f" parameters have standard deviations above {POORLY:.0%} of their usual size"
         )
     return tuple(reasons)
 
@@ -276,8 +276,8 @@ def remarks(fit: Fit, equations: BaseRegression, one_way: Sequence[str] = ()) ->
     below = [names[k] for k in np.flatnonzero(beyond).tolist()]
     if below:
         found.append(
-            f"{', '.join(below)}: negative, which is physically impossible; the model "
-            "lacks an effect there"
+            f"{', '.join(below)}: negative, which is physically impossible; the model"
+            " lacks an effect there"
         )
     if fit.condition > HOPELESS:
         found.append(

@@ -38,8 +38,8 @@ from elastic_arm.robot.urdf_tree import Chain
 # What is read back from a written file is what was meant, to this share: nine digits are written.
 READ_BACK = 1e-6
 UNROLLED = (
-    "the file is as saved by MuJoCo, without your layout: bodies of the arm come "
-    "from <attach>, <replicate> or a URDF"
+    "the file is as saved by MuJoCo, without your layout: bodies of the arm come"
+    " from <attach>, <replicate> or a URDF"
 )
 _NEW = (
     "only a new file (without --base) can represent it; elastic_arm.mujoco.attach"
@@ -222,8 +222,8 @@ class _Document:
                 value *= self._angle(i)
             elif value < 0.0:
                 raise RobotError(
-                    f"{change.number} of {change.element} would be smaller than the part of its "
-                    f"actuator ({from_actuator:g})",
+                    f"{change.number} of {change.element} would be smaller than the part of its"
+                    f" actuator ({from_actuator:g})",
                     "Move armature and damping from the actuator to the joint in the file",
                 )
             self.file.set(element, **{change.number: text_of(value)})
@@ -405,7 +405,7 @@ def _check(out: Path, chain: Chain | None, at: str | None, wanted: StatedArm) ->
         found, meant_to_be, rtol=READ_BACK
     ):
         raise RobotError(
-            "the written file does not represent the intended arm: some default or "
-            "attribute overrides it",
+            "the written file does not represent the intended arm: some default or"
+            " attribute overrides it",
             "Please report it with the file",
         )

@@ -55,8 +55,8 @@ class StandIn:
         over = "the motion of the recording" if self.recorded else "an oscillation at 1 rad/s"
         missing = f"{self.left:.2g} of {self.whole:.2g} {torque} rms remain"
         return (
-            f"{laws} of {self.joint} has no number in the file: {added} approximate it "
-            f"over {over}; {missing}"
+            f"{laws} of {self.joint} has no number in the file: {added} approximate it"
+            f" over {over}; {missing}"
         )
 
 

@@ -345,8 +345,8 @@ class SimulatorNode(ArmNode):
             return
         if goal is not None and goal.reason:
             self.get_logger().warning(
-                f"slowed a goal down by a factor of {goal.slower:.3g}: the requested motion "
-                f"{goal.reason}"
+                f"slowed a goal down by a factor of {goal.slower:.3g}: the requested motion"
+                f" {goal.reason}"
             )
 
     def _change(self, parameters: Sequence[Parameter]) -> SetParametersResult:

@@ -143,8 +143,8 @@ class TrajectoryGenerator(ArmNode):
             return 0.01
         if not self._publisher.get_subscription_count() and not self.done():
             self.get_logger().warning(
-                f"the arm has disappeared: {self._publisher.topic_name} has no subscriber; "
-                "waiting for the arm"
+                f"the arm has disappeared: {self._publisher.topic_name} has no subscriber;"
+                " waiting for the arm"
             )
             self._wait()
             return LONGEST_REST
@@ -178,8 +178,8 @@ class TrajectoryGenerator(ArmNode):
             return GraphError(f"use_sim_time is set, but {topics.CLOCK} has no publisher", remedy)
         if abs(now - stamp) > LARGEST_OFFSET:
             return GraphError(
-                f"the arm's clock differs by {stamp - now:+.0f} s: set use_sim_time for both, "
-                "or for neither",
+                f"the arm's clock differs by {stamp - now:+.0f} s: set use_sim_time for both,"
+                " or for neither",
                 remedy,
             )
         return None

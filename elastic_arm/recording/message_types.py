@@ -87,8 +87,8 @@ def types_of(topic: Topic) -> Typesdict:
 
 # What makes ROS messages, or tables, of messages in other languages.
 _AS_JSON = (
-    "Export them as JSON Lines and import the result: mcap cat --json FILE > "
-    "a.jsonl; elastic-arm bag import a.jsonl."
+    "Export them as JSON Lines and import the result: mcap cat --json FILE >"
+    " a.jsonl; elastic-arm bag import a.jsonl."
 )
 _FOREIGN = dict.fromkeys(("protobuf", "jsonschema", "flatbuffer", "omgidl"), _AS_JSON)
 _FOREIGN["ros1msg"] = (

@@ -345,8 +345,8 @@ def _place_torques(
     ):
         found.append(
             note(
-                f"{JOINT_STATES}.effort is interpreted as the motor torque because "
-                f"{MOTOR_STATES} was not recorded"
+                f"{JOINT_STATES}.effort is interpreted as the motor torque because"
+                f" {MOTOR_STATES} was not recorded"
             )
         )
         motor = Side(link.stamp_ns, effort=link.effort)
@@ -385,8 +385,8 @@ def _joints(
         if matched is None:
             missing = [name for name in wanted if name not in names]
             raise RecordingError(
-                f"not recorded: joint {', '.join(missing)}; the recorded joints are "
-                f"{', '.join(names)}",
+                f"not recorded: joint {', '.join(missing)}; the recorded joints are"
+                f" {', '.join(names)}",
                 "Give the description of the recorded arm (--robot), or map its names in a channel"
                 " map (--channels).",
             )

@@ -137,8 +137,8 @@ class Recording:
             k: replace(side, stamp_ns=side.stamp_ns + by_ns) for k, side in self.sides().items()
         }
         words = (
-            f"{self.source}: the clock was set back: later stamps are shifted by "
-            f"{by_ns * 1e-9:.4g} s"
+            f"{self.source}: the clock was set back: later stamps are shifted by"
+            f" {by_ns * 1e-9:.4g} s"
         )
         return replace(self, **sides, notes=(*self.notes, words))
 

@@ -95,10 +95,10 @@ class Series:
         if left:
             missing = ", ".join(joint for joint in joints if joint in left)
             raise RecordingError(
-                f"no message on {self.topic} contains {missing}; the joints are "
-                f"{', '.join(self.names())}",
-                "Give the joints of the arm by its robot description or a channel map "
-                "(--channels).",
+                f"no message on {self.topic} contains {missing}; the joints are"
+                f" {', '.join(self.names())}",
+                "Give the joints of the arm by its robot description or a channel map"
+                " (--channels).",
             )
         return found
 
@@ -154,8 +154,8 @@ class Series:
         words = f"{self.topic} repeats {len(other)} stamps, first that of {at}"
         if differ.any():
             message = (
-                f"{words}, {differ.sum()} of them with different numbers (two publishers?): "
-                "the first message of each is used"
+                f"{words}, {differ.sum()} of them with different numbers (two publishers?):"
+                " the first message of each is used"
             )
         else:
             message = f"{words}, with the same numbers: one message of each is used"
@@ -249,8 +249,8 @@ class Series:
         missing = [name for name in wanted if name not in places]
         if missing:
             raise RecordingError(
-                f"{self.topic}: joint {', '.join(missing)} is missing{_at(piece)}; the joints "
-                f"are {', '.join(piece.names)}",
+                f"{self.topic}: joint {', '.join(missing)} is missing{_at(piece)}; the joints"
+                f" are {', '.join(piece.names)}",
                 "Give the required joints in a channel map (--channels), or record again with"
                 " all joints.",
             )

@@ -133,8 +133,8 @@ def write_recording(
     first_ns = min(int(stream.stamp_ns[0]) for stream in streams if len(stream.stamp_ns))
     if first_ns < 0:
         problem = (
-            f"the recording starts at {first_ns * 1e-9:.6g} s, before time zero, which "
-            "stamps of a bag cannot represent"
+            f"the recording starts at {first_ns * 1e-9:.6g} s, before time zero, which"
+            " stamps of a bag cannot represent"
         )
         raise RecordingError(problem, "Add a constant to all times.")
     last_ns = max(int(stream.stamp_ns[-1]) for stream in streams if len(stream.stamp_ns))

@@ -38,9 +38,9 @@ def sections(found: SimulationComparison) -> list[Section]:
 
 def _differences(found: RecordingDifference) -> list[Text | Table | Figure]:
     how = Text(
-        f"Real minus simulated, over {found.t[-1] - found.t[0]:.3g} s, aligned by "
-        f"{found.aligned_by} positions ({1e3 * found.offset:.3f} ms). Share: relative to "
-        "the standard deviation of the real channel."
+        f"Real minus simulated, over {found.t[-1] - found.t[0]:.3g} s, aligned by"
+        f" {found.aligned_by} positions ({1e3 * found.offset:.3f} ms). Share: relative to"
+        " the standard deviation of the real channel."
     )
     tables: list[Table] = []
     for one in found.channels:

@@ -179,10 +179,10 @@ def _where(found: Diagnosis) -> list[Block]:
     sides = figures.shown_sides(found)
     equations = {1: "one equation", 2: "two equations", 3: "three equations"}[len(sides)]
     text = (
-        f"Each joint has {equations} with one residual each: the measured value minus the "
-        "value of the model. The map shows the residual relative to the noise of the sensors,"
-        f" on validation data between 0 and {found.band:.3g} Hz: 1× is noise only, red is a "
-        "gap."
+        f"Each joint has {equations} with one residual each: the measured value minus the"
+        " value of the model. The map shows the residual relative to the noise of the sensors,"
+        f" on validation data between 0 and {found.band:.3g} Hz: 1× is noise only, red is a"
+        " gap."
     )
     rows = [[side, *(WHOLE if sides == ("motor",) else EQUATION[side])] for side in sides]
     blocks: list[Block] = [Text(text)]
@@ -211,9 +211,9 @@ def _cause(found: Diagnosis, cause: Cause, k: int, context: DiagnosisContext) ->
         found.joints[row % len(found.joints)],
     )
     caption = (
-        f"{joint}, {side} side, on validation data. Grey: residual of the uncorrected model. "
-        "Orange: contribution of this cause. Blue: residual after adding only this cause. "
-        "Drag to zoom, double-click to reset."
+        f"{joint}, {side} side, on validation data. Grey: residual of the uncorrected model."
+        " Orange: contribution of this cause. Blue: residual after adding only this cause."
+        " Drag to zoom, double-click to reset."
     )
     return [
         Text(f"{effect.description} Law: {effect.formula}."),
@@ -292,8 +292,8 @@ def _sizes(found: Diagnosis, context: DiagnosisContext | None) -> list[Block]:
     if context is None:
         return [table]
     how = Text(
-        "On the longest interval of validation data. Drag over a plot to zoom, double-click "
-        "to reset."
+        "On the longest interval of validation data. Drag over a plot to zoom, double-click"
+        " to reset."
     )
     return [table, how, *figures.before_and_after(found, context)]
 
@@ -303,9 +303,9 @@ def _prediction(found: Diagnosis) -> list[Block]:
     if prediction is None or prediction.before is None or prediction.after is None:
         return [Text(f"Not available: {prediction.reason if prediction else ''}.", "warn")]
     text = (
-        f"The simulation starts at {prediction.starts} times of the validation data from the "
-        "measured state and is driven by the measured motor torque. The root mean square of "
-        "predicted minus measured angle shows over which horizon the model can be trusted."
+        f"The simulation starts at {prediction.starts} times of the validation data from the"
+        " measured state and is driven by the measured motor torque. The root mean square of"
+        " predicted minus measured angle shows over which horizon the model can be trusted."
     )
     acting = any(cause.acts for cause in found.causes)
     shown = (
@@ -352,14 +352,14 @@ def _next(found: Diagnosis) -> list[Block]:
     notes: list[Block] = [Text(f"Limits: {'; '.join(proposal.notes)}.")] if proposal.notes else []
     if proposal.trajectory is None or not proposal.worthwhile:
         text = (
-            "No motion within the limits was found that is expected to separate these: another "
-            "sensor is needed."
+            "No motion within the limits was found that is expected to separate these: another"
+            " sensor is needed."
         )
         return [Text(text, "warn"), table, *notes]
     text = (
-        f"Record this motion of {proposal.trajectory.duration:g} s, the best of "
-        f"{proposal.candidates} candidates, and diagnose it: {SEPARATING}, for `elastic-arm "
-        "simulate --trajectory` and the trajectory node."
+        f"Record this motion of {proposal.trajectory.duration:g} s, the best of"
+        f" {proposal.candidates} candidates, and diagnose it: {SEPARATING}, for `elastic-arm"
+        " simulate --trajectory` and the trajectory node."
     )
     return [Text(text), table, Figure(figures.motion(proposal.trajectory, found)), *notes]
 
@@ -384,13 +384,13 @@ def _grounds(found: Diagnosis) -> list[Block]:
     judged = ", ".join(found.validate) or "the last third"
     if found.context is not None and found.context.held_back:
         text = (
-            f"Causes are selected on all of {fitted}, their sizes are estimated on the first two "
-            "thirds, and the last third is used for validation."
+            f"Causes are selected on all of {fitted}, their sizes are estimated on the first two"
+            " thirds, and the last third is used for validation."
         )
     else:
         text = (
-            f"Causes are selected on all recordings, their sizes are estimated on {fitted}, and "
-            f"the gap is measured on {judged}."
+            f"Causes are selected on all recordings, their sizes are estimated on {fitted}, and"
+            f" the gap is measured on {judged}."
         )
     return [
         Text(text),

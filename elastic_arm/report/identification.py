@@ -179,10 +179,10 @@ def _verdict(result: Identification) -> list[Block]:
     if result.consistency is not None:
         blocks.append(
             Text(
-                "All parameters were completed such that every body is physically possible, with a "
-                f"trust of {result.consistency['trust']:.0%} in the nominal arm (the value with "
-                "the "
-                "highest likelihood)."
+                "All parameters were completed such that every body is physically possible, with a"
+                f" trust of {result.consistency['trust']:.0%} in the nominal arm (the value with"
+                " the"
+                " highest likelihood)."
             )
         )
     return blocks

@@ -4,8 +4,8 @@ MEANINGS = {
     "cause": "effect, or large deviation of a number, that the arm has and the model lacks",
     "where": "the joint of the cause",
     "visible on": "equations of the joint in which the cause is visible: link, drive or motor side",
-    "size": "parameters of the cause with one standard deviation; from → to if the description "
-    "states a value",
+    "size": "parameters of the cause with one standard deviation; from → to if the description"
+    " states a value",
     "share of the gap": "share of the whole gap that this cause alone removes",
     "probability": "probability that the cause is present, given the recordings and its prior",
     "named cause": "cause for which there is an alternative",
@@ -39,8 +39,8 @@ MEANINGS = {
     "identified": "value with the best fit to the recordings",
     "nominal": "value of the description",
     "determined": (
-        "whether the standard deviation is small compared with the usual size of such a "
-        "number for this arm"
+        "whether the standard deviation is small compared with the usual size of such a"
+        " number for this arm"
     ),
     "equation": "compared side of the joint, or compared torque",
     "arm": "nominal, identified, or consistent (physically possible numbers)",

@@ -18,8 +18,8 @@ def sections(found: Sequence[Replay]) -> list[Section]:
     first = found[0]
     how = Text(
         f"In MuJoCo, the recorded motor torque drives the arm for {first.window:g} s from each"
-        f" of {first.windows} starting points. Torque: the recorded torque compared with "
-        "MuJoCo's inverse dynamics of the recorded motion."
+        f" of {first.windows} starting points. Torque: the recorded torque compared with"
+        " MuJoCo's inverse dynamics of the recorded motion."
     )
     units = first.units
     tables = [

@@ -266,8 +266,8 @@ def _check_carriers(joint: Joint, allowed: tuple[str, str]) -> None:
         require(
             component.carrier in allowed,
             f"{joint.name}.{what}.carrier is {component.carrier!r}",
-            f"A transmission component has to be on a body at its joint: {allowed[0]} or "
-            f"{allowed[1]}",
+            f"A transmission component has to be on a body at its joint: {allowed[0]} or"
+            f" {allowed[1]}",
         )
 
 

@@ -152,8 +152,8 @@ class Inertia:
         require(
             moments[0] + moments[1] >= moments[2] - tolerance,
             f"inertia violates the triangle inequality: its principal moments are {text} kg m^2",
-            "No moment may exceed the sum of the other two; check that it refers to the "
-            "centre of mass",
+            "No moment may exceed the sum of the other two; check that it refers to the"
+            " centre of mass",
         )
         require(
             self.mass > 0.0 or not (self.inertia.any() or self.com.any()),
@@ -302,8 +302,8 @@ class Limits:
 
 # What to do where no torque was recorded.
 CONTROLLED = (
-    "or record commands and positions, and describe the controllers that compute "
-    "torques from them: `controller: {joint_1: {kp: 30, kd: 0.5}}`, Nm/rad and Nm"
+    "or record commands and positions, and describe the controllers that compute"
+    " torques from them: `controller: {joint_1: {kp: 30, kd: 0.5}}`, Nm/rad and Nm"
     " s/rad (docs/servo_arm.md)"
 )
 

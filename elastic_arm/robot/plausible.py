@@ -165,8 +165,8 @@ def _inertia(whose: str, mass: float, moments: np.ndarray, robot: Robot) -> str 
     said = f"{whose}: inertia of {largest:.4g} kg m² at {mass:.4g} kg"
     if radius > 2.0 * longest:
         return (
-            f"{said} implies a width of {2.0 * radius:.3g} m, but no link is longer than "
-            f"{longest - 0.5:.3g} m: g m² or kg mm² taken as kg m²?"
+            f"{said} implies a width of {2.0 * radius:.3g} m, but no link is longer than"
+            f" {longest - 0.5:.3g} m: g m² or kg mm² taken as kg m²?"
         )
     if largest < PLACEHOLDER * least:
         return (

@@ -159,8 +159,8 @@ class _Reading:
             names = ", ".join(repr(element.get("name")) for element, _ in onward)
             raise RobotError(
                 f"the chain branches: joints {names} move relative to the same body",
-                "Give the arm's first and last link (chain base:tip), or make the joints of "
-                "the other branches fixed",
+                "Give the arm's first and last link (chain base:tip), or make the joints of"
+                " the other branches fixed",
             )
         return onward[0] if onward else None
 
@@ -218,8 +218,8 @@ class _Reading:
             nearest, off = nearest_tensor(tensor)
             if 0.0 < off <= ROUNDED:
                 self._notes.append(
-                    f"{where}: its inertia is physically impossible, by {off:.1%}: the nearest "
-                    "possible inertia is used"
+                    f"{where}: its inertia is physically impossible, by {off:.1%}: the nearest"
+                    " possible inertia is used"
                 )
                 tensor = nearest
             return moved(Inertia(mass, inertia=tensor), placement @ origin)
@@ -304,8 +304,8 @@ class _Reading:
                 words = "it couples several joints and is ignored; use `coupling` in a channel map"
             elif ratio != 1.0:
                 words = (
-                    f"its reduction of {ratio:g} is ignored, as there is no rotor inertia "
-                    "(drake:rotor_inertia)"
+                    f"its reduction of {ratio:g} is ignored, as there is no rotor inertia"
+                    " (drake:rotor_inertia)"
                 )
             if words:
                 self._notes.append(f"<transmission> of joint {name!r}: {words}")

@@ -81,8 +81,8 @@ class UrdfTree:
         if self.held:
             mass = self.mass_of({link for joint in self.held for link in self.links_from(joint)})
             notes.append(
-                f"joints {', '.join(sorted(self.held))} mimic one another like those of a "
-                f"gripper: they are fixed at zero, and their links ({mass:.3g} kg) are part of"
+                f"joints {', '.join(sorted(self.held))} mimic one another like those of a"
+                f" gripper: they are fixed at zero, and their links ({mass:.3g} kg) are part of"
                 " the link that carries them"
             )
         if self.left_out:

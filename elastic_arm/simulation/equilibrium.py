@@ -38,10 +38,10 @@ def equilibrium(system: System, theta: Array, speed: Array) -> tuple[Array, Arra
     if found is None:
         worst = int(np.abs(load).argmax())
         raise SimulationError(
-            "no static equilibrium was found with the motors at "
-            f"{np.array2string(theta, precision=3)} rad: the largest remaining torque is "
-            f"{np.abs(load[worst]):.3g} Nm at "
-            f"{system.equations.robot.joint_names[free[worst] % n]}",
+            "no static equilibrium was found with the motors at"
+            f" {np.array2string(theta, precision=3)} rad: the largest remaining torque is"
+            f" {np.abs(load[worst]):.3g} Nm at"
+            f" {system.equations.robot.joint_names[free[worst] % n]}",
             "Check stiffness, masses and the effects' parameters.",
         )
     return found[0], found[1][motor]

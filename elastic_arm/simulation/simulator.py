@@ -333,8 +333,8 @@ def check_same_joints(robot: Robot, nominal: Robot) -> None:
         raise SimulationError(
             f"the true arm {robot.name} has {robot.n} joints, the nominal arm {nominal.name} has"
             f" {nominal.n}",
-            "Describe the same joints twice: in the true arm and in the nominal arm of "
-            "the controller.",
+            "Describe the same joints twice: in the true arm and in the nominal arm of"
+            " the controller.",
         )
 
 

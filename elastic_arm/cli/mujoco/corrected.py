@@ -62,9 +62,9 @@ class Written:
             return ""
         more = len(told) - NAMED
         return (
-            "The numbers of the corrected arm are refined by simulations of the fitted "
-            "recordings, starting from the posterior. These change by more than their standard "
-            f"deviation: {listed(told[:NAMED], more)}."
+            "The numbers of the corrected arm are refined by simulations of the fitted"
+            " recordings, starting from the posterior. These change by more than their standard"
+            f" deviation: {listed(told[:NAMED], more)}."
         )
 
 

@@ -47,8 +47,8 @@ def format_of(file: Path, asked: Format | None) -> Format:
     if not possible or (asked is not None and asked not in possible):
         what = "" if asked is None else f" as {asked.value}"
         remedy = (
-            "Use the extension .urdf (`gz sdf -p` converts it to SDF for Gazebo), .usda, or .xml "
-            "or .mjcf for an MJCF."
+            "Use the extension .urdf (`gz sdf -p` converts it to SDF for Gazebo), .usda, or .xml"
+            " or .mjcf for an MJCF."
         )
         raise RobotError(f"the extension of {file} does not select a format{what}", remedy)
     return possible[0] if asked is None else asked
@@ -202,8 +202,8 @@ def print_closed_loop(errors: Mapping[str, ClosedLoopError]) -> None:
             )
     out.print(table)
     out.print(
-        "[dim]closed loop: root mean square errors of the angles under the recorded commands "
-        "of the validation recordings[/]"
+        "[dim]closed loop: root mean square errors of the angles under the recorded commands"
+        " of the validation recordings[/]"
     )
 
 

@@ -137,6 +137,6 @@ def print_replays(found: list[Replay]) -> None:
         out.print(table)
     seconds = found[0].window
     out.print(
-        f"root mean squares over {found[0].windows} windows of {seconds:g} s, driven by the "
-        "recorded torque"
+        f"root mean squares over {found[0].windows} windows of {seconds:g} s, driven by the"
+        " recorded torque"
     )

@@ -33,8 +33,8 @@ EFFECT = Effect(
     description="Play: within the gap the drive transmits only damping.",
     plain="has {half_gap} of play to either side in its drive",
     signature=(
-        "Joint torque over deflection is flat in the middle; where the load changes "
-        "sign, the residual steps from +K b to -K b and the link rings."
+        "Joint torque over deflection is flat in the middle; where the load changes"
+        " sign, the residual steps from +K b to -K b and the link rings."
     ),
     law=law,
     # A loaded drive lies at one end of its play, and is wound beyond it.

@@ -31,8 +31,8 @@ EFFECT = Effect(
     description="The base of the arm is not level, so gravity acts in another direction.",
     plain="has a base that is tilted by {x} about x and {y} about y",
     signature=(
-        "A link residual at all joints that depends only on the pose, even on a "
-        "vertical first axis."
+        "A link residual at all joints that depends only on the pose, even on a"
+        " vertical first axis."
     ),
     law=law,
     # Beyond, the arm is mounted otherwise, which is looked for first.
@@ -48,8 +48,8 @@ EFFECT = Effect(
         Confusion(
             "link_inertia_mismatch",
             "the first joint hardly turns",
-            "motion with large angles of the first joint, where a tilt loads the others "
-            "differently",
+            "motion with large angles of the first joint, where a tilt loads the others"
+            " differently",
         ),
     ),
 )

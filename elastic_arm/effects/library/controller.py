@@ -132,8 +132,8 @@ EFFECTS = (
         formula="kp true = gain * stated",
         description=("The controller's gain for the position error differs from the description."),
         signature=(
-            "The motor residual follows the position error, command minus angle, in "
-            "motion and at rest."
+            "The motor residual follows the position error, command minus angle, in"
+            " motion and at rest."
         ),
         plain="has a controller with {gain} times the stated kp",
         law=_made(lambda motion, i, stated, p: (1.0 - p["gain"]) * _of_position(motion, i, stated)),
@@ -145,10 +145,10 @@ EFFECTS = (
         confusions=(
             Confusion(
                 "velocity_gain",
-                "each gain contributes little to the torque: the other gain with all torques "
-                "scaled gives nearly the same torque",
-                "faster motion, in which kp and kd give different torques; a known weight, "
-                "which determines their scale",
+                "each gain contributes little to the torque: the other gain with all torques"
+                " scaled gives nearly the same torque",
+                "faster motion, in which kp and kd give different torques; a known weight,"
+                " which determines their scale",
             ),
         ),
     ),
@@ -156,8 +156,8 @@ EFFECTS = (
         "velocity_gain",
         formula="kd true = gain * stated",
         description=(
-            "The controller's gain for the velocity error differs from the description; "
-            "the back-EMF of a servo acts as part of it."
+            "The controller's gain for the velocity error differs from the description;"
+            " the back-EMF of a servo acts as part of it."
         ),
         signature="The motor residual follows the velocity error.",
         plain="has a controller with {gain} times the stated kd",
@@ -171,15 +171,15 @@ EFFECTS = (
         confusions=(
             Confusion(
                 "position_gain",
-                "each gain contributes little to the torque: the other gain with all torques "
-                "scaled gives nearly the same torque",
-                "faster motion, in which kp and kd give different torques; a known weight, "
-                "which determines their scale",
+                "each gain contributes little to the torque: the other gain with all torques"
+                " scaled gives nearly the same torque",
+                "faster motion, in which kp and kd give different torques; a known weight,"
+                " which determines their scale",
             ),
             Confusion(
                 "viscous_friction",
-                "the controller damps the motor's own velocity, and viscous friction gives "
-                "the same torque",
+                "the controller damps the motor's own velocity, and viscous friction gives"
+                " the same torque",
                 "a controller that follows the rate of commands, or motion driven from outside",
             ),
         ),
@@ -213,8 +213,8 @@ EFFECTS = (
         confusions=(
             Confusion(
                 "velocity_gain",
-                "the arm follows its commands closely: a delay acts as damping of kp times "
-                "the delay",
+                "the arm follows its commands closely: a delay acts as damping of kp times"
+                " the delay",
                 "faster motion, or constant commands while an external force moves the arm",
             ),
             Confusion(
@@ -233,8 +233,8 @@ EFFECTS = (
         ),
         plain="gives at most {torque}",
         signature=(
-            "The motor residual is the part of the controller torque beyond a limit, and "
-            "zero below it."
+            "The motor residual is the part of the controller torque beyond a limit, and"
+            " zero below it."
         ),
         law=_made(_beyond, limited=False),
         parameters=(
@@ -282,8 +282,8 @@ EFFECTS = (
         description="The controller has an integral term that the description does not state.",
         plain="integrates its position error with {ki}",
         signature=(
-            "The motor residual follows the integral of command minus angle, and changes "
-            "most slowly where it is largest."
+            "The motor residual follows the integral of command minus angle, and changes"
+            " most slowly where it is largest."
         ),
         law=_integral,
         parameters=(amount("ki", "Nm/(rad s)", 0.5, 200.0, "in addition to the stated value"),),

@@ -52,8 +52,8 @@ VISCOUS = friction(
         Confusion(
             DRY,
             "the joint always moves at the same speed",
-            "the same path at half and twice the speed: viscous friction changes with "
-            "speed, Coulomb friction does not",
+            "the same path at half and twice the speed: viscous friction changes with"
+            " speed, Coulomb friction does not",
         ),
     ),
 )
@@ -88,13 +88,13 @@ STRIBECK = friction(
     lambda w, sign, p: p["torque"] * ca.exp(-((w / p["speed"]) ** 2)) * sign,
     formula="(F_s - F_c) exp(-(w/v_s)^2) sign(w)",
     description=(
-        "The excess of friction near standstill over Coulomb friction, before a "
-        "lubricating film forms."
+        "The excess of friction near standstill over Coulomb friction, before a"
+        " lubricating film forms."
     ),
     plain="needs up to {torque} more to break loose below {speed}",
     signature=(
-        "The residual peaks on both sides of each velocity reversal and vanishes "
-        "above the Stribeck speed."
+        "The residual peaks on both sides of each velocity reversal and vanishes"
+        " above the Stribeck speed."
     ),
     parameters=(
         amount("torque", "Nm", 0.1, 50.0, "F_s - F_c, the excess at standstill"),
@@ -114,8 +114,8 @@ DEGRESSIVE = friction(
     lambda w, sign, p: p["torque"] * ca.tanh(w / p["speed"]),
     formula="F tanh(w/v)",
     description=(
-        "Viscous friction that saturates with speed: shear-thinning lubricant, such "
-        "as grease in a gear."
+        "Viscous friction that saturates with speed: shear-thinning lubricant, such"
+        " as grease in a gear."
     ),
     plain="has up to {torque} of friction that saturates above {speed}",
     signature="The residual rises with velocity near standstill and is flat far above the speed v.",
@@ -144,8 +144,8 @@ LOADED = Effect(
     ),
     formula="mu abs(tau_J) sign(w)",
     description=(
-        "Dry friction proportional to the torque that the drive transmits: teeth and "
-        "wave bearing under load."
+        "Dry friction proportional to the torque that the drive transmits: teeth and"
+        " wave bearing under load."
     ),
     plain="loses {coefficient} times the torque of its drive to friction",
     signature=(
@@ -186,12 +186,12 @@ THERMAL = scaling(
     "thermal_friction",
     lambda motion, i, p: p["change"] * motion.progress,
     formula="the side's friction times 1 + r (t - t_mid) / T, T the length of the recording",
-    description="Friction that changes during the recording: grease becomes thinner as the "
-    "joint warms up.",
+    description="Friction that changes during the recording: grease becomes thinner as the"
+    " joint warms up.",
     plain="has friction that changes by a share of {change} over the recording",
     signature=(
-        "The residual of a friction that is correct on average: one sign at the "
-        "beginning, the other at the end."
+        "The residual of a friction that is correct on average: one sign at the"
+        " beginning, the other at the end."
     ),
     parameters=(signed("change", "1", 1.0, "r", above=-2.0, draw=(0.6, 1.0)),),
     regime="drift",
@@ -212,8 +212,8 @@ ASYMMETRIC = scaling(
     lambda motion, i, p: p["asymmetry"] * motion.sign(p["side"], i),
     formula="the side's friction times 1 + a sign(w)",
     description=("Dry and viscous friction differ between the two directions, as in most gears."),
-    plain="has friction that is larger than average in the positive direction by a "
-    "share of {asymmetry}",
+    plain="has friction that is larger than average in the positive direction by a"
+    " share of {asymmetry}",
     signature=(
         "The residual rises with speed at different slopes in the two directions, and"
         " its jump at a reversal is not centred."

@@ -32,8 +32,8 @@ EFFECT = Effect(
     id="gravity_compensation",
     formula="recorded torque = true - share * g_i(q)",
     description=(
-        "The controller compensates gravity itself, and the recorded torque lacks "
-        "this part, wholly or partly."
+        "The controller compensates gravity itself, and the recorded torque lacks"
+        " this part, wholly or partly."
     ),
     plain="records a torque that lacks {share} times its weight",
     signature=(

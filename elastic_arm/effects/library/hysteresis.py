@@ -28,9 +28,9 @@ EFFECT = Effect(
     ),
     plain="has a drive whose torque deviates by {torque} from the mean in loading and unloading",
     signature=(
-        "Joint torque over deflection is a loop of constant area; the residual "
-        "alternates between +H and -H with the direction of loading and changes over "
-        "a deflection of about the width."
+        "Joint torque over deflection is a loop of constant area; the residual"
+        " alternates between +H and -H with the direction of loading and changes over"
+        " a deflection of about the width."
     ),
     law=law,
     parameters=(

@@ -23,8 +23,8 @@ SPRING = Effect(
     description="A spring from one link to the next: a counterbalance, a dress pack, a hose.",
     plain="carries a spring of {stiffness}",
     signature=(
-        "The link residual is a straight line over the joint angle, independent of "
-        "speed and other joints."
+        "The link residual is a straight line over the joint angle, independent of"
+        " speed and other joints."
     ),
     law=lambda motion, i, p: motion.at(i, link=p["stiffness"] * (motion.q[i] - p["rest"])),
     parameters=(
@@ -41,17 +41,17 @@ SPRING = Effect(
 COUNTERBALANCE = Effect(
     "counterbalance",
     formula=(
-        "c_2 q^2 + c_3 q^3 + c_4 q^4 + c_5 q^5 on the link, q in rad: nonlinear part "
-        "beyond a joint spring"
+        "c_2 q^2 + c_3 q^3 + c_4 q^4 + c_5 q^5 on the link, q in rad: nonlinear part"
+        " beyond a joint spring"
     ),
     description=(
-        "A counterbalance on a crank, a gas spring: the nonlinear part of its torque "
-        "over the angle, in addition to a joint spring."
+        "A counterbalance on a crank, a gas spring: the nonlinear part of its torque"
+        " over the angle, in addition to a joint spring."
     ),
     plain="carries a counterbalance with a nonlinear torque of {torque} per rad², rad³, …",
     signature=(
-        "The link residual is a single curve over the joint's own angle, independent "
-        "of speed and other joints."
+        "The link residual is a single curve over the joint's own angle, independent"
+        " of speed and other joints."
     ),
     law=lambda motion, i, p: motion.at(
         i, link=ca.dot(p["torque"], ca.vertcat(*(motion.q[i] ** k for k in ORDERS)))

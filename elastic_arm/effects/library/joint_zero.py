@@ -21,17 +21,17 @@ def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
 EFFECT = Effect(
     id="joint_zero",
     formula=(
-        "both encoders of a joint = the description's angle + offset; the arm beyond "
-        "it is rotated by -offset"
+        "both encoders of a joint = the description's angle + offset; the arm beyond"
+        " it is rotated by -offset"
     ),
     description=(
-        "The zero of the joint differs from the description: recalibration, an "
-        "exchanged motor or encoder."
+        "The zero of the joint differs from the description: recalibration, an"
+        " exchanged motor or encoder."
     ),
     plain="has a zero that differs by {offset} from the description",
     signature=(
-        "Weight and inertia of all bodies that the joint moves act at a wrong angle, "
-        "also on joints before it; the two encoders agree."
+        "Weight and inertia of all bodies that the joint moves act at a wrong angle,"
+        " also on joints before it; the two encoders agree."
     ),
     law=law,
     parameters=(signed("offset", "rad", 0.5, "recorded - described", draw=(0.02, 0.1)),),

@@ -37,8 +37,8 @@ EFFECT = Effect(
     id="link_inertia_mismatch",
     formula="mass m -> r m, centre of mass c -> c + s, inertia about it I -> rho r I",
     description=(
-        "The inertial parameters of the link differ from the nominal ones: wall "
-        "thickness, cables, covers."
+        "The inertial parameters of the link differ from the nominal ones: wall"
+        " thickness, cables, covers."
     ),
     plain="has a link of {mass} times the described mass",
     signature=(

@@ -51,8 +51,8 @@ PAYLOAD = Effect(
     description="A tool or workpiece that the model lacks.",
     plain="carries {mass} at its tool",
     signature=(
-        "Additional weight and inertia on the last link, visible on the link side of "
-        "every joint before it."
+        "Additional weight and inertia on the last link, visible on the link side of"
+        " every joint before it."
     ),
     law=carried,
     parameters=(amount("mass", "kg", 0.05, 50.0, "m"), PLACE),
@@ -73,8 +73,8 @@ LOAD = Effect(
     description=("A part mounted on a link: a valve block, a cable drum, a camera on the forearm."),
     plain="carries {mass} on its link",
     signature=(
-        "Additional weight and inertia on that link, visible on the link side of its "
-        "joint and of those before it."
+        "Additional weight and inertia on that link, visible on the link side of its"
+        " joint and of those before it."
     ),
     law=carried,
     parameters=(amount("mass", "kg", 0.05, 50.0, "m"), PLACE),

@@ -73,8 +73,8 @@ EFFECTS = (
         description="The damping of the drive differs from the nominal one.",
         plain="has a drive with {damping} times the described damping",
         signature=(
-            "The drive residual follows the rate of deflection: small in slow motion, "
-            "largest where the drive rings."
+            "The drive residual follows the rate of deflection: small in slow motion,"
+            " largest where the drive rings."
         ),
         regime="frequency",
         confusions=(
@@ -98,8 +98,8 @@ EFFECTS = (
         id="rotor_inertia_mismatch",
         formula="(ratio - 1) B_ii theta''",
         description=(
-            "The inertia on the motor side differs; rotor, wave generator and spline act "
-            "together in B."
+            "The inertia on the motor side differs; rotor, wave generator and spline act"
+            " together in B."
         ),
         plain="has {inertia} times the described inertia on its motor side",
         signature="The motor residual follows the acceleration of the motor.",
@@ -114,8 +114,8 @@ EFFECTS = (
             Confusion(
                 "inertia_coupling",
                 "the link moves like the motor",
-                "motion with large deflection: fast enough for link and motor accelerations "
-                "to differ",
+                "motion with large deflection: fast enough for link and motor accelerations"
+                " to differ",
             ),
         ),
     ),

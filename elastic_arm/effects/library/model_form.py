@@ -33,8 +33,8 @@ EFFECTS = (
         ("mod1",),
         formula="left side of (1) in mod2 - in mod1",
         description=(
-            "The inertia of the splines rotates with the motor, not with the link; mod1 "
-            "merges it into the link."
+            "The inertia of the splines rotates with the motor, not with the link; mod1"
+            " merges it into the link."
         ),
         plain="has splines that rotate with the motor, not with the link",
         signature=(
@@ -49,20 +49,20 @@ EFFECTS = (
         ("mod1", "mod2"),
         formula="S theta'' + c1 on the link side, S' q'' + c2 on the motor side (5), (8)",
         description=(
-            "Spinning rotors and wave generators act back on the links that carry them; "
-            "mod1 and mod2 neglect this."
+            "Spinning rotors and wave generators act back on the links that carry them;"
+            " mod1 and mod2 neglect this."
         ),
         plain="has spinning rotors that act back on the links that carry them",
         signature=(
-            "Residuals proportional to accelerations of other joints and of the other "
-            "side, of known size."
+            "Residuals proportional to accelerations of other joints and of the other"
+            " side, of known size."
         ),
         confusions=(
             Confusion(
                 "rotor_inertia_mismatch",
                 ALIKE,
-                "motion with large deflection of joint 1: fast enough for link and motor "
-                "accelerations to differ",
+                "motion with large deflection of joint 1: fast enough for link and motor"
+                " accelerations to differ",
             ),
             Confusion("link_inertia_mismatch", ALIKE, "motion with large deflection of joint 1"),
         ),

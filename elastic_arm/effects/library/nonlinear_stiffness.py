@@ -22,8 +22,8 @@ EFFECT = Effect(
     ),
     plain="has a drive whose torque includes {cubic} times the cube of its deflection",
     signature=(
-        "Joint torque over deflection is a curved line: the residual grows with the "
-        "cube of the deflection."
+        "Joint torque over deflection is a curved line: the residual grows with the"
+        " cube of the deflection."
     ),
     law=law,
     parameters=(signed("cubic", "Nm/rad^3", 1e11, "K_3"),),

@@ -147,8 +147,8 @@ EFFECTS = (
         description="The joint torque sensor has a wrong scale.",
         plain="records {gain} times its joint torque",
         signature=(
-            "All three residuals of the joint are proportional to the joint torque, with "
-            "the opposite sign in the motor residual."
+            "All three residuals of the joint are proportional to the joint torque, with"
+            " the opposite sign in the motor residual."
         ),
         confusions=(
             Confusion("stiffness_mismatch", ONLY_DRIVE, "the link or motor equation"),
@@ -190,8 +190,8 @@ EFFECTS = (
         description="The joint torque sensor has a wrong zero.",
         plain="records its joint torque shifted by {offset}",
         signature=(
-            "All three residuals of the joint are shifted by a constant, with the "
-            "opposite sign in the motor residual."
+            "All three residuals of the joint are shifted by a constant, with the"
+            " opposite sign in the motor residual."
         ),
         sides=SIDES["joint_torque"],
         confusions=(
@@ -213,8 +213,8 @@ EFFECTS = (
         description="The zeros of link and motor encoder differ.",
         plain="has a link encoder whose zero differs by {offset} from the motor encoder",
         signature=(
-            "The drive residual is a constant: without load at rest, the drive seems to "
-            "be deflected."
+            "The drive residual is a constant: without load at rest, the drive seems to"
+            " be deflected."
         ),
         sides=("drive",),
         confusions=(

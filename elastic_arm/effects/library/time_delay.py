@@ -81,8 +81,8 @@ EFFECT: Effect = SensorEffect(
         ),
         Confusion(
             "torque_lowpass",
-            "the torque changes slowly compared with the delay: both act as the delay "
-            "times its rate",
+            "the torque changes slowly compared with the delay: both act as the delay"
+            " times its rate",
             "faster motion: a filter also reduces the amplitude, a delay does not",
         ),
     ),

@@ -37,12 +37,12 @@ EFFECT: Effect = SensorEffect(
     id="torque_drift",
     formula="recorded = true + a zero that moves at the mean rate from the first sample",
     description=(
-        "The zero of a torque channel drifts during the recording: a sensor or a "
-        "drive that warms up."
+        "The zero of a torque channel drifts during the recording: a sensor or a"
+        " drive that warms up."
     ),
     plain="has a {channel} whose zero drifts by {rate} during the recording",
-    signature="The residuals that contain the channel drift from zero over time, "
-    "independent of the motion.",
+    signature="The residuals that contain the channel drift from zero over time,"
+    " independent of the motion.",
     law=law,
     parameters=(signed("rate", "Nm/s", 2.0, "mean over the recording"),),
     choices=(Choice("channel", TORQUES, "joint_torque"),),

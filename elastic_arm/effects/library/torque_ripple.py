@@ -26,8 +26,8 @@ EFFECT = Effect(
     description="Cogging and commutation ripple of the motor.",
     plain="has a motor whose torque ripples by ±{amplitude}, {order} times per turn of the rotor",
     signature=(
-        "A ripple of the motor residual, periodic in the rotor angle, with the same "
-        "amplitude at all speeds and loads."
+        "A ripple of the motor residual, periodic in the rotor angle, with the same"
+        " amplitude at all speeds and loads."
     ),
     law=law,
     parameters=(

@@ -44,17 +44,17 @@ EFFECT = Effect(
         " de/dtheta)"
     ),
     description=(
-        "The kinematic error of the harmonic drive: its output leads and lags "
-        "periodically in the wave-generator angle, usually twice per turn."
+        "The kinematic error of the harmonic drive: its output leads and lags"
+        " periodically in the wave-generator angle, usually twice per turn."
     ),
     plain=(
-        "has a gear that leads and lags by ±{amplitude}, {order} times per turn of "
-        "the wave generator"
+        "has a gear that leads and lags by ±{amplitude}, {order} times per turn of"
+        " the wave generator"
     ),
     signature=(
-        "A ripple of joint torque that is periodic in the wave-generator angle and "
-        "grows at speeds that excite the elastic resonance; in the motor residual it "
-        "is proportional to the load."
+        "A ripple of joint torque that is periodic in the wave-generator angle and"
+        " grows at speeds that excite the elastic resonance; in the motor residual it"
+        " is proportional to the load."
     ),
     law=law,
     parameters=(

@@ -136,8 +136,8 @@ class YieldingJoint:
 
 
 BEHIND = (
-    "A second encoder on the link, or a weight on the resting link: the motor "
-    "encoder does not show it"
+    "A second encoder on the link, or a weight on the resting link: the motor"
+    " encoder does not show it"
 )
 
 EFFECTS: tuple[Effect, ...] = (
@@ -147,8 +147,8 @@ EFFECTS: tuple[Effect, ...] = (
         description="The joint is elastic behind its encoder, but described as rigid.",
         plain="is elastic behind its encoder with {stiffness}",
         signature=(
-            "Torque at all joints where the link oscillates on its drive, and less "
-            "inertia above that frequency."
+            "Torque at all joints where the link oscillates on its drive, and less"
+            " inertia above that frequency."
         ),
         law=_nothing,
         change=_change,
@@ -161,8 +161,8 @@ EFFECTS: tuple[Effect, ...] = (
     StructuralEffect(
         id="joint_play",
         formula=(
-            "link at q + d behind the encoder, free within |d| < b; at the ends it comes "
-            "to rest within 20 ms"
+            "link at q + d behind the encoder, free within |d| < b; at the ends it comes"
+            " to rest within 20 ms"
         ),
         description="The joint has play behind its encoder, but is described as rigid.",
         plain="has {half_gap} of play to either side behind its encoder",

@@ -85,8 +85,8 @@ class Derived:
         moved = f"{units.over('mrad')}: {moved}"
         return [
             *said,
-            f"{source}: zeros of the link encoders shifted to those of the first "
-            f"recording, {moved}",
+            f"{source}: zeros of the link encoders shifted to those of the first"
+            f" recording, {moved}",
         ]
 
     def aligned(self, equations: BaseRegression, first: Derived | None) -> Derived:
@@ -229,8 +229,8 @@ class DerivativeStage:
         )
         enough = twice and 2 * whole > lost
         without = (
-            f", or identify without effects (--with), for which {lost / rate / 2:.2f} s "
-            "are sufficient"
+            f", or identify without effects (--with), for which {lost / rate / 2:.2f} s"
+            " are sufficient"
             if enough
             else ""
         )

@@ -56,17 +56,17 @@ from elastic_arm.robot import Robot, require_robot
 # another motion badly.
 LOOSE = 3.0
 MOTOR_INERTIA = (
-    "the description states no motor inertia: it was also identified (armature, "
-    "which a URDF cannot represent)"
+    "the description states no motor inertia: it was also identified (armature,"
+    " which a URDF cannot represent)"
 )
 BARE = (
-    "no torque was recorded, so there is no equation: parameters visible only in "
-    "these torques are not determined"
+    "no torque was recorded, so there is no equation: parameters visible only in"
+    " these torques are not determined"
 )
 UNSEEN = "excluded, as it acts at a joint without a torque"
 FELT = (
-    "interpreted as friction that the joint torque sensors measure (side=link), "
-    "as no motor torque was recorded"
+    "interpreted as friction that the joint torque sensors measure (side=link),"
+    " as no motor torque was recorded"
 )
 
 

@@ -39,9 +39,9 @@ CHANCE = 1e-5
 # next one
 STEP = 1.0
 WORDS = (
-    "the torques show gravity of {} m/s², but the description has {}: the arm is "
-    "mounted differently, and the rotation Rx({:.0f}°) Ry({:.0f}°) is assumed "
-    "(base, in robot.yaml); a tilt relative to it was also identified"
+    "the torques show gravity of {} m/s², but the description has {}: the arm is"
+    " mounted differently, and the rotation Rx({:.0f}°) Ry({:.0f}°) is assumed"
+    " (base, in robot.yaml); a tilt relative to it was also identified"
 )
 
 

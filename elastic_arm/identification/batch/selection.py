@@ -185,8 +185,8 @@ class Trials:
             ]:
                 raise IdentificationError(
                     f"{', '.join(lost)}: not visible in the recorded torques",
-                    "Omit the effect, or let it act on the recorded side, as in "
-                    "coulomb_friction:side=link.",
+                    "Omit the effect, or let it act on the recorded side, as in"
+                    " coulomb_friction:side=link.",
                 )
             made = stage(equations, ends=ends, stuck=not choice.sticking)
             derived.append(made.aligned(equations, derived[0] if derived else None))
@@ -247,8 +247,8 @@ class Trials:
         found = []
         if any(is_dry(instance) for instance in self.effects):
             found.append(
-                f"dry friction reverses within {standstill(choice.sign_speed, self.robot)} of "
-                "standstill"
+                f"dry friction reverses within {standstill(choice.sign_speed, self.robot)} of"
+                " standstill"
             )
         if not choice.sticking:
             found.append(STICKS)

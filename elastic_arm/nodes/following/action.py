@@ -74,8 +74,8 @@ class Tolerances:
             for joint, error, limit in zip(joints, np.abs(errors), limits, strict=True):
                 if error > limit:
                     return (
-                        f"the {name} of {joint} deviates by {error:.3g} {unit}, more than the "
-                        f"tolerance of {limit:.3g} {unit}"
+                        f"the {name} of {joint} deviates by {error:.3g} {unit}, more than the"
+                        f" tolerance of {limit:.3g} {unit}"
                     )
         return ""
 
@@ -154,8 +154,8 @@ class TrajectoryAction:
         )
         if not wrong:
             words = (
-                f"slowed down by a factor of {active.goal.slower:.3g}: the requested motion "
-                f"{active.goal.reason}"
+                f"slowed down by a factor of {active.goal.slower:.3g}: the requested motion"
+                f" {active.goal.reason}"
             )
             self._end(
                 Result.SUCCESSFUL, words if active.goal.reason else "reached", active.handle.succeed

@@ -123,8 +123,8 @@ class Follower:
             joint = int(np.argmax(jump))
             if jump[joint] > LARGEST_JUMP:
                 raise GraphError(
-                    f"starts {jump[joint]:.3g} rad from the position of {self.joints[joint]} at "
-                    "that time",
+                    f"starts {jump[joint]:.3g} rad from the position of {self.joints[joint]} at"
+                    " that time",
                     "Start at the arm's position, or give time_from_start to move there.",
                 )
         else:  # what leads there from the last point counts as well

@@ -56,8 +56,8 @@ class DriverSide:
         if channels.time != "header" or channels.coupling:
             raise RecordingError(
                 "the channel map has arrival times or coupled motors",
-                "Record a bag, and diagnose it with --channels; live nodes use stamps and "
-                "joints unchanged.",
+                "Record a bag, and diagnose it with --channels; live nodes use stamps and"
+                " joints unchanged.",
             )
         joints = [getattr(channels.joints[name], side) for name in names]
         present = [dict(one.present()) for one in joints]
@@ -66,10 +66,10 @@ class DriverSide:
             return None
         if len(topics) > 1 or any(one.keys() != present[0].keys() for one in present):
             raise RecordingError(
-                f"the {side} side comes from {', '.join(sorted(topics))}, or its joints have "
-                "different channels",
-                "Live nodes need one topic of type sensor_msgs/JointState per side, with the "
-                "same channels for all joints.",
+                f"the {side} side comes from {', '.join(sorted(topics))}, or its joints have"
+                " different channels",
+                "Live nodes need one topic of type sensor_msgs/JointState per side, with the"
+                " same channels for all joints.",
             )
         return DriverSide(topics.pop(), joints)
 

@@ -31,8 +31,8 @@ KINDS = (*ARRAY_FILES, *RECORD_FILES)
 _PICKLED = (
     "is a pickled object; reading it could run any program",
     (
-        "Convert it where it was created, or where you trust it: "
-        "pandas.read_pickle('{0}').to_parquet('table.parquet')."
+        "Convert it where it was created, or where you trust it:"
+        " pandas.read_pickle('{0}').to_parquet('table.parquet')."
     ),
 )
 _ELSEWHERE = dict.fromkeys((".pkl", ".pickle", ".p", ".joblib"), _PICKLED)

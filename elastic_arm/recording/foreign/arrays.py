@@ -413,8 +413,8 @@ def _recording(
     for side, table in tables.items():
         if chosen is not None and len(chosen) != len(table.times):
             problem = (
-                f"the {side} side has {len(table.times)} rows, but the array of the runs "
-                f"{len(chosen)}"
+                f"the {side} side has {len(table.times)} rows, but the array of the runs"
+                f" {len(chosen)}"
             )
             raise RecordingError(problem, "Choose another array under rows.key.")
         rows = (np.arange(len(table.times)) if chosen is None else np.flatnonzero(chosen))[
@@ -498,8 +498,8 @@ def _table(arrays: Arrays, source: ArrayChannel, count: int, n: int) -> Array:
             and not source.flat
         ):
             remedy += (
-                f" If it contains {n} numbers per sample one after the other, add flat: true "
-                "to the channel."
+                f" If it contains {n} numbers per sample one after the other, add flat: true"
+                " to the channel."
             )
         problem = (
             f"{', '.join(keys)} has shape {table.shape}; expected {count} samples of {n} joints"

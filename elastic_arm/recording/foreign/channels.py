@@ -356,8 +356,8 @@ def coupling_matrix(coupling: Mapping[str, Mapping[str, float]], joints: Sequenc
         sizes[-1] < 1e-9 * sizes[0]
     ):  # relative singular value below which motors cannot move the joints apart
         raise ValueError(
-            "coupling: the motors cannot move these joints independently; each row also "
-            "has to name the joint's own motor"
+            "coupling: the motors cannot move these joints independently; each row also"
+            " has to name the joint's own motor"
         )
     return matrix
 

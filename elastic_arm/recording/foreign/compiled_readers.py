@@ -81,8 +81,8 @@ def load_compiled(paths: Sequence[Path], most: int) -> list[dict[str, np.ndarray
         reason = " ".join(said[-1:])[:200] or "it is damaged"
         if run.returncode < 0:
             reason = (
-                f"its reader ends with {signal.Signals(-run.returncode).name}: it is damaged, "
-                "or reading takes too long"
+                f"its reader ends with {signal.Signals(-run.returncode).name}: it is damaged,"
+                " or reading takes too long"
             )
         raise RecordingError(f"{path} cannot be read: {reason}", "Check the path and the format.")
     found: list[dict[str, np.ndarray]] = [{} for _ in paths]

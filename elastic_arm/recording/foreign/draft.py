@@ -54,8 +54,8 @@ class Draft:
     def to_yaml(self) -> str:
         """Return the text of the mapping file, with the reasons as comments."""
         lines = [
-            "# Draft of an array mapping, guessed from the numbers and names of the "
-            "arrays. Check every line and"
+            "# Draft of an array mapping, guessed from the numbers and names of the"
+            " arrays. Check every line and"
         ]
         lines += [
             "# correct it (docs/channel_maps.md). Signs and zeros of the joints cannot be guessed."
@@ -68,8 +68,8 @@ class Draft:
         if self.runs is not None:
             key, count = self.runs
             lines += [
-                f"rows: {_inline({'key': key})}          # {count} runs, one bag each; value: "
-                "N selects one"
+                f"rows: {_inline({'key': key})}          # {count} runs, one bag each; value:"
+                " N selects one"
             ]
         if self.decimal != ".":
             lines += [f"decimal: {_inline(self.decimal)}"]

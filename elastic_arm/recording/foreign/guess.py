@@ -130,10 +130,10 @@ def guess_mapping(
         ignored += [(key, reason) for key in table.keys]
     if not chosen:
         raise RecordingError(
-            f"no array contains positions or torques of {len(joints)} joints; the arrays "
-            f"are {', '.join(arrays)[:300]}",
-            "Check --robot: its number of joints has to equal the number of columns; or "
-            "write the mapping by hand.",
+            f"no array contains positions or torques of {len(joints)} joints; the arrays"
+            f" are {', '.join(arrays)[:300]}",
+            "Check --robot: its number of joints has to equal the number of columns; or"
+            " write the mapping by hand.",
         )
     chosen = {
         place: replace(guess, table=whole[guess.table.keys]) for place, guess in chosen.items()
@@ -332,8 +332,8 @@ class _Reader:
                 factors = ", ".join(f"{size / 200.0:.3g}" for size in ranges)
                 unit, why = (
                     "deg",
-                    "per cent of each joint's range, according to the different steps of the "
-                    "encoders",
+                    "per cent of each joint's range, according to the different steps of the"
+                    " encoders",
                 )
                 missing = {
                     "factor": (
@@ -349,8 +349,8 @@ class _Reader:
             side = side or "motor"
             if not word:
                 why += (
-                    "; a motor torque, unless the arm has joint torque sensors: then move it "
-                    "under link"
+                    "; a motor torque, unless the arm has joint torque sensors: then move it"
+                    " under link"
                 )
             if unit == "A":
                 missing |= {
@@ -392,8 +392,8 @@ class _Reader:
             unit = {"deg": "deg/s", "rpm": "rpm"}.get(word[0].lower(), "rad/s")
             return (
                 unit,
-                f"unit according to {word[0]!r} in its name; it is not the derivative of any "
-                "position in the file",
+                f"unit according to {word[0]!r} in its name; it is not the derivative of any"
+                " position in the file",
             )
         return "rad/s", "the unit is a guess: it is not the derivative of any position in the file"
 
@@ -512,8 +512,8 @@ def _torque_unit(table: JointTable) -> tuple[str, str]:
     return (
         "Nm",
         (
-            f"largest {largest:.3g}: assumed to be Nm at the joint (at the motor shaft: "
-            "unit Nm_motor, with ratio)"
+            f"largest {largest:.3g}: assumed to be Nm at the joint (at the motor shaft:"
+            " unit Nm_motor, with ratio)"
         ),
     )
 

@@ -223,8 +223,8 @@ def _check_content(content: Content, report: Report) -> None:
         report.add(*(("warning", "missing_metadata") if missing else ("error", "damaged")), damage)
     if content.promised is not None and content.promised != content.messages:
         message = (
-            f"metadata.yaml lists {content.promised} messages, but the files contain "
-            f"{content.messages}"
+            f"metadata.yaml lists {content.promised} messages, but the files contain"
+            f" {content.messages}"
         )
         report.add("error", "count", message)
     if not content.topics:
@@ -319,9 +319,9 @@ def _check_drift(content: Content, report: Report) -> None:
     duration = (both[0].stamp_ns[-1] - both[0].stamp_ns[0]) * 1e-9
     if abs(drift) > _DRIFT and abs(drift) * duration * 1e9 > 0.5 * steps[0]:
         message = (
-            f"the clocks of {both[0].topic} and {both[1].topic} drift apart by "
-            f"{drift * 1e6:.4g} us per second, {abs(drift) * duration * 1e3:.4g} "
-            "ms over the recording"
+            f"the clocks of {both[0].topic} and {both[1].topic} drift apart by"
+            f" {drift * 1e6:.4g} us per second, {abs(drift) * duration * 1e3:.4g}"
+            " ms over the recording"
         )
         report.add("warning", "drift", message, topic=both[1].topic)
 

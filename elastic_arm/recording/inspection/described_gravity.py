@@ -68,9 +68,9 @@ MASSES = 0.3
 COUPLED = "coupled"
 MISSING = "gravity_missing"
 TAKEN = (
-    "gravity was subtracted before the torque was recorded, or something else "
-    "supports the arm: record the full torque, or describe the support "
-    "(gravity_compensation)"
+    "gravity was subtracted before the torque was recorded, or something else"
+    " supports the arm: record the full torque, or describe the support"
+    " (gravity_compensation)"
 )
 # of gravity that is compensated, and of gains, by logarithm: as `effects.library` draws them
 SHARE = 0.4
@@ -455,8 +455,8 @@ def _named(tried: list[tuple[float, str, str]], code: str, side: str, remedy: st
         return []
     beside = "".join(f", or {short}" for gain, _, short in others if odds - gain < BESIDE)
     likely = (
-        f"the torques are then 10^{int(odds / np.log(10.0))} times as likely as with "
-        "the description"
+        f"the torques are then 10^{int(odds / np.log(10.0))} times as likely as with"
+        " the description"
     )
     return [warning(code, f"{side} side: {words}{beside}: {likely}", remedy)]
 
@@ -480,8 +480,8 @@ def _coupled(joints: Sequence[str]) -> Iterator[tuple[_Turn, list[_Way]]]:
             first, name = joints[j - 1], joints[j]
             line = f"coupling: {{{name}: {{{name}: 1.0, {first}: {sign:g}}}}}"
             words = (
-                f"the recorded angle of {name} is its own angle {way} that of {first}, as for "
-                f"a coupled drive ({line}, "
+                f"the recorded angle of {name} is its own angle {way} that of {first}, as for"
+                f" a coupled drive ({line}, "
             )
             alone = (
                 f"{words}with the angle under motor and the torque under link, as it belongs to"
@@ -505,8 +505,8 @@ def _arrangements(
     for j, name in enumerate(joints):
         mirrored = _Change(every, np.where(every == j, -1.0, 1.0))
         both = (
-            f"{name} turns in the opposite direction of the description; the signs of "
-            "its angle and torque are wrong"
+            f"{name} turns in the opposite direction of the description; the signs of"
+            " its angle and torque are wrong"
         )
         angle = f"the angle of {name} has the opposite sign of the description"
         yield mirrored, [("mirrored", both, mirrored), ("mirrored", angle, same)]
@@ -585,8 +585,8 @@ def _size(fit: GravityFit, side: str) -> list[Finding]:
     if not fit.certain or factor < 0.0 or FAR[0] <= factor <= FAR[1]:
         return []
     message = (
-        f"{side} effort follows the predicted gravity (correlation "
-        f"{fit.correlation:.3g}), but is {factor:.3g} times as large as described"
+        f"{side} effort follows the predicted gravity (correlation"
+        f" {fit.correlation:.3g}), but is {factor:.3g} times as large as described"
     )
     remedy = (
         "check its unit (Nm, Nm_motor with its ratio, A), the unit of the angles, and"
@@ -619,16 +619,16 @@ def _judged(fit: GravityFit, side: str, robot: Robot) -> list[Finding]:
             side, *numbers
         )
         remedy = (
-            "the arm is mounted differently (base in its arm file; identify and diagnose "
-            "detect the mounting)"
+            "the arm is mounted differently (base in its arm file; identify and diagnose"
+            " detect the mounting)"
         )
         return [warning("mounting", message, remedy)]
     times = f"{fit.factor:.3g} times the described one, correlation {fit.correlation:.3g}"
     if fit.certain and FACTOR[0] < -fit.factor < FACTOR[1]:
         message = f"{side} effort has the opposite sign of the predicted gravity ({times})"
         remedy = (
-            "either all torques have the wrong sign (sign: -1 in the map), or the arm is "
-            "mounted upside down (base in "
+            "either all torques have the wrong sign (sign: -1 in the map), or the arm is"
+            " mounted upside down (base in "
         )
         return [
             warning(

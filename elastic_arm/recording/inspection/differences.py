@@ -136,8 +136,8 @@ def _offset(t: Array, values: Array, t_other: Array, other: Array, name: str) ->
     best = int(np.argmax(score))
     if score[best] < ALIKE:
         raise RecordingError(
-            "the two recordings contain different motions: the correlation of their "
-            f"{name} velocities is {score[best]:.2f}",
+            "the two recordings contain different motions: the correlation of their"
+            f" {name} velocities is {score[best]:.2f}",
             "Give two recordings of the same commands",
         )
     offset = (best if best < len(rates[1]) else best - count) * step + t_other[0] - t[0]

@@ -60,8 +60,8 @@ def of_no_arm(recording: Recording) -> list[Finding]:
             speed = np.nan_to_num(np.sqrt(np.mean(speeds**2, axis=0)))
             fast = speed > FASTEST_JOINT
             words = (
-                f"reaches {span_of(speed[fast])} rad/s (root mean square), above the "
-                f"{FASTEST_JOINT:g} rad/s of any arm"
+                f"reaches {span_of(speed[fast])} rad/s (root mean square), above the"
+                f" {FASTEST_JOINT:g} rad/s of any arm"
             )
             remedy = (
                 "degrees taken as radians, a rotor without its ratio, or times in another unit?"
@@ -77,8 +77,8 @@ def of_no_arm(recording: Recording) -> list[Finding]:
                 ),
             ):
                 words = (
-                    f"is {span_of(size[odd])} Nm (root mean square), outside the range "
-                    f"of any arm, {WEAKEST:g} to {STRONGEST:g} Nm"
+                    f"is {span_of(size[odd])} Nm (root mean square), outside the range"
+                    f" of any arm, {WEAKEST:g} to {STRONGEST:g} Nm"
                 )
                 findings += about(joints, odd, "no_arm", f"{name} effort", words, hint)
     return findings
@@ -105,9 +105,9 @@ def _positions(name: str, position: Array, robot: Robot) -> list[Finding]:
     j = int(np.argmax(np.where(found, np.ptp(ends, axis=1), -np.inf)))
     limits, (low, high) = robot.joints[j].limits, ends[j]
     words = (
-        f"exceeds the limits of the description: {robot.joint_names[j]} moves from "
-        f"{low:.3g} to {high:.3g} {robot.joints[j].unit('rad')}, its limits are "
-        f"{limits.position_min or 0.0:.3g} to {limits.position_max or 0.0:.3g}"
+        f"exceeds the limits of the description: {robot.joint_names[j]} moves from"
+        f" {low:.3g} to {high:.3g} {robot.joints[j].unit('rad')}, its limits are"
+        f" {limits.position_min or 0.0:.3g} to {limits.position_max or 0.0:.3g}"
     )
     units, what = _other_units(robot, found)
     fit = [

@@ -51,8 +51,8 @@ def by_one_clock(recording: Recording, found: list[Finding]) -> Recording:
             f"the clock of {_WORDS[name]} is {abs(shift) * 1e-9:.6g} s {way} that of {_WORDS[base]}"
         )
         remedy = (
-            "they are aligned by their motion; a smaller delay between the two remains "
-            "undetected (37 s: TAI and UTC)"
+            "they are aligned by their motion; a smaller delay between the two remains"
+            " undetected (37 s: TAI and UTC)"
         )
         found.append(warning("clocks_apart", words, remedy))
     return replace(recording, **moved) if moved else recording

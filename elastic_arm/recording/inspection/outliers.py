@@ -208,8 +208,8 @@ def _in_one_piece(recording: Recording, found: list[Finding]) -> Recording:
                     f" {moment(side.stamp_ns, int(each.turned[0]))}"
                 )
                 words = (
-                    f"{what} is given within a turn of {each.turn:.4g} rad and jumps by a turn "
-                    f"{first}: it was unwrapped"
+                    f"{what} is given within a turn of {each.turn:.4g} rad and jumps by a turn"
+                    f" {first}: it was unwrapped"
                 )
                 found.append(note(words, "wrapped"))
                 turned[joint] = each.turn
@@ -223,8 +223,8 @@ def _in_one_piece(recording: Recording, found: list[Finding]) -> Recording:
             )
             words = f"{what} jumps {many[0]}in a physically impossible way, {many[1]}{place}"
             remedy = (
-                "two publishers, or a channel other than an angle? Results that depend on it "
-                "are unreliable"
+                "two publishers, or a channel other than an angle? Results that depend on it"
+                " are unreliable"
             )
             if len(rows) <= _SPIKE_SHARE * len(side):
                 for row in rows.tolist():
@@ -244,8 +244,8 @@ def _in_one_piece(recording: Recording, found: list[Finding]) -> Recording:
                 remedy = "concatenated recordings? The recording is split there"
                 if alone.all():
                     remedy = (
-                        "speed and all other channels continue, so its zero was set during the "
-                        "recording: the jump is removed"
+                        "speed and all other channels continue, so its zero was set during the"
+                        " recording: the jump is removed"
                     )
             found.append(
                 Finding(
@@ -291,8 +291,8 @@ def _commands_unwound(
             nearest[:, j] = by_turns
             other[j] = True
     words = (
-        "are given within a turn, like the angle or by another turn: they were "
-        "unwrapped to follow it"
+        "are given within a turn, like the angle or by another turn: they were"
+        " unwrapped to follow it"
     )
     found += about(recording.joints, other, "wrapped", "commands", words, severity="note")
     return {"reference": replace(given, position=nearest)} if other.any() else {}
@@ -619,7 +619,7 @@ def _require_possible(recording: Recording) -> None:
                 what = f"{name} effort is {largest.max():.3g} Nm at most"
             if what:
                 problem = (
-                    f"{recording.source or 'the recording'}: {what}, which is implausible for an "
-                    "arm"
+                    f"{recording.source or 'the recording'}: {what}, which is implausible for an"
+                    " arm"
                 )
                 raise RecordingError(problem, "Check its unit and the content of the channel")

@@ -67,8 +67,8 @@ def in_percent(recording: Recording) -> Iterator[Finding]:
                 f"{recording.joints[j]} {size:.0f}" for j, size in zip(there, ranges, strict=True)
             )
             words = (
-                f"{name} position is in per cent of each joint's range, not in degrees, "
-                "according to the different steps of the encoders"
+                f"{name} position is in per cent of each joint's range, not in degrees,"
+                " according to the different steps of the encoders"
             )
             remedy = (
                 "use the ranges from the calibration file; from steps of 12 bits they are, in"

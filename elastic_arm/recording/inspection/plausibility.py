@@ -208,8 +208,8 @@ def _stamps(name: str, motion: _Compared) -> list[Finding]:
         if found is None or found.stamps:
             return []
         spread = (
-            f"the stamps have jitter of {1e6 * usual / rate:.3g} us (std) that the "
-            "motion does not show"
+            f"the stamps have jitter of {1e6 * usual / rate:.3g} us (std) that the"
+            " motion does not show"
         )
         return [
             warning(

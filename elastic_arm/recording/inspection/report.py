@@ -18,16 +18,16 @@ REPAIR = "Write a usable copy with: elastic-arm bag check --repair BAG"
 # unit than they are taken for.
 SLOWEST, FASTEST = 5.0, 50_000.0
 UNIT = (
-    "Are the times in another unit? Give it (s, ms, us, ns) in the map, and "
-    "import the recording again."
+    "Are the times in another unit? Give it (s, ms, us, ns) in the map, and"
+    " import the recording again."
 )
 ARRIVAL = (
-    "Use the arrival times: --clock arrival in `identify` and `diagnose`, 'time: "
-    "arrival' in a channel map."
+    "Use the arrival times: --clock arrival in `identify` and `diagnose`, 'time:"
+    " arrival' in a channel map."
 )
 DOUBLE = (
-    "Write them as 64-bit numbers (float64), or as seconds since the first "
-    "sample; or give {rate: Hz} as times in the map."
+    "Write them as 64-bit numbers (float64), or as seconds since the first"
+    " sample; or give {rate: Hz} as times in the map."
 )
 Severity = Literal["error", "warning", "note"]
 
@@ -155,8 +155,8 @@ def check_stamped(stamp_ns: Stamps, topic: str) -> None:
     """Raise if all stamps are the same: nobody stamped the messages."""
     if (step := single_precision(stamp_ns)) is not None:
         problem = (
-            f"{topic}: times are seconds since 1970 in single precision (float32), with a "
-            f"resolution of {step:g} s"
+            f"{topic}: times are seconds since 1970 in single precision (float32), with a"
+            f" resolution of {step:g} s"
         )
         raise RecordingError(problem, DOUBLE)
     if len(stamp_ns) > 1 and (stamp_ns == stamp_ns[0]).all():
@@ -189,8 +189,8 @@ def wrong_rate(rate: float) -> str | None:
         return None
     much = "few to show" if rate < SLOWEST else "many for"
     return (
-        f"{rate:.3g} samples per second, according to the stamps, are too {much} the "
-        "motion of an arm"
+        f"{rate:.3g} samples per second, according to the stamps, are too {much} the"
+        " motion of an arm"
     )
 
 

@@ -49,8 +49,8 @@ _SAID = {
         "clipped",
         "stays at one end of its range while the joint moves",
         (
-            "the drive or its channel saturates, and the true torque is larger: record "
-            "with less torque"
+            "the drive or its channel saturates, and the true torque is larger: record"
+            " with less torque"
         ),
     ),
 }

@@ -32,8 +32,8 @@ def with_one_zero(recording: Recording, found: list[Finding]) -> Recording:
         return recording
     words = f"differ by {span_of(zero[off])} rad throughout"
     remedy = (
-        "more than the deflection of a drive: an encoder without reference? The "
-        "motor's angle is corrected by this difference"
+        "more than the deflection of a drive: an encoder without reference? The"
+        " motor's angle is corrected by this difference"
     )
     found += about(recording.joints, off, "encoder_zeros", "motor and link position", words, remedy)
     return replace(
@@ -58,8 +58,8 @@ def disagreeing(recording: Recording) -> list[Finding]:
     where = "lead" if lag[late].sum() > 0.0 else "lag"
     apart = f"{where} those of the link by {span_of(1e3 * np.abs(lag[late]))} ms"
     clocks = (
-        "two clocks, or arrival times on one side? Record both with one clock, or "
-        "shift the stamps of one"
+        "two clocks, or arrival times on one side? Record both with one clock, or"
+        " shift the stamps of one"
     )
     return found + about(recording.joints, late, "sides_apart", "motor positions", apart, clocks)
 
@@ -132,9 +132,9 @@ def by_motor_encoders(recording: Recording, robot: Robot) -> Recording:
     lags = _lags(recording.samples())[both]
     where = "lag" if np.median(lags) > 0.0 else "lead"
     note = (
-        f"{listed(recording.joints, both)}: the arm is described as rigid, so the "
-        f"motor encoders are used instead of the link encoders, which {where} them by "
-        f"{span_of(1e3 * np.abs(lags))} ms (only with transmissions in the arm file"
+        f"{listed(recording.joints, both)}: the arm is described as rigid, so the"
+        f" motor encoders are used instead of the link encoders, which {where} them by"
+        f" {span_of(1e3 * np.abs(lags))} ms (only with transmissions in the arm file"
         " can an encoder lag be separated from damping)"
     )
     return replace(recording, link=rest, notes=(*recording.notes, f"{recording.source}: {note}."))

@@ -269,8 +269,8 @@ def open_mcap(path: Path) -> McapFile:
         remedy = "Check the path and its permissions."
         if error.errno == errno.ENOMEM:
             remedy = (
-                f"It needs {path.stat().st_size / 1e6:.0f} MB of address space: raise "
-                "the limit (ulimit -v)."
+                f"It needs {path.stat().st_size / 1e6:.0f} MB of address space: raise"
+                " the limit (ulimit -v)."
             )
         raise RecordingError(f"{path} cannot be read: {error}", remedy) from None
     if not len(buffer):

@@ -235,8 +235,8 @@ class McapSink:
     def _failed(self, error: OSError) -> RecordingError:
         return RecordingError(
             f"{self.path} cannot be written further: {error.strerror}",
-            f"The {self._counts.total()} messages written so far are kept; free space or "
-            "choose another disk.",
+            f"The {self._counts.total()} messages written so far are kept; free space or"
+            " choose another disk.",
         )
 
 

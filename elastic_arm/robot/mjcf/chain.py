@@ -205,8 +205,8 @@ def _require_axis(model: Any, joint: int) -> None:
         what = "is a ball joint" if kind == int(mj.mjtJoint.mjJNT_BALL) else "is free"
         raise RobotError(
             f"joint {name_of(model, 'joint', joint)!r} {what}",
-            "Only hinges and slides are supported: give a chain without it (--chain "
-            "base:tip); joints outside are fixed at --at",
+            "Only hinges and slides are supported: give a chain without it (--chain"
+            " base:tip); joints outside are fixed at --at",
         )
     name = name_of(model, "joint", joint)
     dof = int(model.jnt_dofadr[joint])

@@ -119,8 +119,8 @@ def _assignments(at: str, model: Any) -> Mapping[str, float]:
         if not equals or name not in known or not np.isfinite(value):
             raise RobotError(
                 f"at: cannot read {part!r}",
-                f"Give joint=value,… with joints among {', '.join(known)}, or the name of a "
-                f"keyframe ({keys})",
+                f"Give joint=value,… with joints among {', '.join(known)}, or the name of a"
+                f" keyframe ({keys})",
             )
         found[name] = value
     return found
@@ -270,8 +270,8 @@ def _compensation(
         return []
     if any(by_motor):
         raise RobotError(
-            "gravity compensation acts through the actuators (actuatorgravcomp) at only "
-            "some of the joints",
+            "gravity compensation acts through the actuators (actuatorgravcomp) at only"
+            " some of the joints",
             "Set it for all joints of the chain, or for none",
         )
     found = []
@@ -297,8 +297,8 @@ def _notes(model: Any, chain: MjcfChain) -> list[str]:
         name, half = name_of(model, "joint", joint), 0.5 * float(np.ptp(model.jnt_range[play]))
         notes.append(
             f"joint {name_of(model, 'joint', play)} is play of ±{half:g} rad in {name} and"
-            " is fixed at its centre; in an arm file with elastic drives, it is "
-            f"backlash:{name}:half_gap={half:g}"
+            " is fixed at its centre; in an arm file with elastic drives, it is"
+            f" backlash:{name}:half_gap={half:g}"
         )
     if chain.held:
         names = ", ".join(name_of(model, "joint", joint) for joint in chain.held)

@@ -43,8 +43,8 @@ from elastic_arm.studies.blind_challenge.servo_arms import record_servos
 
 MANIFEST, SEALED, PIECES = "challenge.json", "truth.sealed", "truth"
 MAKE_ONE = (
-    "Give the folder of a challenge, or create one in a new folder: elastic-arm "
-    "challenge create DIR"
+    "Give the folder of a challenge, or create one in a new folder: elastic-arm"
+    " challenge create DIR"
 )
 ANSWERS, WITHHELD = (
     "answers",

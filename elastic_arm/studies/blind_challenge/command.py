@@ -124,8 +124,8 @@ def diagnose(
         bool,
         typer.Option(
             "--withheld",
-            help="Diagnose arms with one effect again, with that effect removed from the "
-            "catalogue.",
+            help="Diagnose arms with one effect again, with that effect removed from the"
+            " catalogue.",
         ),
     ] = False,
     stale: Annotated[
@@ -193,8 +193,8 @@ def score(
         )
     if len(found["code"]) > 1:
         out.print(
-            f"answers of {len(found['code'])} versions of the code: --stale repeats those "
-            "of other versions"
+            f"answers of {len(found['code'])} versions of the code: --stale repeats those"
+            " of other versions"
         )
     out.print(escape(f"{folders[0] / 'score.json'}, {page}"))
 

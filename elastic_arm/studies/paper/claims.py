@@ -115,8 +115,8 @@ def _mod3_follows(result: StudyResult) -> Judged:
     error = np.abs(top.error("mod3", "mod_ad", "motor")).max(axis=0)
     span = np.ptp(top.run.tau_m, axis=0)
     finding = (
-        f"largest difference {listed(error)} Nm per joint, at most "
-        f"{100 * (error / span).max():.2g} % of the range of the torque"
+        f"largest difference {listed(error)} Nm per joint, at most"
+        f" {100 * (error / span).max():.2g} % of the range of the torque"
     )
     return finding, list(error < 0.01 * span)
 
@@ -141,8 +141,8 @@ def _link_not_zero(result: StudyResult) -> Judged:
     "motor_mod1_mod2_close",
     "IV-C",
     "mod1 and mod2 differ very little in tau^m, most for joint 1, whose spline is the heavy one",
-    "the spline of joint 1 has ten times the inertia of joint 2's, in agreement "
-    "with the statement of the paper",
+    "the spline of joint 1 has ten times the inertia of joint 2's, in agreement"
+    " with the statement of the paper",
 )
 def _simple_drive_in_motor_torque(result: StudyResult) -> Judged:
     top = result.at_highest()
@@ -168,9 +168,9 @@ def _detailed_drive_in_link_torque(result: StudyResult) -> Judged:
         wins.append([two.e_rmse < one.e_rmse for one, two in pairs])
     counts = ", ".join(f"{sum(w)} of {len(w)}" for w in wins)
     finding = (
-        f"the e_rmse of mod2 relative to mod3 is smaller at {counts} ratios (joint 1, "
-        "2, …). Where S dominates, mod1's spline, which belongs to the link, cancels "
-        "part of the missing S"
+        f"the e_rmse of mod2 relative to mod3 is smaller at {counts} ratios (joint 1,"
+        " 2, …). Where S dominates, mod1's spline, which belongs to the link, cancels"
+        " part of the missing S"
     )
     return finding, [flag for w in wins for flag in w]
 
@@ -194,9 +194,9 @@ def _linear_in_ratio(result: StudyResult) -> Judged:
     ]
     finding = (
         f"a line explains at least {100 * min(line.r_squared for line in lines):.2f}"
-        " % of the variation of e_max over r_tot; e_max reaches "
-        f"{listed([line.highest for line in lines], 3)} Nm (mod1 joint by joint, then "
-        f"mod2; required: at least {LEAST:.2g} Nm)"
+        " % of the variation of e_max over r_tot; e_max reaches"
+        f" {listed([line.highest for line in lines], 3)} Nm (mod1 joint by joint, then"
+        f" mod2; required: at least {LEAST:.2g} Nm)"
     )
     return finding, [_grows_linearly(line, LINEAR) for line in lines]
 
@@ -212,9 +212,9 @@ def _difference_linear(result: StudyResult) -> Judged:
         rms = [_rms(c.error("mod1", "mod2", "link"))[joint] for c in result.comparisons]
         gaps.append(max(rms) / min(rms))
     finding = (
-        f"its rms changes by a factor of {listed(np.array(gaps), 3)} from the lowest "
-        "to the highest ratio: the difference is only the inertia of the spline, "
-        "which is not multiplied by a ratio"
+        f"its rms changes by a factor of {listed(np.array(gaps), 3)} from the lowest"
+        " to the highest ratio: the difference is only the inertia of the spline,"
+        " which is not multiplied by a ratio"
     )
     return finding, [gap > 1.5 for gap in gaps]
 
@@ -251,8 +251,8 @@ def _shape_of_coupling(result: StudyResult) -> Judged:
 
     never = [entry for entry in expected if entry not in there and entry not in tilting]
     finding = (
-        f"the zeros of (8) are zero: {'yes' if zero else 'no'}. Nonzero and "
-        f"constant: {names(there)}; nonzero only under bearing tilt: {names(tilting)};"
+        f"the zeros of (8) are zero: {'yes' if zero else 'no'}. Nonzero and"
+        f" constant: {names(there)}; nonzero only under bearing tilt: {names(tilting)};"
         f" zero for every pose and tilt: {names(never)}"
     )
     return finding, [zero, len(there) + len(tilting) == len(expected)]
@@ -273,9 +273,9 @@ def _coupling_halves_motor_error(result: StudyResult) -> Judged:
         gains.append(1.0 - three / two)
     better = [gain > 0.5 for gain in gains]
     finding = (
-        f"at r_tot = {result.highest:g}, the e_rmse of mod3 is "
-        f"{listed(100 * np.array(gains), 3)} % smaller than that of mod2 (joint 1, 2, "
-        "…); there is no difference at joints whose tau^m does not contain S"
+        f"at r_tot = {result.highest:g}, the e_rmse of mod3 is"
+        f" {listed(100 * np.array(gains), 3)} % smaller than that of mod2 (joint 1, 2,"
+        " …); there is no difference at joints whose tau^m does not contain S"
     )
     return finding, better
 
@@ -287,11 +287,11 @@ def _mod3_linear(result: StudyResult) -> Judged:
         for joint in range(1, result.robot.n + 1)
     ]
     finding = (
-        f"a line explains {listed([100 * line.r_squared for line in lines], 4)} % of "
-        f"e_max; slopes {listed([line.slope for line in lines])} Nm per unit of r_tot;"
-        f" e_max reaches {listed([line.highest for line in lines])} Nm (joint 1, 2, "
-        f"…). Errors below {LEAST:.2g} Nm, a hundredth of the sensor noise, count as "
-        "zero"
+        f"a line explains {listed([100 * line.r_squared for line in lines], 4)} % of"
+        f" e_max; slopes {listed([line.slope for line in lines])} Nm per unit of r_tot;"
+        f" e_max reaches {listed([line.highest for line in lines])} Nm (joint 1, 2,"
+        f" …). Errors below {LEAST:.2g} Nm, a hundredth of the sensor noise, count as"
+        " zero"
     )
     return finding, [_grows_linearly(line, 0.95) for line in lines]
 
@@ -399,8 +399,8 @@ def _only_first_below_noise(result: StudyResult) -> Judged:
     largest = _largest_motor_errors(result)
     below = largest < 0.5
     finding = (
-        f"largest errors of tau^m: {listed(largest, 3)} Nm (joint 1, 2, …): "
-        f"{'all are' if below.all() else 'not all are'} of this size or smaller, not"
+        f"largest errors of tau^m: {listed(largest, 3)} Nm (joint 1, 2, …):"
+        f" {'all are' if below.all() else 'not all are'} of this size or smaller, not"
         " only those of joint 1"
     )
     return finding, [bool(below[0]), bool(not below[1:].any())]
@@ -430,9 +430,9 @@ def _counts(result: StudyResult) -> Judged:
         for m in MODELS
     )
     finding = (
-        f"{text}. mod2 and mod3 equal, mod1 fewer: "
-        f"{'yes' if ours[0] == ours[1] > ours[2] else 'no'}; the numbers differ "
-        "because the paper counts parameters that it does not name"
+        f"{text}. mod2 and mod3 equal, mod1 fewer:"
+        f" {'yes' if ours[0] == ours[1] > ours[2] else 'no'}; the numbers differ"
+        " because the paper counts parameters that it does not name"
     )
     return finding, [ours[0] == ours[1], ours[1] > ours[2], ours == [75, 75, 65]]
 
@@ -466,8 +466,8 @@ def _shares(result: StudyResult) -> Judged:
     ]
     sizes = min(len(e.names) for e in found), min(len(e.merged_error) for e in found)
     finding = (
-        f"low / mid / high at r_tot = {result.highest:g}, no noise: {texts[0]}. After "
-        f"merging coefficients that the motion does not separate: {texts[1]}"
+        f"low / mid / high at r_tot = {result.highest:g}, no noise: {texts[0]}. After"
+        f" merging coefficients that the motion does not separate: {texts[1]}"
     )
     return finding, _orders(plain, 100.0 / sizes[0]) + _orders(merged, 100.0 / sizes[1])
 
@@ -481,10 +481,10 @@ def _mod1_mostly_high(result: StudyResult) -> Judged:
     other = shares(found.unfolded_error)
     readings = found.shares.high, other.high
     finding = (
-        f"{readings[0]:.1f} % at r_tot = {result.highest:g}, where the merged spline "
-        "is part of the true combinations. Without it, which is the other "
-        f"interpretation of mod1's true Psi: {readings[1]:.1f} % (low / mid / high "
-        f"{_listed_shares(other)})"
+        f"{readings[0]:.1f} % at r_tot = {result.highest:g}, where the merged spline"
+        " is part of the true combinations. Without it, which is the other"
+        f" interpretation of mod1's true Psi: {readings[1]:.1f} % (low / mid / high"
+        f" {_listed_shares(other)})"
     )
     return finding, [beyond_noise(high - 50.0, 50.0 / len(found.names)) for high in readings]
 
@@ -564,8 +564,8 @@ def _accuracy(result: StudyResult) -> Judged:
                 f"r_tot {r_tot:g}, {what}: " + " / ".join(f"{value:.2g}" for value in errors)
             )
     finding = (
-        "rms error under feed-forward of the identified mod1 / mod2 / mod3, mm: "
-        f"{'; '.join(text)}. The rest of the tool error is the tilt of the bearings, "
-        "which no model with locked bearings represents"
+        "rms error under feed-forward of the identified mod1 / mod2 / mod3, mm:"
+        f" {'; '.join(text)}. The rest of the tool error is the tilt of the bearings,"
+        " which no model with locked bearings represents"
     )
     return finding, parts

@@ -169,8 +169,8 @@ class HiddenArm:
             expected[n : 2 * n] += self._armature * rate[dof + n : dof + 2 * n]
             if not np.allclose(applied, expected, rtol=1e-8, atol=1e-6):
                 raise SimulationError(
-                    f"at sample {k} the equations of the hidden arm differ from Pinocchio's by "
-                    f"{np.abs(applied - expected).max():.1e} Nm",
+                    f"at sample {k} the equations of the hidden arm differ from Pinocchio's by"
+                    f" {np.abs(applied - expected).max():.1e} Nm",
                     "Report this: the challenge's engine is wrong",
                 )
 
