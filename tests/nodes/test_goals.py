@@ -205,7 +205,7 @@ def test_a_stream_that_begins_elsewhere_is_refused() -> None:
     """Streamed points a quarter of a radian from the arm would be a jump; those where it is are
     followed."""
     arm = follower()
-    with pytest.raises(GraphError, match=r"begins 0\.25 rad from where joint_1 is"):
+    with pytest.raises(GraphError, match=r"starts 0\.25 rad from the position of joint_1"):
         arm.take(streamed(MS, np.full((20, 3), 0.25), 0.0))
     ramp = 1e-4 * np.arange(400)[:, None] * np.ones(3)
     assert arm.take(streamed(2 * MS, ramp, 0.1)) is None
@@ -312,7 +312,7 @@ def test_a_stream_that_leaps_from_its_last_point_is_refused() -> None:
     """The next message of a stream is looked at from where the one before ended."""
     arm = follower()
     arm.take(goal(point(0.0, ZEROS), point(0.1, ZEROS), stamp_ns=100 * MS))
-    with pytest.raises(GraphError, match=r"takes .* to a velocity of 1e.06 rad/s"):
+    with pytest.raises(GraphError, match=r"moves .* to a velocity of 1e.06 rad/s"):
         arm.take(goal(point(0.0, FAR), point(0.1, FAR), stamp_ns=201 * MS))
 
 

@@ -45,12 +45,12 @@ def format_of(file: Path, asked: Format | None) -> Format:
     }
     possible = by_ending.get(file.suffix.lower(), [] if asked is None else [asked])
     if not possible or (asked is not None and asked not in possible):
-        what = "" if asked is None else f" as {asked.value}"
+        what = "any format" if asked is None else f"the format {asked.value}"
         remedy = (
             "Use the extension .urdf (`gz sdf -p` converts it to SDF for Gazebo), .usda, or .xml"
             " or .mjcf for an MJCF."
         )
-        raise RobotError(f"the extension of {file} does not select a format{what}", remedy)
+        raise RobotError(f"the extension of {file} does not match {what}", remedy)
     return possible[0] if asked is None else asked
 
 
