@@ -12,10 +12,10 @@ PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 python -m pytest -n $$(nproc)
 help:
 	@grep -E '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
 
-demo: $(DONE)/packages ## set up, run the live arm, identify it, diagnose another
+demo: $(DONE)/packages ## install, run and identify the live arm, diagnose another arm
 	@$(RUN) OPENBLAS_NUM_THREADS=1 python -m examples.demo
 
-test: lint types unit ## set up, then lint, type check and run all tests
+test: lint types unit ## install, then lint, type check and run all tests
 
 docs: ## build the documentation as a website, build/site
 	@tools/docs.sh
@@ -32,7 +32,7 @@ oldest: ## the tests that need no ROS and little time, with the oldest libraries
 	  --deselect "tests/effects/test_simulated.py::test_accelerations_agree_with_the_hidden_arm[joint_spring]"
 
 MINUTES := 60
-fuzz: $(DONE)/packages $(DONE)/tests ## feed broken bags and files to all readers, for MINUTES=60
+fuzz: $(DONE)/packages $(DONE)/tests ## pass broken bags and files to all readers, for MINUTES=60
 	@$(RUN) python -m tests.fuzz --minutes $(MINUTES) --out runs/fuzz
 
 RATE := 1000
@@ -40,13 +40,13 @@ soak: $(DONE)/packages $(DONE)/tests ## run the live graph for MINUTES=60 at RAT
 	@$(RUN) python -m benchmarks.soak --minutes $(MINUTES) --rate $(RATE) --out runs/soak
 
 JUDGED := runs/judge.csv
-judge: $(DONE)/packages $(DONE)/tests ## answer the 150 fixed arms, one row an arm in JUDGED=runs/judge.csv
+judge: $(DONE)/packages $(DONE)/tests ## diagnose the 150 fixed arms, one row per arm in JUDGED=runs/judge.csv
 	@$(RUN) python -m benchmarks.judge --out $(JUDGED)
 
 paper: $(DONE)/packages ## reproduce the paper in one report, runs/paper/report.html
 	@$(RUN) elastic-arm paper --out runs/paper --force
 
-setup: $(DONE)/packages $(DONE)/tests ## set up only
+setup: $(DONE)/packages $(DONE)/tests ## only install
 
 lint: $(DONE)/tests
 	@$(RUN) ruff check --quiet . && ruff format --check .
@@ -57,7 +57,7 @@ types: $(DONE)/tests
 unit: $(DONE)/packages $(DONE)/tests
 	@$(RUN) tools/unit.sh
 
-clean: ## remove all that the set-up made
+clean: ## remove everything that the set-up created
 	rm -rf .venv .venv-docs .venv-oldest build install log dist *.egg-info
 
 # A step is done again when what it was made from changes.

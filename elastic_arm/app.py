@@ -45,8 +45,8 @@ def main() -> None:
 
     if (there := available_memory()) < LIBRARIES:
         sys.stderr.write(
-            f"error: {there / 1e6:.0f} MB of memory are free, and the libraries alone take"
-            f" {LIBRARIES / 1e6:.0f} MB. Raise its limit (ulimit -v), or end what takes it.\n"
+            f"error: {there / 1e6:.0f} MB of memory are free, and the libraries alone need"
+            f" {LIBRARIES / 1e6:.0f} MB. Raise the memory limit (ulimit -v), or free memory.\n"
         )
         raise SystemExit(2)
     one_blas_thread(os.environ)

@@ -35,9 +35,9 @@ _SAFE_LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 # YAML's kinds of scalars that not every text can be, and what the library raises where one is not.
 _SCALARS = {
     "bool": "neither yes nor no",
-    "int": "no whole number",
-    "float": "no number",
-    "timestamp": "no date",
+    "int": "not a whole number",
+    "float": "not a number",
+    "timestamp": "not a date",
 }
 _NO_SCALAR = (ValueError, LookupError, AttributeError, OverflowError)
 # What pydantic adds to the path of a value that may be of several types.
@@ -82,21 +82,21 @@ def read_bytes(
         if stat.S_ISDIR(status.st_mode):
             problem = "is a folder, not a file"
         elif not stat.S_ISREG(status.st_mode):
-            problem = "is no file, but a pipe or a device"
+            problem = "is a pipe or a device, not a file"
         elif status.st_size > most:
-            problem = f"has {status.st_size} bytes, {most} are the limit"
+            problem = f"has {status.st_size} bytes; the limit is {most}"
         else:
             with open(path, "rb", opener=_at_once) as file:
                 content: bytes | None = file.read(most)
             if content is not None:
                 return content
-            problem = "is no file: it gives nothing to read"
+            problem = "is not a file and contains no data"
     except FileNotFoundError:
         problem = "no such file"
     except OSError as error:
         problem = f"cannot be read ({error.strerror})"
     except ValueError:
-        problem = "is no name of a file: it holds a NUL"
+        problem = "is not a valid file name: it contains a NUL character"
     raise kind(f"{path}: {problem}", remedy)
 
 
@@ -113,7 +113,7 @@ def read_text(
     try:
         return read_bytes(path, kind, remedy, most).decode("utf-8")
     except UnicodeDecodeError:
-        raise kind(f"{path}: is no text file", remedy) from None
+        raise kind(f"{path}: is not a text file", remedy) from None
 
 
 def read_fields(
@@ -126,8 +126,8 @@ def read_fields(
     text = read_text(path, kind, remedy, most)
     if text.startswith(WHOLE_FROM) and text.rstrip().rpartition("\n")[2] != WHOLE_TO:
         raise kind(
-            f"{path}: is cut off: its last line is not {WHOLE_TO}",
-            "Write it again, or mend it and add that line.",
+            f"{path}: is truncated: its last line is not {WHOLE_TO}",
+            "Write it again, or complete it and add that line.",
         )
     try:
         content = parse_yaml(text)
@@ -135,12 +135,14 @@ def read_fields(
         mark = getattr(error, "problem_mark", None)
         # The end of a file may count as a line of its own.
         line = f"line {min(mark.line, text.count(chr(10))) + 1}: " if mark else ""
-        reason = getattr(error, "problem", None) or getattr(error, "reason", None) or "no YAML"
+        reason = (
+            getattr(error, "problem", None) or getattr(error, "reason", None) or "not valid YAML"
+        )
         raise kind(
-            f"{path}: {line}{reason}", "Mend the YAML; indentation and colons matter."
+            f"{path}: {line}{reason}", "Correct the YAML; check indentation and colons."
         ) from None
     if not isinstance(content, dict):
-        raise kind(f"{path}: holds no fields", remedy)
+        raise kind(f"{path}: contains no fields", remedy)
     return content
 
 
@@ -182,7 +184,7 @@ def _scalar(kind: str) -> Callable[[Any, yaml.ScalarNode], Any]:
                 return construct(loader, node)
         except _NO_SCALAR:
             pass
-        problem = f"{str(node.value)[:40]!r} is {_SCALARS[kind]}; what is text belongs in quotes"
+        problem = f"{str(node.value)[:40]!r} is {_SCALARS[kind]}; quote it if it is text"
         raise yaml.MarkedYAMLError(problem=problem, problem_mark=node.start_mark)
 
     return constructed
@@ -215,9 +217,9 @@ def _check_yaml(text: str) -> None:
             nodes += sizes.get(str(event.anchor), 0)
         nodes += 1
         if depth > DEEPEST:
-            raise _beyond(f"nested more than {DEEPEST} deep", event)
+            raise _beyond(f"nesting deeper than {DEEPEST} levels", event)
         if nodes > MOST_NODES:
-            raise _beyond(f"more than {MOST_NODES} entries with its aliases written out", event)
+            raise _beyond(f"more than {MOST_NODES} entries after expanding aliases", event)
 
 
 def _beyond(problem: str, event: yaml.Event) -> yaml.MarkedYAMLError:
@@ -242,7 +244,7 @@ def explain(
         if fault["type"] == "extra_forbidden" and (
             own := called.get(str(fault["loc"][-1]).lower())
         ):
-            reason += f" (it is called {own})"
+            reason += f" (the name is {own})"
         words.append(f"{where}: {reason}" if where else reason)
     if len(faults) > SHOWN_FAULTS:
         words.append(f"and {len(faults) - SHOWN_FAULTS} more")
@@ -272,13 +274,13 @@ def _reason(fault: ErrorDetails) -> str:
             return f"{value} is not a finite number"
         case "too_short":
             return (
-                f"has {fault['ctx']['actual_length']} entries, needs {fault['ctx']['min_length']}"
-                " or more"
+                f"has {fault['ctx']['actual_length']} entries, but needs at least"
+                f" {fault['ctx']['min_length']}"
             )
         case "too_long":
             return (
-                f"has {fault['ctx']['actual_length']} entries, takes {fault['ctx']['max_length']}"
-                " at most"
+                f"has {fault['ctx']['actual_length']} entries, but at most"
+                f" {fault['ctx']['max_length']} are allowed"
             )
         case "string_too_short":
             return "is empty"
@@ -287,7 +289,7 @@ def _reason(fault: ErrorDetails) -> str:
         case "greater_than":
             return f"is {_shown(value)}, but must be above {fault['ctx']['gt']:g}"
         case "greater_than_equal":
-            return f"is {_shown(value)}, but must be {fault['ctx']['ge']:g} or more"
+            return f"is {_shown(value)}, but must be at least {fault['ctx']['ge']:g}"
         case "value_error":
             return fault["msg"].removeprefix("Value error, ")
     return f"{fault['msg']}, but is {_shown(value)}"
@@ -301,14 +303,14 @@ def _remedy(fault: ErrorDetails, reference: str, called: Mapping[str, str]) -> s
         case "missing":
             return f"Add {name} there; {reference}."
         case "extra_forbidden" if name.lower() in called:
-            return f"Write {called[name.lower()]} in place of {name}; {reference}."
+            return f"Replace {name} by {called[name.lower()]}; {reference}."
         case "extra_forbidden":
             return f"Remove {name}, or correct its spelling; {reference}."
         case "finite_number":
             return "Give a finite number."
         case "literal_error":
             return f"Choose one of {fault['ctx']['expected']}."
-    return f"Mend it; {reference}."
+    return f"Correct it; {reference}."
 
 
 def _shown(value: Any) -> str:

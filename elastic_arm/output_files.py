@@ -23,7 +23,7 @@ def write_result(
     path: str | Path,
     content: str | bytes,
     kind: type[ElasticArmError] = OutputError,
-    remedy: str = "Name another place with --out.",
+    remedy: str = "Choose another path with --out.",
 ) -> Path:
     """Write a file, and its folder, wholly or not at all.
 
@@ -46,7 +46,7 @@ def write_result(
 
 def _replace(path: Path, data: bytes) -> None:
     if path.exists() and not os.access(path, os.W_OK):
-        raise PermissionError(0, "it may not be overwritten")
+        raise PermissionError(0, "it must not be overwritten")
     part = path.parent / f".{secrets.token_hex(8)}.part"
     try:
         with open(part, "xb") as file:

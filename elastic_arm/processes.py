@@ -92,9 +92,11 @@ def _cluster(scheduler: str) -> tuple[Executor, Callable[[], Any]]:
     try:
         client = Client(scheduler)
     except (OSError, ValueError) as error:
-        problem = f"no Dask scheduler answers at {scheduler}: {one_line(str(error))}"
+        problem = f"no Dask scheduler responds at {scheduler}: {one_line(str(error))}"
         raise ElasticArmError(
-            problem, "Start `dask scheduler` and `dask worker`, and give its tcp:// address"
+            problem,
+            "Start `dask scheduler` and `dask worker`, and give the tcp:// address of the"
+            " scheduler",
         ) from None
     return client.get_executor(pure=False), client.close
 

@@ -46,18 +46,18 @@ class ClosedLoopError:
 class Result:
     """A result with tables, a summary and a figure.
 
-    What draws stands further down the imports, and is found by name when it is first used.
+    The plot functions belong to a later package and are found by name on first use.
     """
 
     # module with `overview(result)`, a figure, `head(result)`, HTML, and `summary`
     _report: ClassVar[str]
 
     def tables(self) -> dict[str, Sequence[Row]]:
-        """Return its tables by name, as rows; the first one is the most important."""
+        """Return the tables by name, as rows; the first one is the most important."""
         raise NotImplementedError
 
     def summary(self) -> list[str]:
-        """Return what was found as sentences, the most important first."""
+        """Return the result as sentences, the most important first."""
         return list(import_module(self._report).summary(self))
 
     def __repr__(self) -> str:
@@ -71,7 +71,7 @@ class Result:
         require_libraries("a data frame needs", library)
         tables = self.tables()
         if table and table not in tables:
-            raise OutputError(f"there is no table {table!r}", f"Take one of {', '.join(tables)}.")
+            raise OutputError(f"unknown table {table!r}", f"Choose one of {', '.join(tables)}.")
         rows = tables[table or next(iter(tables))]
         # a column holds whole numbers and others
         mixed = {"strict": False} if library == "polars" else {}

@@ -45,7 +45,8 @@ class _Settings:
                 )
             if entry.name in _AT_LEAST_ZERO and (values < 0).any():
                 raise SensorError(
-                    f"{entry.name} of a sensor is negative: {given!r}", "Give zero or more."
+                    f"{entry.name} of a sensor is negative: {given!r}",
+                    "Give zero or a positive number.",
                 )
             if entry.name == "gain" and (values == 0).any():
                 raise SensorError("the gain of a sensor is zero", "Give the ratio recorded / true.")

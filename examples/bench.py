@@ -233,7 +233,7 @@ def prepared(data: Path, arms: Path, only: str) -> dict[str, tuple[Arm, list[Arm
     for key in ASKED:
         one = ROBOTS[key]
         if not (data / one.folder).is_dir():
-            print(f"{key}: left out, as {data / one.folder} is no folder", flush=True)
+            print(f"{key}: left out, as {data / one.folder} is not a folder", flush=True)
             continue
         robot_file = (data / one.folder / one.robot).resolve()
         own = one.bags(arms, data)

@@ -311,7 +311,7 @@ def main() -> None:
             f"no example is called {', '.join(sorted(unknown))}. There are {', '.join(names)}."
         )
     if not asked.data.is_dir():
-        parser.error(f"{asked.data} is no folder")
+        parser.error(f"{asked.data} is not a folder")
     # Every example runs in a folder of its own, from which a relative path leads elsewhere.
     out = asked.out.resolve()
     for example in examples:
@@ -320,7 +320,7 @@ def main() -> None:
             if data.is_dir():
                 run(example, data, folder)
             else:
-                print(f"{example.name}: left out, as {data} is no folder", flush=True)
+                print(f"{example.name}: left out, as {data} is not a folder", flush=True)
     folders = [out / example.name for example in examples]
     if asked.tables is None:
         for head, rows_of in TABLES.values():

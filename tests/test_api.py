@@ -35,7 +35,7 @@ def test_effects_are_taken_as_text_everywhere() -> None:
     assert [effect.id for effect in question.candidates] == ["coulomb_friction"]
     with pytest.raises(EffectError, match="coulomb_fiction"):
         ea.Question(ROBOT, given=["coulomb_fiction"])
-    with pytest.raises(EffectError, match="3 is no effect"):
+    with pytest.raises(EffectError, match="3 is not an effect"):
         ea.IdentificationSettings(effects=[3]).laws(ROBOT)  # type: ignore[list-item]
 
 

@@ -13,7 +13,7 @@ FORBIDDEN = re.compile(r"\b(houses?|rooms?(?!\s+for)|doors?|currency)\b", re.IGN
 TALKING = re.compile(r"\b(says|tells|asks)\b", re.IGNORECASE)
 CODE = re.compile(r"`[^`]*`")
 DOCUMENTS = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *ROOT.glob("examples/*/*.md")])
-WIDEST = 120
+WIDEST = 100
 
 
 def test_docstrings_use_the_words_of_the_field() -> None:
@@ -49,7 +49,7 @@ def test_the_website_leads_to_all_pages() -> None:
 
 @pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))
 def test_lines_of_documents_fit(path: Path) -> None:
-    """Lines have at most 120 columns; rows of tables cannot be broken."""
+    """Lines have at most 100 columns; rows of tables cannot be broken."""
     lines = [line for line in path.read_text().splitlines() if not line.startswith("|")]
     assert not [line for line in lines if len(line) > WIDEST]
 

@@ -55,7 +55,7 @@ def test_the_commands_of_the_page_lead_to_the_friction(tmp_path: Path) -> None:
             tmp_path / f"run_{run}.csv", table(run), "%.7g", ",", header=header[1], comments=""
         )
     printed = run_page(page, tmp_path)
-    assert printed.count("nothing wrong") == 1
+    assert printed.count("no faults found") == 1
     assert (tmp_path / "diagnosis" / "arm_corrected.urdf").exists()
     found = json.loads((tmp_path / "diagnosis" / "diagnosis.json").read_text())
     (cause,) = found["causes"]

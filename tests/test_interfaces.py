@@ -42,7 +42,8 @@ MISTAKEN = {
 def test_an_argument_of_another_kind_is_refused_at_the_entrance(call: str, given: Any) -> None:
     """In one line that says what was given, not by an error from deep inside."""
     with pytest.raises(
-        ElasticArmError, match=r"(is None|is of type \w+)(, not a \w+|, which is no motion)\. Give "
+        ElasticArmError,
+        match=r"(is None|is of type \w+)(, not a \w+|, which is not a motion)\. Give ",
     ):
         MISTAKEN[call](given)
 

@@ -30,7 +30,7 @@ def test_what_memory_is_too_small_for_is_refused_with_its_size(monkeypatch):
     monkeypatch.setattr(preparation, "available_memory", lambda: 2e8)
     with pytest.raises(
         DiagnosisError,
-        match=r"6 s of 3 joints take about 0\.\d+ GB of memory, and 0\.2 GB are free",
+        match=r"6 s of 3 joints need about 0\.\d+ GB of memory, but 0\.2 GB are free",
     ):
         diagnose([record(motions()[0])], Question(ROBOT), [record(motions()[1])])
 

@@ -36,7 +36,7 @@ def test_the_commands_of_the_page_lead_to_the_corrected_arm(tmp_path: Path) -> N
     shutil.copytree(EXAMPLE / "dataset", tmp_path / "dataset")
     shutil.copy(EXAMPLE / "arm.xml", tmp_path)
     printed = run_page(page, tmp_path)
-    assert "nothing wrong" in printed and "commands come at 50 Hz" in printed
+    assert "no faults found" in printed and "commands come at 50 Hz" in printed
     assert printed.index("scale: no torque was recorded") < printed.index("explained:")
     found = json.loads((tmp_path / "diagnosis" / "diagnosis.json").read_text())
     causes = {(one["effect"], one["joint"]): one["parameters"] for one in found["causes"]}

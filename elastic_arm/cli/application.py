@@ -71,83 +71,83 @@ SUBCOMMANDS = {
     "describe": Subcommand(
         "cli.describe",
         "describe",
-        "Show an arm: joints, limits, masses, transmissions, and what a model of it has to"
-        " identify.",
+        "Show an arm: joints, limits, masses, transmissions and identifiable parameters.",
     ),
     "excite": Subcommand(
         "cli.excite",
         "excite",
-        "Find a Fourier trajectory whose motion separates the arm's parameters best, within all"
-        " limits.",
+        "Find a Fourier trajectory within all limits that determines the arm's parameters best.",
     ),
     "simulate": Subcommand(
         "cli.simulate",
         "simulate",
-        "Let a simulated arm follow a trajectory, and record it as a bag.",
+        "Simulate an arm that follows a trajectory, and record it as a bag.",
     ),
-    "bag": Subcommand("cli.bag", "bag_app", "Look into, check, mend and make recordings."),
+    "bag": Subcommand(
+        "cli.bag", "bag_app", "Inspect, check, repair, import and export recordings."
+    ),
     "identify": Subcommand(
         "cli.identify", "identify", "Identify an arm's parameters from recordings."
     ),
     "diagnose": Subcommand(
         "cli.diagnose",
         "diagnose_command",
-        "Find where a recording and a model differ, which effect the model lacks, and how far the"
-        " gap shrinks with it.",
+        "Find where a recording and a model differ, which effect the model lacks, and by how"
+        " much the gap shrinks with it.",
         SeveralValues,
     ),
     "history": Subcommand(
         "cli.history",
         "history_command",
-        "Follow the numbers of one arm over recordings: what changed, when, by how much, how"
-        " certain.",
+        "Track the numbers of one arm over several recordings, with time, size and"
+        " probability of changes.",
     ),
     "export": Subcommand(
         "cli.mujoco.export",
         "export",
-        "Write an arm, such as a diagnosis' robot.yaml, as MJCF, URDF or USD, and list what changes"
-        " and what is left.",
+        "Write an arm, such as robot.yaml from a diagnosis, as MJCF, URDF or USD, and list"
+        " all changes and omissions.",
     ),
     "replay": Subcommand(
         "cli.mujoco.replay",
         "replay_command",
-        "Replay a recording in MuJoCo, and measure how far each model is from it.",
+        "Replay a recording in MuJoCo, and measure the error of each model.",
     ),
     "challenge": Subcommand(
         "studies.blind_challenge.command",
         "challenge_app",
-        "Check the diagnosis on arms whose effect is withheld from it.",
+        "Test the diagnosis on simulated arms with effects unknown to it.",
     ),
     "paper": Subcommand(
         "studies.paper.command",
         "paper",
-        "Reproduce the paper: mod1, mod2, mod3 against a virtual prototype, over the ratios, down"
-        " to the parameters.",
+        "Reproduce the paper: compare mod1, mod2 and mod3 with a virtual prototype over five"
+        " gear ratios.",
     ),
 }
 
 
 # What the command says without arguments.
 WAYS_IN = """\
-Robot arms with elastic joints: where a model and a real arm differ, and why. Four ways in:
+Robot arms with elastic joints: find where a model and a real arm differ, and why.
 
-  simulate  an arm with an effect that its model lacks, recorded as a bag
+  simulate  an arm with an effect that its model lacks, and record a bag
       elastic-arm simulate --effect coulomb_friction:joint_2:torque=13.9 --out run_1
 
-  identify  parameters of an arm from recordings, with their uncertainty
+  identify  the parameters of an arm from recordings, with standard deviations
       elastic-arm identify run_1 --with coulomb_friction --out identified
 
-  diagnose  which effect the model lacks, and how far the gap shrinks with it
+  diagnose  which effect the model lacks, and by how much the gap shrinks with it
       elastic-arm diagnose run_1 --out diagnosis
-      a table of your own arm is read after
+      of your own arm, first import its table:
       elastic-arm bag import run.csv --guess --robot arm.urdf --out import.yaml
 
   live      the same in a running ROS 2 graph (docs/ros.md)
       ros2 launch elastic_arm identify.launch.py
-      without ros2:  simulator & identifier &
-      trajectory_generator --ros-args -p trajectory:=config/excitation.yaml
+      without ros2:
+      simulator & identifier & trajectory_generator --ros-args -p trajectory:=config/excitation.yaml
 
-`--help` lists all commands, and behind a command its options."""
+`--help` lists all commands; behind the name of a command, it lists its options."""
 
 
 def load(name: str) -> Any:
@@ -220,8 +220,8 @@ app = typer.Typer(
     name="elastic-arm",
     cls=Application,
     help=(
-        "Emulate an elastic-joint arm, identify it, and find where and why a model and a real arm"
-        " differ."
+        "Emulate an arm with elastic joints, identify it, and find where and why a model and"
+        " a real arm differ."
     ),
     invoke_without_command=True,
     rich_markup_mode="rich",

@@ -31,7 +31,7 @@ from elastic_arm.recording.storage.mcap_sink import COMPRESSIONS, Compression
 from elastic_arm.recording.writing import write_recording
 
 bag_app = typer.Typer(
-    name="bag", help="Look into, check, mend and make recordings.", no_args_is_help=True
+    name="bag", help="Inspect, check, repair, import and export recordings.", no_args_is_help=True
 )
 
 BagPath = Annotated[
@@ -67,18 +67,20 @@ def info(
 def check(
     bags: Annotated[
         list[Path],
-        typer.Argument(metavar="BAG…", help="Recordings, or folders of them.", show_default=False),
+        typer.Argument(
+            metavar="BAG…", help="Recordings, or folders of recordings.", show_default=False
+        ),
     ],
     repair: Annotated[
-        bool, typer.Option("--repair", help="Write a usable copy next to the bag.")
+        bool, typer.Option("--repair", help="Write a repaired copy next to the bag.")
     ] = False,
     out_folder: Annotated[
-        Path | None, typer.Option("--out", help="Of the copy; BAG_repaired by default.")
+        Path | None, typer.Option("--out", help="Folder for the copy; BAG_repaired by default.")
     ] = None,
     robot: Annotated[
         Path | None,
         typer.Option(
-            help="Arm file, URDF or MJCF: its joint names and its gravity are looked for."
+            help="Arm file, URDF or MJCF to check joint names, limits and gravity against."
         ),
     ] = None,
     chain: options.Chain = None,
@@ -87,16 +89,16 @@ def check(
     namespace: options.Namespace = None,
     json: options.Json = False,
 ) -> None:
-    """List what is wrong with bags; with --repair, save what can be saved.
+    """List the faults of bags; with --repair, write a usable copy.
 
-    Exit status: 0 nothing wrong (with --repair: the copy can be used), 1 something is, 2 not
-    readable at all.
+    Exit status: 0 without faults (with --repair: if the copy is usable), 1 with faults, 2 if a
+    bag is unreadable.
 
     Example: elastic-arm bag check --repair runs/killed
     """
     paths = options.bags_in(bags)
     if out_folder is not None and len(paths) > 1:
-        raise typer.BadParameter("names the copy of one bag", param_hint="--out")
+        raise typer.BadParameter("applies only to a single bag", param_hint="--out")
     arm = None if robot is None else options.load_arm(robot, chain, at)
     mapped = options.channel_map(channels)
     of_bag = partial(check_bag, channels=mapped, robot=arm, namespace=namespace)
@@ -124,7 +126,9 @@ def check(
                 _print_report(after)
             elif _MENDABLE & {finding.code for finding in report.findings}:
                 out.print(
-                    f"`elastic-arm bag check --repair {escape(str(path))}` copies what is whole",
+                    f"`elastic-arm bag check --repair {escape(str(path))}` writes a copy of the"
+                    " undamaged"
+                    " parts",
                     soft_wrap=True,
                 )
         # What was never recorded no copy can mend: gaps and the like are left to be judged.
@@ -141,14 +145,15 @@ def import_(
     arrays: Annotated[
         Path,
         typer.Argument(
-            help="Arrays: .npz, .csv, .mat, .parquet or .h5, or a folder.", show_default=False
+            help="Array file (.npz, .csv, .mat, .parquet or .h5), or a folder of them.",
+            show_default=False,
         ),
     ],
     out_folder: Annotated[
         Path,
         typer.Option(
             "--out",
-            help="Bag to make, or folder of them; with --guess, the mapping.",
+            help="Bag to write, or folder of bags; with --guess, the mapping file.",
             show_default=False,
         ),
     ],
@@ -156,19 +161,19 @@ def import_(
         Path | None, typer.Option("--map", help="Mapping file (YAML).", show_default=False)
     ] = None,
     guess: Annotated[
-        bool, typer.Option("--guess", help="Write a draft of the mapping, to be read first.")
+        bool, typer.Option("--guess", help="Write a draft of the mapping for review.")
     ] = False,
     robot: Annotated[
-        Path | None, typer.Option(help="Arm file or URDF with the joints' names, for --guess.")
+        Path | None, typer.Option(help="Arm file or URDF with the joint names, for --guess.")
     ] = None,
     chain: options.Chain = None,
     at: options.At = None,
     compression: Annotated[
-        str, typer.Option(help=f"Of its chunks: {', '.join(COMPRESSIONS)}.")
+        str, typer.Option(help=f"Compression of the chunks: {', '.join(COMPRESSIONS)}.")
     ] = "zstd",
     json: options.Json = False,
 ) -> None:
-    """Turn arrays of a real robot into a bag.
+    """Convert arrays of a real robot to a bag.
 
     Examples:
 
@@ -178,18 +183,20 @@ def import_(
     """
     if guess:
         if mapping is not None or robot is None:
-            raise typer.BadParameter("needs --robot, and no --map", param_hint="--guess")
+            raise typer.BadParameter("requires --robot and excludes --map", param_hint="--guess")
         arm = options.load_arm(robot, chain, at)
         draft = guess_mapping(load_arrays(arrays, None), arm.joint_names, arm.units.prismatic)
         _write_draft(arrays, out_folder, draft)
         return
     if mapping is None:
         raise typer.BadParameter(
-            "give a mapping file, or --guess to make a draft of one", param_hint="--map"
+            "give a mapping file, or draft one with --guess", param_hint="--map"
         )
     chosen: Compression = next((name for name in COMPRESSIONS if name == compression), "zstd")
     if chosen != compression:
-        raise typer.BadParameter(f"one of {', '.join(COMPRESSIONS)}", param_hint="--compression")
+        raise typer.BadParameter(
+            f"choose one of {', '.join(COMPRESSIONS)}", param_hint="--compression"
+        )
     runs = import_runs(arrays, mapping)
     folders = {name: out_folder / name for name in runs}
     for folder in folders.values():
@@ -218,14 +225,13 @@ def export(
         Path, typer.Option("--out", help=f"File: {', '.join(KINDS)}.", show_default=False)
     ],
     joined: Annotated[
-        bool, typer.Option("--joined", help="Bring all channels to one time base.")
+        bool, typer.Option("--joined", help="Interpolate all channels to one time base.")
     ] = False,
     channels: options.Channels = None,
     namespace: options.Namespace = None,
     force: Force = False,
 ) -> None:
-    """Write a bag as arrays, each side with its own stamps, and the mapping that imports them
-    again.
+    """Write a bag as arrays, each side with its own stamps, and the mapping for importing them.
 
     Example: elastic-arm bag export bags/excitation --out excitation.parquet
     """
@@ -239,15 +245,13 @@ def export(
 @reports_errors
 def replay(
     bag: BagPath,
-    rate: Annotated[float, typer.Option(min=0.01, help="Times the speed of the recording.")] = 1.0,
-    loop: Annotated[
-        bool, typer.Option("--loop", help="Begin again at the end, until Ctrl-C.")
-    ] = False,
+    rate: Annotated[float, typer.Option(min=0.01, help="Speed relative to the recording.")] = 1.0,
+    loop: Annotated[bool, typer.Option("--loop", help="Restart at the end, until Ctrl-C.")] = False,
     wait: Annotated[
-        bool, typer.Option("--wait/--no-wait", help="Begin when somebody listens, or at once.")
+        bool, typer.Option("--wait/--no-wait", help="Wait for a subscriber before starting.")
     ] = True,
 ) -> None:
-    """Publish a bag into the ROS 2 graph, with /clock; the same as `ros2 run elastic_arm replayer`.
+    """Publish a bag in the ROS 2 graph with /clock, like `ros2 run elastic_arm replayer`.
 
     Example: elastic-arm bag replay bags/excitation --rate 2
     """
@@ -256,7 +260,7 @@ def replay(
         str(bag).encode()
     except UnicodeEncodeError:
         raise RecordingError(
-            f"the name {str(bag)!r} is no UTF-8 text, and ROS takes no other", "Rename it."
+            f"the name {str(bag)!r} is not valid UTF-8, which ROS requires", "Rename the bag."
         ) from None
     # Quoted as YAML: a folder may be called 123, or `a: b`.
     given = {
@@ -283,14 +287,14 @@ def _repaired(mended: Repair | None, after: Report | None) -> dict[str, Any] | N
 def _write_draft(arrays: Path, file: Path, draft: Draft) -> None:
     """Write the draft of a mapping and print it, with what to do next."""
     if os.path.exists(file):
-        raise RecordingError(f"{file} exists", "Give another --out, or move it away.")
+        raise RecordingError(f"{file} exists", "Give another --out, or move the file away.")
     write_result(file, draft.to_yaml(), remedy="Choose another --out.")
     out.print(escape(draft.to_yaml()), soft_wrap=True, highlight=False)
     if draft.missing:
-        out.print(f"[yellow]to be filled in[/] {', '.join(draft.missing)}", soft_wrap=True)
+        out.print(f"[yellow]fill in:[/] {', '.join(draft.missing)}", soft_wrap=True)
     out.print(
-        f"Read and correct {escape(str(file))}, then: "
-        f"elastic-arm bag import {escape(str(arrays))} --map {escape(str(file))} --out BAG",
+        f"Review and correct {escape(str(file))}, then run: elastic-arm bag import"
+        f" {escape(str(arrays))} --map {escape(str(file))} --out BAG",
         soft_wrap=True,
     )
 
@@ -320,11 +324,11 @@ def _print_report(report: Report) -> None:
     for finding in report.findings:
         colour = _COLOURS[finding.severity]
         out.print(f"  [{colour}]{finding.severity:8}[/] {escape(finding.message)}", soft_wrap=True)
-    out.print("  [green]nothing wrong[/]" if report.ok else "  [red]not in order[/]")
+    out.print("  [green]no faults found[/]" if report.ok else "  [red]faults found[/]")
 
 
 def _print_repair(mended: Repair) -> None:
-    out.print(f"copy with {mended.kept} messages; left out or not mended:", soft_wrap=True)
+    out.print(f"copy with {mended.kept} messages; omitted or not repaired:", soft_wrap=True)
     for words in mended.dropped or ["nothing"]:
         out.print(f"  {escape(words)}", soft_wrap=True)
 

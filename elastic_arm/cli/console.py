@@ -100,7 +100,7 @@ def _worded() -> Iterator[None]:
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         raise OutputError(
             f"stdout cannot be written ({error.strerror})",
-            "Results that go to files are not concerned; look there",
+            "Results written to files are not affected",
         ) from None
 
 
@@ -181,8 +181,8 @@ def reports_errors(command: Callable[P, R]) -> Callable[P, R]:
         except ElasticArmError as error:
             print_error(error)
         except MemoryError as error:
-            problem = f"memory is used up ({str(error).rstrip('.') or 'no size is known'})"
-            print_error(ElasticArmError(problem, "Take less motion, or raise the limit of memory"))
+            problem = f"out of memory ({str(error).rstrip('.') or 'size unknown'})"
+            print_error(ElasticArmError(problem, "Use less motion, or raise the memory limit"))
         raise SystemExit(2) from None
 
     return wrapper

@@ -33,7 +33,7 @@ def describe(
     json: options.Json = False,
     force: Force = False,
 ) -> None:
-    """Show an arm: joints, limits, masses, transmissions, and what a model of it has to identify.
+    """Show an arm: joints, limits, masses, transmissions and identifiable parameters.
 
     Examples:
 
@@ -49,20 +49,20 @@ def describe(
     robot = options.load_arm(robot_file, chain, at)
     if robot.n > _QUICK:
         err.print(
-            f"compiling the equations of {robot.n} joints and looking for their base parameters: a"
-            " minute or so"
+            f"compiling the equations of {robot.n} joints and computing their base parameters,"
+            " about a minute"
         )
     told = build_model(robot, model)
     parameters = base_of(told)
     if urdf is not None:
-        write_result(urdf, to_urdf(robot), remedy="Name another file with --urdf.")
+        write_result(urdf, to_urdf(robot), remedy="Choose another file with --urdf.")
     if json:
         print_json(_content(robot, model, len(told.parameters), parameters))
         return
     _print_robot(robot)
     known = (
-        f"of the {len(told.parameters)} parameters of {model}, motion determines {len(parameters)}"
-        " combinations"
+        f"motion determines {len(parameters)} combinations of the {len(told.parameters)}"
+        f" parameters of {model}"
     )
     out.print(f"\n{known}, the base parameters{':' if base else ' (--base lists them)'}")
     if base:
@@ -116,7 +116,9 @@ def _print_robot(robot: Robot) -> None:
     out.print(table)
     if slide:
         those = f" ({', '.join(robot.units.prismatic)})" if mixed else ""
-        out.print(f"prismatic joints{escape(those)} have m and N for rad and Nm", soft_wrap=True)
+        out.print(
+            f"prismatic joints{escape(those)} use m and N instead of rad and Nm", soft_wrap=True
+        )
     for line in (*_stated(robot), *_controllers(robot)):
         out.print(escape(line), soft_wrap=True)
     for note in robot.notes:
@@ -153,8 +155,8 @@ def _controllers(robot: Robot) -> list[str]:
             limit = (
                 [] if drive.torque is None else [f"at most {drive.torque:.4g} {joint.unit('Nm')}"]
             )
-            late = [f"{1e3 * drive.delay:.4g} ms late"] if drive.delay else []
-            fed = [] if drive.feedforward == "none" else [f"{drive.feedforward} fed forward"]
+            late = [f"delay {1e3 * drive.delay:.4g} ms"] if drive.delay else []
+            fed = [] if drive.feedforward == "none" else [f"feed-forward: {drive.feedforward}"]
             found.append(
                 f"controller of {joint.name}: {drive.mode},"
                 f" {', '.join([*gains, *limit, *late, *fed])}"

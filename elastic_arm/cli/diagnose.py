@@ -64,20 +64,20 @@ COLOURS = {"none": "green", "explained": "cyan", "unknown": "yellow"}
 
 Judges = Annotated[
     list[Path] | None,
-    typer.Option(metavar="BAG…", help="Recordings that judge; the last third otherwise."),
+    typer.Option(
+        metavar="BAG…", help="Recordings for validation; by default the last third of each."
+    ),
 ]
 Propose = Annotated[
     bool,
-    typer.Option(
-        help="Look for the motion that tells causes from their alternatives, where there are any."
-    ),
+    typer.Option(help="Propose a motion that separates causes from their alternatives."),
 ]
 
 
 @reports_errors
 def diagnose_command(
     bags: Annotated[
-        list[Path], typer.Argument(metavar="BAG…", help="Recordings that causes are fitted on.")
+        list[Path], typer.Argument(metavar="BAG…", help="Recordings on which causes are fitted.")
     ],
     validate: Judges = None,
     model: options.Model = "mod3",
@@ -94,16 +94,21 @@ def diagnose_command(
     priors_file: options.PriorsFile = None,
     propose: Propose = True,
     against: Annotated[
-        Path | None, typer.Option(metavar="BAG", help="The same commands, simulated.")
+        Path | None, typer.Option(metavar="BAG", help="Simulated recording of the same commands.")
     ] = None,
     out_dir: options.OutFolder = Path("diagnosis"),
     replayed: Annotated[
-        bool, typer.Option("--replay", help="Replay in MuJoCo, before and after (MJCF).")
+        bool,
+        typer.Option(
+            "--replay",
+            help="Replay the recording in MuJoCo before and after the correction (MJCF).",
+        ),
     ] = False,
     mcap: Annotated[
         Path | None,
         typer.Option(
-            metavar="BAG", help="Bag of what judged, with its residuals before and after."
+            metavar="BAG",
+            help="Write the validation recordings as a bag with their residuals before and after.",
         ),
     ] = None,
     csv: Csv = False,
@@ -113,21 +118,23 @@ def diagnose_command(
     seconds: Annotated[
         float | None,
         typer.Option(
-            min=1.0, metavar="N", help="End the search after N seconds with the best answer."
+            min=1.0,
+            metavar="N",
+            help="Stop the search after N seconds with the best answer so far.",
         ),
     ] = None,
     fail_on: FailOn = None,
 ) -> None:
-    """Find where a recording and a model differ, which effect the model lacks, and how far the gap
-    shrinks with it.
+    """Find where a recording and a model differ, which effect the model lacks, and by how much the
+    gap shrinks with it.
 
-    Writes diagnosis.json and report.html. Where causes were found, robot.yaml:
-    the arm with them, for `simulate --robot`, and its MJCF or URDF with the
-    numbers changed. Where causes are not separated, separating_trajectory.yaml:
-    what to record next, for `simulate --trajectory` and the trajectory node. With
-    --against, how far the first is from a simulated one, and which effect is in
-    one alone. Exit status 0 whatever the verdict, 1 where it is one of --fail-on,
-    2 for unusable input.
+    Writes diagnosis.json and report.html. If causes were found, it also writes
+    robot.yaml (the arm with its causes, for `simulate --robot`) and a copy of
+    your MJCF or URDF with corrected numbers. If causes cannot be separated, it
+    writes separating_trajectory.yaml, the motion to record next, for `simulate
+    --trajectory` and the trajectory node. --against compares the first recording
+    with a simulated one and lists the effects that only one of them has. The exit
+    status is 0 for every verdict, 1 if --fail-on applies, and 2 for unusable input.
 
     Examples:
 
@@ -180,7 +187,7 @@ def diagnose_command(
     keep_memory()  # what was read and left out would leave holes
     with working("diagnosing") as status, ended_early(seconds, status, quiet=quiet) as watch:
         found = diagnose(recordings, question, judges, watch=watch)
-    with working("predicting, comparing, proposing"):
+    with working("predicting, comparing and proposing a motion"):
         found = follow_up(found, rng=np.random.default_rng(0) if propose else None)
         corrected = Written(wrong)
         if wrong is None:
@@ -330,7 +337,8 @@ def print_diagnosis(found: Diagnosis, folder: Path) -> None:
     for place in found.unexplained:
         size = f"{place.rmse:.3g} {found.units.at(place.joint, 'Nm')}"
         out.print(
-            f"unexplained: {escape(place.joint)}, {place.side} side, {size}, follows {place.regime}"
+            f"unexplained: {escape(place.joint)}, {place.side} side, {size}, depends on"
+            f" {place.regime}"
         )
     if found.prediction is not None and (found.causes or found.prediction.reason):
         out.print(f"prediction: {escape(prediction_sentence(found, found.prediction))}")
@@ -361,11 +369,13 @@ def _print_causes(causes: Sequence[Cause]) -> None:
         )
         table.add_row(escape(cause.effect), *at, size, *shares)
     out.print(table)
-    out.print("[dim]gap: share that goes with this cause alone; probability: that it is there[/]")
+    out.print(
+        "[dim]gap: share that this cause alone removes; probability: that the cause is present[/]"
+    )
 
 
 def _print_alternatives(cause: Cause) -> None:
-    instead = f"instead of {escape(effect_at(cause.effect, cause.joint))} it may be"
+    instead = f"alternative to {escape(effect_at(cause.effect, cause.joint))}:"
     likely, faint = listed_alternatives(cause)
     for other in likely:
         name, odds = (
@@ -373,7 +383,7 @@ def _print_alternatives(cause: Cause) -> None:
             probability_text(other.confidence),
         )
         out.print(
-            f"{instead} {name} ({odds}); told apart by: {escape(other.file or other.separated_by)}"
+            f"{instead} {name} ({odds}); separated by: {escape(other.file or other.separated_by)}"
         )
     if faint:
         out.print(f"{instead} {escape(faint)}")
@@ -389,7 +399,7 @@ def _print_places(found: Diagnosis) -> None:
         for joint in found.joints
         if any(found.shrink_by_place.get((joint, s)) is not None for s in sides)
     ]
-    sizes = "without → with the causes" if found.causes else "size"
+    sizes = "without → with causes" if found.causes else "size"
     if apart:
         shown = [f"{side} side" for side in sides]
         table = new_table("joint", *shown, right=shown, whole=("joint", *shown))
@@ -402,12 +412,12 @@ def _print_places(found: Diagnosis) -> None:
                 *(cell.replace(" (", "\n(") if out.is_terminal else cell for cell in cells),
             )
         out.print(
-            f"residuals in {found.units.over('Nm')} below {found.band:.3g} Hz, {sizes} (share of"
-            " its own gap):"
+            f"residuals in {found.units.over('Nm')} below {found.band:.3g} Hz, {sizes} (removed"
+            " share of the residual's own gap):"
         )
         out.print(table)
     if agreeing := [joint for joint in found.joints if joint not in apart]:
-        out.print(f"no clear gap at {escape(listed(agreeing))}")
+        out.print(f"no significant gap at {escape(listed(agreeing))}")
 
 
 def print_comparison(comparison: SimulationComparison | None) -> None:
@@ -415,7 +425,7 @@ def print_comparison(comparison: SimulationComparison | None) -> None:
     if comparison is None:
         return
     found = comparison.difference
-    table = new_table("real − simulated, rms", *found.joints, right=found.joints)
+    table = new_table("real − simulated, RMS", *found.joints, right=found.joints)
     for one in found.channels:
         pairs = zip(one.rms, one.share, strict=True)
         table.add_row(one.channel, *(f"{rms:.3g} ({100 * share:.2g} %)" for rms, share in pairs))
@@ -430,7 +440,10 @@ def _print_proposal(proposal: Proposal) -> None:
     for pair in proposal.pairs:
         names = " and ".join(effect_at(*place) for place in (pair.cause, pair.alternative))
         here, expected = log_likelihood_text(pair.here), log_likelihood_text(pair.expected)
-        advice = f"no motion was found that tells {names} apart"
+        advice = f"no motion was found that separates {names}"
         if pair.decides:
-            advice = f"record {SEPARATING} ({proposal.seconds:g} s), which is to tell {names} apart"
-        out.print(f"next: {escape(advice)} (log-likelihood {expected}; this recording {here})")
+            advice = f"record {SEPARATING} ({proposal.seconds:g} s) to separate {names}"
+        out.print(
+            f"next: {escape(advice)} (expected log-likelihood ratio {expected}; this recording:"
+            f" {here})"
+        )

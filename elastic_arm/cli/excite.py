@@ -31,7 +31,8 @@ from elastic_arm.identification.planned import judged
 from elastic_arm.identification.verdict import Excitation
 
 Limit = Annotated[
-    float | None, typer.Option(help="Lower the limit of all joints to this.", show_default=False)
+    float | None,
+    typer.Option(help="Reduce the limit of all joints to this value.", show_default=False),
 ]
 
 
@@ -44,22 +45,29 @@ def excite(
         "trajectory.yaml"
     ),
     model: options.Model = "mod3",
-    harmonics: Annotated[int, typer.Option(help="Of the Fourier series of every joint.")] = 5,
-    period: Annotated[float, typer.Option(help="Of the series, s.")] = 10.0,
+    harmonics: Annotated[
+        int, typer.Option(help="Number of harmonics of the Fourier series of every joint.")
+    ] = 5,
+    period: Annotated[float, typer.Option(help="Period of the Fourier series, s.")] = 10.0,
     periods: Annotated[
         int | None,
         typer.Option(
-            help="Whole periods between start and stop; as many as `identify` needs otherwise.",
+            help="Number of whole periods; by default as many as `identify` needs.",
             show_default=False,
         ),
     ] = None,
     ramp: Annotated[
-        float | None, typer.Option(help="Smooth start and stop, s each; a quarter period.")
+        float | None,
+        typer.Option(
+            help="Duration of the smooth start and stop, s each; by default a quarter period."
+        ),
     ] = None,
     criterion: Annotated[
-        str, typer.Option(help="condition, d_optimal or a_optimal.")
+        str, typer.Option(help="Criterion of the search: condition, d_optimal or a_optimal.")
     ] = "condition",
-    evaluations: Annotated[int, typer.Option(help="Budget of the search.")] = 3000,
+    evaluations: Annotated[
+        int, typer.Option(help="Maximum number of evaluations in the search.")
+    ] = 3000,
     seed: options.Seed = 0,
     velocity: Limit = None,
     acceleration: Limit = None,
@@ -68,23 +76,22 @@ def excite(
         float, typer.Option(help="Height of the floor above the ground frame, m.")
     ] = 0.0,
     margin: Annotated[
-        float, typer.Option(help="Gap that links keep to the floor and to each other, m.")
+        float, typer.Option(help="Minimum distance of the links to the floor and to each other, m.")
     ] = MARGIN,
     json: options.Json = False,
     csv: Annotated[
-        Path | None, typer.Option(help="Also write set-points as CSV, or LeRobot's .parquet.")
+        Path | None, typer.Option(help="Also write set-points as CSV, or as LeRobot's .parquet.")
     ] = None,
     goal: Annotated[
         Path | None,
         typer.Option(
-            help="Also write a goal of joint_trajectory_controller (YAML), for `ros2 action`."
+            help="Also write a goal for joint_trajectory_controller (YAML), for `ros2 action`."
         ),
     ] = None,
-    rate: Annotated[float, typer.Option(help="Set-points a second of these files.")] = 20.0,
+    rate: Annotated[float, typer.Option(help="Set-points per second in these files.")] = 20.0,
     force: Force = False,
 ) -> None:
-    """Find a Fourier trajectory whose motion separates the arm's parameters best, within all
-    limits.
+    """Find a Fourier trajectory within all limits that determines the arm's parameters best.
 
     Examples:
 
@@ -129,14 +136,14 @@ def excite(
 def _print_judgement(judgement: Excitation, periods: int) -> None:
     times = f"{periods} period{'s' * (periods > 1)}"
     if not judgement.poor:
-        out.print(f"`identify` will find this motion [green]good[/] ({times})")
+        out.print(f"`identify` will rate this motion [green]good[/] ({times})")
         return
     out.print(
-        f"`identify` will find this motion [yellow]poor[/] ({times}):"
+        f"`identify` will rate this motion [yellow]poor[/] ({times}):"
         f" {escape('; '.join(judgement.reasons))}"
     )
     out.print(
-        "  give it faster motion (--period 5, higher limits of the arm), or another --criterion"
+        "  try faster motion (--period 5, higher limits of the arm), or another --criterion"
         " (a_optimal)"
     )
 
@@ -185,7 +192,7 @@ def _print_result(
         f"  {len(result.random)} random motions  {low:.4g} … [bold]{median:.4g}[/] (median) …"
         f" {high:.4g}"
     )
-    out.print(f"  start, the best of them  {result.condition_before:.4g}")
+    out.print(f"  start (best random motion)  {result.condition_before:.4g}")
     out.print(
         f"  optimised          [bold green]{result.condition_after:.4g}[/]  after"
         f" {result.evaluations} evaluations"
@@ -197,14 +204,14 @@ def _print_result(
         )
     for sentence in indistinct_words(result, base, model):
         out.print(
-            "[yellow]left out of the search, as only nearly exact encoders determine it:[/]"
+            "[yellow]excluded from the search because only nearly exact encoders determine it:[/]"
             f" {escape(sentence)}",
             soft_wrap=True,
         )
     out.print(_limit_table(result, model.robot.units))
     for name, gap in result.use.gaps():
         out.print(
-            f"smallest gap to {escape(name)}: {1e3 * gap:.0f} mm (margin"
+            f"smallest distance to {escape(name)}: {1e3 * gap:.0f} mm (margin"
             f" {1e3 * limits.margin:g} mm)"
         )
     for sentence in limits.assumed:
@@ -223,7 +230,7 @@ def _limit_table(result: ExcitationResult, units: JointUnits) -> Table:
     use = result.use
     numbers = (*use.kinds, "peak torque")
     table = new_table(
-        "joint", *numbers, right=numbers, title="share of the limits used", title_justify="left"
+        "joint", *numbers, right=numbers, title="used share of the limits", title_justify="left"
     )
     for i, joint in enumerate(use.joints):
         shares = [use.share(kind, i) for kind in use.kinds]

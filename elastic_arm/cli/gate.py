@@ -20,8 +20,8 @@ FailOn = Annotated[
         "--fail-on",
         metavar="unknown|explained|change:P%",
         help=(
-            "Exit status 1 with this verdict, or with a size that differs by more than P %: between"
-            " recordings, or from what is stated. May be repeated."
+            "Exit with status 1 for this verdict, or if a size differs by more than P % between"
+            " recordings or from the stated value. May be repeated."
         ),
     ),
 ]
@@ -32,7 +32,7 @@ def check_gate(gates: Sequence[str]) -> None:
     for gate in gates:
         if gate not in VERDICTS and not _CHANGE.fullmatch(gate):
             raise DiagnosisError(
-                f"--fail-on {gate!r} is no gate",
+                f"--fail-on {gate!r} is not valid",
                 f"Give {' or '.join(VERDICTS)}, or a change such as change:5%.",
             )
 

@@ -1,4 +1,4 @@
-"""`elastic-arm history`: the numbers of one arm over recordings, and what changed."""
+"""`elastic-arm history`: the numbers of one arm over several recordings, and their changes."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -43,7 +43,7 @@ COLUMNS = ("effect", "joint", "parameter", "unit", "recording", "date", "value",
 def history_command(
     bags: Annotated[
         list[Path],
-        typer.Argument(metavar="BAG…", help="Recordings, or one folder that holds them."),
+        typer.Argument(metavar="BAG…", help="Recordings, or one folder of recordings."),
     ],
     robot_file: options.RobotFile = None,
     chain: options.Chain = None,
@@ -57,29 +57,33 @@ def history_command(
     out_dir: options.OutFolder = Path("history"),
     force: Force = False,
     workers: Annotated[
-        int | None, typer.Option(min=1, help="Diagnose each recording alone, by so many processes.")
+        int | None,
+        typer.Option(min=1, help="Diagnose the recordings one by one in this many processes."),
     ] = None,
     scheduler: Annotated[
         str | None,
         typer.Option(
-            help="The same on a Dask cluster, by its address; it must see the same files."
+            help="Diagnose the recordings one by one on the Dask cluster at this address, which"
+            " needs access to the same files."
         ),
     ] = None,
     json: options.Json = False,
     quiet: options.Quiet = False,
     fail_on: FailOn = None,
 ) -> None:
-    """Follow the numbers of one arm over recordings: what changed, when, by how much, how certain.
+    """Track the numbers of one arm over several recordings, with time, size and probability of
+    changes.
 
-    One diagnosis of all recordings, in the order of their times. Every effect that
-    it finds, or that is known to be there (--with), has its size in each recording.
-    Of one recording its parts of ten seconds of motion are followed: a payload that
-    is picked up and kept. Writes history.json, history.csv and report.html, with a
-    plot of each size.
+    All recordings are diagnosed together, in chronological order. Every effect
+    that is found or declared by --with has a size in each recording. A single
+    recording is divided into parts of ten seconds of motion, to detect for
+    example a payload that is picked up and kept. Writes history.json,
+    history.csv and report.html, with a plot of each size.
 
-    One diagnosis holds six recordings of three joints, and fewer of more; more than
-    that, those that do not go together, and all with --workers or --scheduler, are
-    diagnosed each alone. Exit status as of diagnose.
+    One diagnosis covers up to six recordings of three joints, and fewer for more
+    joints. Larger numbers of recordings, incompatible recordings, and all
+    recordings with --workers or --scheduler are diagnosed one by one. The exit
+    status is that of diagnose.
 
     Examples:
 
@@ -113,7 +117,9 @@ def history_command(
             raise
         # one that is not like the others is left out, or compared as far as it goes
         found, all_of, dates = of_each()
-        found = replace(found, notes=(f"Each is diagnosed alone: {error}", *found.notes))
+        found = replace(
+            found, notes=(f"The recordings are diagnosed one by one: {error}", *found.notes)
+        )
     result = to_dict(found, all_of, dates)
     write_result(out_dir / RESULTS[0], json_text(result, indent=2, allow_nan=False) + "\n")
     write_result(out_dir / RESULTS[1], to_csv(result))
@@ -185,7 +191,7 @@ def _alone(path: Path, read: Read, ask: Ask) -> tuple[int, dict[str, Any]] | str
         recording = read(path, report=lambda what, share: None, usual=DIAGNOSED)
         return recording.start_ns, replace(ask([recording]), identify=(recording.source,)).to_dict()
     except (ElasticArmError, MemoryError) as error:
-        return f"left out: {str(error) or f'{path}: memory is used up'}"
+        return f"skipped: {str(error) or f'{path}: out of memory'}"
 
 
 def _date(begin_ns: int) -> str:
@@ -238,10 +244,10 @@ def print_history(found: Diagnosis, all_of: Sequence[Course], dates: Sequence[st
     for one in all_of:
         if one.step is not None:
             out.print(f"[yellow]changed:[/] {escape(step_text(one, found.identify))}")
-    rest = "nothing else changed" if any(one.step for one in all_of) else "nothing changed"
-    out.print(f"{rest} beyond what the recordings tell")
+    rest = "no other changes" if any(one.step for one in all_of) else "no changes"
+    out.print(f"{rest} detected")
     for joint, side, regime in dict.fromkeys(
         (p.joint, p.side, p.regime) for p in found.unexplained
     ):
-        out.print(f"unexplained: {escape(joint)}, {side} side, follows {regime}")
+        out.print(f"unexplained: {escape(joint)}, {side} side, depends on {regime}")
     out.print(f"notes on the recordings: {len(found.notes)}, in {RESULTS[0]}")

@@ -45,12 +45,12 @@ Laws = Annotated[
     list[str] | None,
     typer.Option(
         "--with",
-        help="Law identified too: EFFECT[:JOINT][:side=link]; may be repeated.",
+        help="Effect to identify as well: EFFECT[:JOINT][:side=link]; may be repeated.",
         autocompletion=options.completions,
     ),
 ]
 HeldOut = Annotated[
-    list[Path] | None, typer.Option(help="Recording that no fit may see; may be repeated.")
+    list[Path] | None, typer.Option(help="Held-out recording for validation; may be repeated.")
 ]
 
 
@@ -69,7 +69,8 @@ def identify(
     clock: options.Clock = options.ClockChoice.auto,
     most: options.Motion = None,
     consistent: Annotated[
-        bool, typer.Option(help="Also find all parameters, physically consistent.")
+        bool,
+        typer.Option(help="Also estimate all parameters such that they are physically consistent."),
     ] = True,
     out_dir: options.OutFolder = Path("identified"),
     json: options.Json = False,
@@ -78,9 +79,9 @@ def identify(
 ) -> None:
     """Identify an arm's parameters from recordings.
 
-    Writes identification.json, report.html and, with physical consistency, robot.yaml, an arm file
-    that `elastic-arm simulate --robot` takes, with the MJCF or URDF that the arm came from, its
-    numbers changed.
+    Writes identification.json and report.html. If the parameters are physically consistent, it also
+    writes robot.yaml, an arm file for `elastic-arm simulate --robot`, and a copy of your MJCF or
+    URDF with identified numbers.
 
     Examples:
 
@@ -169,8 +170,9 @@ def _judged(result: Identification, written: Written) -> Identification:
         return result
     what = "the corrected file" if written.robot is not None else "no file"
     words = (
-        f"With all that was identified {listed(choice.worse)} moves worse under the recorded"
-        f" commands: {listed(choice.taken_back)} stays as described, and {what} is written."
+        f"With all identified numbers, {listed(choice.worse)} moves worse under the recorded"
+        f" commands: {listed(choice.taken_back)} keeps the numbers of the description, and"
+        f" {what} is written."
     )
     return result.with_(notes=(words, *result.notes))
 
@@ -199,8 +201,8 @@ def _print(result: Identification, out_dir: Path, corrected: Exported | str | No
         reasons = "; ".join(result.excitation["reasons"])
         remedy = "`elastic-arm excite` finds a better motion"
         out.print(
-            f"[bold yellow]the excitation is poor[/], by the motion alone: {escape(reasons)};"
-            f" {remedy}"
+            "[bold yellow]the excitation is poor[/], judged by the motion alone:"
+            f" {escape(reasons)}; {remedy}"
         )
     for sentence in result.summary():
         out.print(escape(sentence))
@@ -210,7 +212,7 @@ def _print(result: Identification, out_dir: Path, corrected: Exported | str | No
     for note in result.notes:
         out.print(f"note: {escape(note)}")
     for direction in result.undetermined:
-        out.print(f"[red]left open by the data:[/] {escape(direction)}")
+        out.print(f"[red]not determined by the data:[/] {escape(direction)}")
     for title, rows in _residual_rows(result):
         out.print(f"[bold]{escape(title)}[/]")
         shown = new_table("", *result.joints, right=result.joints)
@@ -225,8 +227,8 @@ def _print(result: Identification, out_dir: Path, corrected: Exported | str | No
         *(["robot.yaml"] if result.identified is not None else []),
     ]
     out.print(
-        f"results in {escape(str(out_dir))}: {', '.join(written)}; combinations of parameters in"
-        " full there"
+        f"results in {escape(str(out_dir))}: {', '.join(written)}, with all parameter"
+        " combinations in full"
     )
     print_correction(corrected)
 

@@ -20,17 +20,17 @@ if TYPE_CHECKING:
     from elastic_arm.recording import ChannelMap, Recording
 
 
-Model = Annotated[str, typer.Option(help="mod1, mod2 or mod3.")]
+Model = Annotated[str, typer.Option(help="Model of the arm: mod1, mod2 or mod3.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON, for scripts.")]
-Quiet = Annotated[
-    bool, typer.Option("--quiet", help="Print nothing but errors, and JSON if that is asked for.")
-]
+Quiet = Annotated[bool, typer.Option("--quiet", help="Print only errors, and JSON if requested.")]
 Channels = Annotated[
-    Path | None, typer.Option(help="Channel map (YAML) of foreign bags; see docs/channel_maps.md.")
+    Path | None,
+    typer.Option(help="Channel map (YAML) for bags of other robots; see docs/channel_maps.md."),
 ]
-Seed = Annotated[int, typer.Option(min=0, help="The same seed gives the same result.")]
+Seed = Annotated[int, typer.Option(min=0, help="Seed of the random numbers.")]
 Refit = Annotated[
-    bool, typer.Option("--refit", help="The description's numbers cannot be exact: fit them.")
+    bool,
+    typer.Option("--refit", help="Treat the numbers of the description as inexact, and fit them."),
 ]
 OutFolder = Annotated[Path, typer.Option("--out", help="Folder for the results.")]
 
@@ -49,30 +49,36 @@ Clock = Annotated[
     typer.Option(
         "--clock",
         help=(
-            "When samples were taken: at their stamps, regularly, when messages arrived; by the"
-            " evidence otherwise."
+            "Sample times: the stamps, a regular clock, or the arrival times of messages; by"
+            " default inferred from the data."
         ),
     ),
 ]
 Namespace = Annotated[
     str | None,
     typer.Option(
-        help="Of the arm, where bags hold several: left for /left/joint_states and so on."
+        help="Namespace of the arm if a bag contains several: left for /left/joint_states and so"
+        " on."
     ),
 ]
 Motion = Annotated[
     float | None,
-    typer.Option("--motion", min=10.0, metavar="SECONDS", help="Most motion taken of a recording."),
+    typer.Option(
+        "--motion",
+        min=10.0,
+        metavar="SECONDS",
+        help="Maximum duration of motion used from a recording.",
+    ),
 ]
 RobotFile = Annotated[
-    Path | None, typer.Option("--robot", help="Arm file, URDF or MJCF; the nominal arm by default.")
+    Path | None, typer.Option("--robot", help="Arm file, URDF or MJCF; by default the nominal arm.")
 ]
 Chain = Annotated[
     str | None,
     typer.Option(
         "--chain",
         metavar="BASE:TIP",
-        help="First and last link of the arm in a URDF, first and last body in an MJCF.",
+        help="First and last link of the arm in a URDF, or first and last body in an MJCF.",
         show_default=False,
     ),
 ]
@@ -81,7 +87,7 @@ At = Annotated[
     typer.Option(
         "--at",
         metavar="JOINT=VALUE,…",
-        help="Where joints of an MJCF outside the chain are fixed, or the name of a keyframe.",
+        help="Positions of fixed joints outside the chain of an MJCF, or the name of a keyframe.",
         show_default=False,
     ),
 ]
@@ -114,7 +120,7 @@ PriorsFile = Annotated[
     Path | None,
     typer.Option(
         "--priors",
-        help="YAML of how far masses, stiffness and sensors may be off; see docs/diagnosis.md.",
+        help="Priors (YAML) for errors of masses, stiffnesses and sensors; see docs/diagnosis.md.",
     ),
 ]
 KnownEffects = Annotated[
@@ -124,15 +130,15 @@ KnownEffects = Annotated[
         metavar="EFFECT[:JOINT][:NAME=VALUE]",
         autocompletion=completions,
         help=(
-            "Effects that are known: fitted first, part of the model. NAME=VALUE says where the fit"
-            " starts."
+            "Known effects, which are fitted first as part of the model. NAME=VALUE is the"
+            " starting value."
         ),
     ),
 ]
 EffectsFiles = Annotated[
     list[Path] | None,
     typer.Option(
-        "--effects", is_eager=True, help="Python file with effects of your own; may be repeated."
+        "--effects", is_eager=True, help="Python file with your own effects; may be repeated."
     ),
 ]
 
@@ -219,7 +225,7 @@ def require_bags(bags: Sequence[Path]) -> None:
             raise RecordingError(f"{bag} does not exist", WHAT_IS_A_BAG)
         if bag.resolve() in seen:
             raise RecordingError(
-                f"{bag} is given twice", "Give every recording once, and validate on another."
+                f"{bag} is given twice", "Give every recording once, and validate on another one."
             )
         seen.add(bag.resolve())
 

@@ -31,8 +31,8 @@ def claim_folder(folder: Path, names: Sequence[str], *, force: bool, option: str
     left = [name for name in names if (folder / name).exists()]
     if left and not force:
         raise OutputError(
-            f"{folder} holds results of an earlier run: {', '.join(left)}",
-            f"Name another folder with {option}, or overwrite them with --force.",
+            f"{folder} contains results of an earlier run: {', '.join(left)}",
+            f"Choose another folder with {option}, or overwrite the results with --force.",
         )
     _check_folder(folder, option)
 
@@ -48,11 +48,11 @@ def claim_file(path: Path, *, force: bool, option: str = "--out") -> None:
     if path.exists():
         if not force:
             raise OutputError(
-                f"{path} exists already",
-                f"Name another file with {option}, or overwrite it with --force.",
+                f"{path} already exists",
+                f"Choose another file with {option}, or overwrite it with --force.",
             )
         if not os.access(path, os.W_OK):
-            raise OutputError(f"{path} may not be written", f"Name another file with {option}.")
+            raise OutputError(f"{path} is not writable", f"Choose another file with {option}.")
     _check_folder(path.parent, option)
 
 
@@ -64,8 +64,8 @@ def claim_bag(path: Path, option: str = "--out") -> None:
     _check_name(path, option)
     if path.exists():
         raise OutputError(
-            f"{path} exists already",
-            f"Choose another name with {option}: no recording is overwritten.",
+            f"{path} already exists",
+            f"Choose another name with {option}; recordings are never overwritten.",
         )
     _check_folder(path.parent, option)
 
@@ -79,15 +79,15 @@ def _check_name(path: Path, option: str) -> None:
             problem = f"the name {shown} is too long"
         os.lstat(path)
     except UnicodeEncodeError:
-        problem = f"the name {shown!r} is no UTF-8 text"
+        problem = f"the name {shown!r} is not valid UTF-8"
     except ValueError:
-        problem = f"the name {shown!r} holds a NUL"
+        problem = f"the name {shown!r} contains a NUL character"
     except (FileNotFoundError, NotADirectoryError):
         pass  # what is in the way is looked for by the checks that follow
     except OSError as error:
-        problem = problem or f"{shown} cannot be made ({(error.strerror or 'unusable').lower()})"
+        problem = problem or f"{shown} cannot be created ({(error.strerror or 'unusable').lower()})"
     if problem:
-        raise OutputError(problem, f"Name another place for {option}.")
+        raise OutputError(problem, f"Choose another path for {option}.")
 
 
 def _check_folder(folder: Path, option: str) -> None:
@@ -96,13 +96,15 @@ def _check_folder(folder: Path, option: str) -> None:
         whole = folder.absolute()
     except FileNotFoundError:
         raise OutputError(
-            "the folder that the command runs in was removed",
-            f"Go to another, or name a whole path with {option}.",
+            "the current working directory was removed",
+            f"Change to another directory, or give an absolute path with {option}.",
         ) from None
     present = next(path for path in (whole, *whole.parents) if path.exists())
     if not present.is_dir():
-        raise OutputError(f"{present} is a file, not a folder", f"Name another place for {option}.")
+        raise OutputError(
+            f"{present} is a file, not a folder", f"Choose another path for {option}."
+        )
     if not os.access(present, os.W_OK | os.X_OK):
         raise OutputError(
-            f"the folder {present} may not be written", f"Name another place for {option}."
+            f"the folder {present} is not writable", f"Choose another path for {option}."
         )

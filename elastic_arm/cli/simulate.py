@@ -54,13 +54,11 @@ def _list_effects(context: typer.Context, value: bool) -> None:
 
 @reports_errors
 def simulate(
-    out_bag: Annotated[
-        Path, typer.Option("--out", help="Bag to make (a folder that does not exist).")
-    ],
+    out_bag: Annotated[Path, typer.Option("--out", help="Bag to write; it must not exist.")],
     robot_file: Annotated[
         Path | None,
         typer.Option(
-            "--robot", help="True arm: arm file, URDF or MJCF; the nominal arm by default."
+            "--robot", help="True arm: arm file, URDF or MJCF; by default the nominal arm."
         ),
     ] = None,
     chain: options.Chain = None,
@@ -68,20 +66,20 @@ def simulate(
     nominal_file: Annotated[
         Path | None,
         typer.Option(
-            "--nominal", help="What controller and recording believe; the true arm by default."
+            "--nominal", help="Nominal arm of controller and recording; by default the true arm."
         ),
     ] = None,
     trajectory: Annotated[
         str,
         typer.Option(
-            help="Trajectory file, or 'default': a random Fourier motion within the limits."
+            help="Trajectory file, or 'default' for a random Fourier motion within the limits."
         ),
     ] = DEFAULT_TRAJECTORY,
     effect: Annotated[
         list[str] | None,
         typer.Option(
             "--effect",
-            help="EFFECT[:JOINT][:NAME=VALUE,…]; may be repeated.",
+            help="Effect of the true arm: EFFECT[:JOINT][:NAME=VALUE,…]; may be repeated.",
             autocompletion=options.completions,
         ),
     ] = None,
@@ -89,31 +87,35 @@ def simulate(
     list_effects: Annotated[
         bool,
         typer.Option(
-            "--list-effects", callback=_list_effects, is_eager=True, help="Show the catalogue."
+            "--list-effects", callback=_list_effects, is_eager=True, help="List all effects."
         ),
     ] = False,
     model: options.Model = "mod3",
-    bearings: Annotated[bool, typer.Option("--bearings", help="Let the bearings tilt.")] = False,
+    bearings: Annotated[
+        bool, typer.Option("--bearings", help="Simulate the tilt of the bearings.")
+    ] = False,
     duration: Annotated[
-        float | None, typer.Option(help="s; that of the trajectory by default.")
+        float | None, typer.Option(help="Duration, s; by default that of the trajectory.")
     ] = None,
     rate: Annotated[
-        float | None, typer.Option(help="Samples a second; the arm file's by default.")
+        float | None, typer.Option(help="Samples per second; by default that of the arm file.")
     ] = None,
-    substeps: Annotated[int, typer.Option(help="Integration steps a sample at least; even.")] = 10,
+    substeps: Annotated[
+        int, typer.Option(help="Minimum number of integration steps per sample; even.")
+    ] = 10,
     sensors: Annotated[
-        str, typer.Option(help="nominal, exact, or real (encoder noise, jitter).")
+        str, typer.Option(help="Sensors: nominal, exact, or real (encoder noise, jitter).")
     ] = "nominal",
     noise: Annotated[
         float | None, typer.Option(help="Standard deviation of the torque noise, Nm.")
     ] = None,
     encoder_noise: Annotated[
-        float | None, typer.Option(help="Standard deviation of the encoders, rad.")
+        float | None, typer.Option(help="Standard deviation of the encoder noise, rad.")
     ] = None,
     seed: options.Seed = 0,
     json: options.Json = False,
 ) -> None:
-    """Let a simulated arm follow a trajectory, and record it as a bag.
+    """Simulate an arm that follows a trajectory, and record it as a bag.
 
     Examples:
 
@@ -190,8 +192,8 @@ def _motion(trajectory: str, robot: Robot, model: str, seed: int) -> FourierTraj
         motion = load_trajectory(trajectory)
         if motion.n != robot.n:
             raise SimulationError(
-                f"{trajectory} moves {motion.n} joints, {robot.name} has {robot.n}",
-                "Make one with elastic-arm excite.",
+                f"{trajectory} has {motion.n} joints, but {robot.name} has {robot.n}",
+                "Create a trajectory with elastic-arm excite.",
             )
         return motion
     rng = np.random.default_rng(seed)
@@ -200,7 +202,7 @@ def _motion(trajectory: str, robot: Robot, model: str, seed: int) -> FourierTraj
 
 def _sensors(name: str, robot: Robot, noise: float | None, encoder_noise: float | None) -> Sensors:
     if name not in SENSORS:
-        raise SensorError(f"there are no sensors {name!r}", f"Choose one of {', '.join(SENSORS)}.")
+        raise SensorError(f"unknown sensors {name!r}", f"Choose one of {', '.join(SENSORS)}.")
     sensors = SENSORS[name]()
     torque = robot.torque_noise_std if noise is None and name != "exact" else noise
     if torque is not None:
@@ -253,7 +255,7 @@ def _print_summary(
             f"  [bold]{instance.effect.id}[/] on {escape(place)}:"
             f" {escape(words) or 'no parameters'}"
         )
-    numbers = (f"peak tau_m, {units.over('Nm')}", f"off the reference, {units.over('mrad')}")
+    numbers = (f"peak tau_m, {units.over('Nm')}", f"tracking error, {units.over('mrad')}")
     table = new_table("joint", *numbers, right=numbers)
     rows = zip(
         summary["joints"],

@@ -42,7 +42,7 @@ def ended_early(seconds: float | None, status: Status, *, quiet: bool) -> Iterat
     def interrupt(number: int, frame: FrameType | None) -> None:
         asked.set()
         signal.signal(signal.SIGINT, before)
-        say("ending with the best answer so far; Ctrl-C again ends at once")
+        say("ending with the best answer so far; press Ctrl-C again to end at once")
 
     heeds = callable(before) and threading.current_thread() is threading.main_thread()
     if heeds:

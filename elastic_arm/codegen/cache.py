@@ -57,8 +57,8 @@ def replace_folder(folder: Path, problem: str) -> Path:
     atexit.register(made.cleanup)
     _REPLACED[folder] = Path(made.name)
     _LOG.warning(
-        "%s %s: kernels are compiled anew in %s. Remove it, or set %s to a folder that you alone"
-        " may write to.",
+        "%s %s: kernels are compiled again in %s. Remove it, or set %s to a folder"
+        " that only you can write to.",
         folder,
         problem,
         made.name,
@@ -93,21 +93,21 @@ def _problem(folder: Path) -> str:
     """
     found = folder.stat()
     if not stat.S_ISDIR(found.st_mode):
-        return "is no folder"
+        return "is not a folder"
     if not hasattr(os, "getuid"):
         return ""
     if found.st_uid != os.getuid() or found.st_mode & _BY_OTHERS:
-        return "belongs to another user, or others may write to it"
+        return "belongs to another user, or is writable by others"
     for part in _way(folder):
         if (mode := part.lstat()).st_uid not in (0, os.getuid()):
-            return f"is reached by way of {part}, which belongs to another user"
+            return f"is reached through {part}, which belongs to another user"
         # Of a folder with the sticky bit, such as /tmp, others cannot take away what is not theirs.
         if (
             stat.S_ISDIR(mode.st_mode)
             and mode.st_mode & _BY_OTHERS
             and not mode.st_mode & stat.S_ISVTX
         ):
-            return f"is reached by way of {part}, to which others may write"
+            return f"is reached through {part}, which is writable by others"
     return ""
 
 

@@ -43,8 +43,8 @@ def find_compiler() -> tuple[str, ...] | None:
         commands = [["cc"], ["gcc"], ["clang"]] if asked is None else [shlex.split(asked) or [""]]
     except ValueError as error:
         raise KernelError(
-            f"CC={asked!r} is no command ({error})",
-            "Set CC to a working C compiler, or to nothing to do without",
+            f"CC={asked!r} is not a command ({error})",
+            "Set CC to a working C compiler, or to an empty string to use none",
         ) from error
     for name, *options in commands:
         if path := shutil.which(name):
@@ -90,8 +90,8 @@ def build_once(
         )
     except OSError as error:
         raise KernelError(
-            f"there is no place for compiled code ({error})",
-            f"Set {CACHE_VARIABLE} to a folder you may write to",
+            f"there is no folder for compiled code ({error})",
+            f"Set {CACHE_VARIABLE} to a writable folder",
         ) from error
 
 
@@ -189,5 +189,5 @@ def _compiled(source: str, compiler: tuple[str, ...], flags: tuple[str, ...]) ->
     first = messages[-1].splitlines()[0] if messages[-1] else "no message"
     raise KernelError(
         f"{compiler[0]} failed: {first}",
-        "Set CC to a working C compiler, or to nothing to do without",
+        "Set CC to a working C compiler, or to an empty string to use none",
     )

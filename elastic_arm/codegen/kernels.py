@@ -141,7 +141,7 @@ class Kernel:
             if name not in self.shared:
                 if samples not in (None, len(array)):
                     raise ValueError(
-                        f"{name} has {len(array)} samples, the inputs before it {samples}"
+                        f"{name} has {len(array)} samples, but the inputs before it have {samples}"
                     )
                 samples = len(array)
             ready.append(array)
@@ -173,7 +173,7 @@ def make(program: Program, engine: str | None = None, shared: Sequence[str] = ()
 def _choose(program: Program, engine: str | None, shared: Sequence[str]) -> Engine:
     if engine not in (None, "c", "numpy"):
         raise KernelError(
-            f"there is no engine {engine!r}", "Choose c or numpy, or None for the faster one"
+            f"unknown engine {engine!r}", "Choose c or numpy, or None for the faster one"
         )
     if engine == "numpy":
         return NumpyEngine(program, shared)

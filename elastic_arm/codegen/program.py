@@ -209,7 +209,7 @@ class _Builder:
                 return a
         if name not in OPERATIONS:
             raise NotImplementedError(
-                f"operation {name} has no straight-line form; express it by others"
+                f"operation {name} has no straight-line form; express it by other operations"
             )
         return self.value(name, *operands[: OPERATIONS[name]])
 

@@ -83,20 +83,19 @@ def diagnose(
     *,
     watch: Watch | None = None,
 ) -> Diagnosis:
-    """Find where recordings and model differ, which effects cause it, and how far the gap shrinks
-    with them.
+    """Find where recordings and model differ, which effects cause it, and by how much the gap
+    shrinks with them.
 
     Parameters
     ----------
     recordings
-        What causes are fitted on.
+        Recordings on which causes are fitted.
     question
         Arm, model, known effects, catalogue and priors.
     validate
-        What judges them; the last third of the recordings where none is given.
+        Recordings for validation; by default the last third of each recording.
     watch
-        Who is told of the stages, and may end the search; it then gives the best answer that it
-        has.
+        Receives the stages and can end the search, which then returns the best answer so far.
 
     Raises
     ------
@@ -104,21 +103,21 @@ def diagnose(
         If the recordings allow no diagnosis: no torque, no motion, too short, validation equal to
         identification data.
     RecordingError
-        If a recording lacks a joint, is something else, or holds numbers of no arm.
+        If a recording lacks a joint, has another type, or contains implausible numbers.
     """
     recordings, validate = recordings_of(recordings), recordings_of(validate, "validate")
     require_kind(question, Question, "question", DiagnosisError, "Give Question(robot).")
     watch = watch or Watch()
     prepared = prepare(recordings, validate, question)
-    watch.say(f"checked: {len(prepared.problem.sources)} recordings")
+    watch.say(f"diagnosed: {len(prepared.problem.sources)} recordings")
     answer = Answer.of(prepared, question, watch)
     for _ in range(AGAIN):
         events = answer.events()
         if events == answer.prepared.events or watch.is_over():
             break
-        watch.say(f"{len(events)} events left out")
+        watch.say(f"{len(events)} events excluded")
         answer = Answer.of(answer.prepared.without(events), question, watch)
-    watch.say("what the recordings that judge confirm")
+    watch.say("confirmation on the judging recordings")
     return answer.confirmed().result()
 
 

@@ -27,8 +27,8 @@ def common_equations(observations: Sequence[Observation], model: Model) -> tuple
     layouts = [EquationSet.of(o.pieces[0], model) for o in observations]
     if any(layout != layouts[0] for layout in layouts):
         raise DiagnosisError(
-            "the recordings do not hold the same channels",
-            "Diagnose those with equal channels together",
+            "the recordings contain different channels",
+            "Diagnose recordings with the same channels together",
         )
     rate = min(o.rate for o in observations)
     longest = min(

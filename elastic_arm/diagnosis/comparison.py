@@ -106,12 +106,12 @@ class SimulationComparison:
     def rows(self) -> list[list[str]]:
         """Return effect, place, in which recording, and its size in the real and in the simulated
         one, as text."""
-        words = {"real": "the real one alone", "simulated": "the simulated one alone"}
+        words = {"real": "the real recording only", "simulated": "the simulated recording only"}
         return [
             [
                 one.effect.replace("_", " "),
                 one.joint or "whole arm",
-                words.get(one.where, "both, alike" if one.agrees else "both, not alike"),
+                words.get(one.where, "both, same size" if one.agrees else "both, different sizes"),
                 one.real.text(),
                 one.simulated.text(),
             ]
@@ -148,7 +148,7 @@ def compare(
     other = diagnose([simulated], question)
     if set(other.before.rmse) != set(real.before.rmse):
         raise DiagnosisError(
-            "the recordings do not hold the same channels", "Record the same topics of both"
+            "the recordings contain different channels", "Record the same topics in both"
         )
     names = dict.fromkeys(
         (cause.effect, cause.joint) for found in (real, other) for cause in found.causes

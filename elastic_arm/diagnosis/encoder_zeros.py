@@ -86,6 +86,6 @@ def _shifted(recording: Recording, zeros: Array, notes: tuple[str, ...]) -> Reco
 def _note(joint: str, zeros: Array) -> str:
     sizes = ", ".join(f"{1e3 * zero:.3g}" for zero in zeros)
     return (
-        f"The zero of the link encoder of {joint} is not the same in all recordings ({sizes} mrad"
-        " against the motor encoder, in their order): each recording's own is taken out."
+        f"The zero of the link encoder of {joint} differs between the recordings ({sizes} mrad"
+        " relative to the motor encoder, in their order): it is removed from each recording."
     )

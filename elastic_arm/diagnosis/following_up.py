@@ -10,7 +10,7 @@ from elastic_arm.diagnosis.result import Diagnosis
 
 
 def follow_up(found: Diagnosis, *, rng: np.random.Generator | None) -> Diagnosis:
-    """Return a diagnosis with prediction errors and, where causes are in doubt, a motion that
+    """Return a diagnosis with prediction errors and, if causes are uncertain, a motion that
     separates them.
 
     Parameters
@@ -18,7 +18,7 @@ def follow_up(found: Diagnosis, *, rng: np.random.Generator | None) -> Diagnosis
     found
         From :func:`diagnose`.
     rng
-        Draws the motions that are proposed; None to propose none.
+        Random generator of the proposed motions; None to propose none.
     """
     if found.context is None:
         return found

@@ -47,7 +47,7 @@ from elastic_arm.errors import DiagnosisError
 from elastic_arm.evidence.changes import change_key, change_of
 from elastic_arm.evidence.priors import EVENT, ODDS, SCATTER, STEP, UNSURE
 
-FEW = "a history needs two recordings or more"
+FEW = "a history needs at least two recordings"
 TIMES = np.append(0.0, np.geomspace(0.03, 300.0, 32))  # of scatter, over the ordinary one
 
 
@@ -124,18 +124,19 @@ def together(
     recordings allowed none."""
     if len(found) < 2:
         raise DiagnosisError(
-            "; ".join((FEW, *refused[:1])), "Name them, or the folder that they are in."
+            "; ".join((FEW, *refused[:1])), "Give them, or the folder that contains them."
         )
     recordings, followed = tuple(one.identify[0] for one in found), courses_of_each(found)
     verdicts = {one.verdict for one in found}
     doubtful = [
-        f"{one.identify[0]} is unknown: its sizes count little"
+        f"{one.identify[0]} is unknown: its sizes have little weight"
         for one in found
         if one.verdict == "unknown"
     ]
     places = set().union(*(one.noise for one in found))
     lacking = [
-        f"{one.identify[0]} lacks channels that others hold: what shows there alone is not compared"
+        f"{one.identify[0]} lacks channels of the other recordings: effects visible only in"
+        " these are not compared"
         for one in found
         if set(one.noise) < places
     ]
@@ -198,7 +199,7 @@ def courses(found: Diagnosis) -> tuple[Course, ...]:
     """Return every number that a diagnosis of several recordings found or knew, those that changed
     first."""
     if found.context is None or len(found.identify) < 2:
-        raise DiagnosisError(FEW, "Name them, or the folder that they are in.")
+        raise DiagnosisError(FEW, "Give them, or the folder that contains them.")
     explanation = found.context.explanation
     best, linear, model = explanation.best, explanation.linear, explanation.search.model
     result = []

@@ -88,7 +88,8 @@ class Window:
         """
         if not self._batches:
             raise DiagnosisError(
-                "no samples yet", "Start the arm, or look for it on /joint_states and /motor_states"
+                "no samples yet",
+                "Start the arm, or check that it publishes /joint_states and /motor_states",
             )
         stamps = np.concatenate([batch.stamp_ns for batch in self._batches])
         channels: dict[str, dict[str, Array]] = {}

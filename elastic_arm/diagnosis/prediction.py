@@ -101,26 +101,24 @@ def predict(
     if context.model.robot.elastic and "motor" not in context.validate.layout.sides:
         return Prediction(
             reason=(
-                "motor torque and motor angle are not both recorded: there is nothing to drive with"
+                "motor torque and motor angle were not both recorded, so no simulation can be"
+                " driven"
             )
         )
     if bare := _undriven(context):
-        return Prediction(reason=f"the torque that drives {', '.join(bare)} was not recorded")
+        return Prediction(reason=f"the driving torque of {', '.join(bare)} was not recorded")
     if context.seen[0].made_by:
         return Prediction(
-            reason=(
-                "no torque was measured that could drive it; `elastic-arm replay` takes the"
-                " commands"
-            )
+            reason=("no driving torque was measured; `elastic-arm replay` uses the commands")
         )
     begins = _begins(context, starts)
     if not any(len(b) for b in begins):
-        return Prediction(reason=f"no stretch of the validation data is {HORIZONS[-1]:g} s long")
+        return Prediction(reason=f"no interval of the validation data is {HORIZONS[-1]:g} s long")
     if light := _without_inertia(context):
         return Prediction(
             reason=(
-                f"the model has no inertia for {', '.join(light)}: it would accelerate without"
-                " limit"
+                f"the model has no inertia at {', '.join(light)}, whose acceleration would be"
+                " unbounded"
             )
         )
     first = context.seen[0].pieces[0]
@@ -177,9 +175,9 @@ def _left(
     (joint, side), k = min(first.items(), key=lambda found: found[1])
     far = f"{FARTHEST:g} {units.at(joint, 'rad')}"
     return (
-        f"driven by the measured torque, {what} is more than {far} off within {1e3 * horizons[k]:g}"
-        f" ms ({joint}, {side}), as where friction that it lacks takes most of the torque, or an"
-        " inertia is far too small"
+        f"driven by the measured torque, {what} deviates by more than {far} within"
+        f" {1e3 * horizons[k]:g} ms ({joint}, {side}), for example because most of the"
+        " torque is friction that the model lacks, or because an inertia is far too small"
     )
 
 

@@ -192,7 +192,9 @@ def prepare(
         f"{100 * priors.sensors[f'{channel}_gain']:.2g} % of {channel}" for channel in currents
     )
     notes += (
-        [f"Torques are currents times a torque constant, believed to {gains}."] if currents else []
+        [f"Torques are currents times a torque constant, with an assumed accuracy of {gains}."]
+        if currents
+        else []
     )
     return Prepared(
         problem=problem,
@@ -215,9 +217,9 @@ def _check_memory(observed: Sequence[Observation], layout: EquationSet, band: Ba
     need = OF_JOINTS * layout.n**3 + OF_ROW * layout.n * layout.rows * 2.0 * band.cutoff * seconds
     if need > (there := available_memory()):
         raise DiagnosisError(
-            f"{seconds:.0f} s of {layout.n} joints take about {need / 1e9:.2g} GB of memory, and"
-            f" {there / 1e9:.2g} GB are free",
-            "Take less motion (--motion 20), fewer recordings or more memory",
+            f"{seconds:.0f} s of {layout.n} joints need about {need / 1e9:.2g} GB of"
+            f" memory, but {there / 1e9:.2g} GB are free",
+            "Use less motion (--motion 20), fewer recordings or more memory",
         )
 
 

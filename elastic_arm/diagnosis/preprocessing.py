@@ -41,7 +41,7 @@ def usable(recording: Recording) -> Recording:
     """
     whole = without_outliers(recording)
     if not moves(whole):
-        raise DiagnosisError(f"{recording.source or 'the recording'} holds no motion", NO_MOTION)
+        raise DiagnosisError(f"{recording.source or 'the recording'} contains no motion", NO_MOTION)
     return _one_clock(_without_differences(_live(whole)))
 
 
@@ -64,7 +64,7 @@ def needs_motion(feature: Feature) -> bool:
 
 
 def _live(recording: Recording) -> Recording:
-    """Leave out torque channels that hold one number throughout."""
+    """Leave out torque channels that are constant."""
     where = recording.source or "the recording"
     sides: dict[str, Side | None] = {"link": recording.link, "motor": recording.motor}
     notes, dead = [], []
@@ -79,8 +79,8 @@ def _live(recording: Recording) -> Recording:
         elif constant.any():
             joints = ", ".join(j for j, c in zip(recording.joints, constant, strict=True) if c)
             notes.append(
-                f"{where}: {TORQUES[name]} of {joints} is one number throughout: do not trust what"
-                " is said of it."
+                f"{where}: {TORQUES[name]} of {joints} is constant: results for them are"
+                " unreliable."
             )
     if dead and all(side is None or side.effort is None for side in sides.values()):
         raise DiagnosisError(
@@ -88,10 +88,7 @@ def _live(recording: Recording) -> Recording:
             " throughout",
             "Record the effort of /motor_states, of /joint_states, or both",
         )
-    notes += [
-        f"{where}: {channel} holds one number throughout: taken as not recorded."
-        for channel in dead
-    ]
+    notes += [f"{where}: {channel} is constant and treated as not recorded." for channel in dead]
     return replace(
         recording, link=sides["link"], motor=sides["motor"], notes=(*recording.notes, *notes)
     )
@@ -118,7 +115,8 @@ def _without_differences(recording: Recording) -> Recording:
             found.append(name)
     if not found:
         return recording
-    words = f"{where}: {' and '.join(found)} velocities are differences of the positions: left out."
+    sides_found = " and ".join(found)
+    words = f"{where}: {sides_found} velocities are differences of the positions and are not used."
     return replace(
         recording, link=sides["link"], motor=sides["motor"], notes=(*recording.notes, words)
     )
@@ -139,9 +137,10 @@ def _one_clock(recording: Recording) -> Recording:
         total += 0.0 if drifts is None else _mean(*drifts)
         mended = _restamped(recording, link, total)
     note = (
-        f"{recording.source or 'the recording'}: the clocks of link and motor side drift apart by"
-        f" {1e6 * total:.3g} us a second, {1e3 * abs(total) * recording.duration:.3g} ms in all:"
-        " taken out by the motion of all joints."
+        f"{recording.source or 'the recording'}: the clocks of link and motor side drift apart"
+        f" by {1e6 * total:.3g} us per second,"
+        f" {1e3 * abs(total) * recording.duration:.3g} ms in total: corrected with the"
+        " motion of all joints."
     )
     return replace(mended, notes=(*recording.notes, note))
 

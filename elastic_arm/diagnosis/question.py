@@ -11,7 +11,7 @@ from elastic_arm.robot import Robot, require_robot
 
 @dataclass(frozen=True)
 class Question:
-    """What recordings are compared with, and how.
+    """The model with which recordings are compared, and the settings of the comparison.
 
     Parameters
     ----------
@@ -20,16 +20,15 @@ class Question:
     model
         mod1, mod2 or mod3.
     refit
-        Say that the description cannot be as measured.
+        Exclude the trust `as measured`.
     given
-        Effects that the user knows to be there, their sizes open; as text, too
-        ("coulomb_friction").
+        Known effects with unknown sizes, also as text ("coulomb_friction").
     effects
-        What may explain the gap, or their ids; all of the catalogue when None.
+        Effects that may explain the gap, or their ids; the whole catalogue if None.
     catalogue
-        Where the ids of the description's effects are looked up.
+        Catalogue of the effects in the description.
     priors
-        How far the numbers of arm and sensors are ordinarily off.
+        Ordinary deviations of the numbers of arm and sensors.
     """
 
     robot: Robot
@@ -52,7 +51,7 @@ class Question:
 
     @property
     def candidates(self) -> tuple[Effect, ...]:
-        """What may explain the gap."""
+        """Effects that may explain the gap."""
         asked = (
             [e for e in self.catalogue.values() if e.searched]
             if self.effects is None
@@ -62,5 +61,5 @@ class Question:
 
     @property
     def known(self) -> tuple[EffectInstance, ...]:
-        """What the user knows to be there."""
+        """Known effects."""
         return tuple(i for i in self.given if isinstance(i, EffectInstance))

@@ -293,18 +293,18 @@ class Proposal:
 
 @dataclass(frozen=True, repr=False)
 class Diagnosis(Result):
-    """The gap between a recording and a model, explained as far as it can be.
+    """The gap between a recording and a model, and its causes.
 
     Parameters
     ----------
     model, robot, joints, prismatic
-        What was compared with, and the joints that slide: N at these for Nm, m for rad.
+        The arm and its model; prismatic joints use N for Nm and m for rad.
     identify, validate
         Sources of the recordings.
     independent_motion
-        Whether the validation motion is another one.
+        Whether the validation motion differs from the fitted motion.
     judged
-        Recording -> from when to when it judged, s.
+        Recording -> interval used for validation, s.
     band
         Hz.
     trust
@@ -316,33 +316,33 @@ class Diagnosis(Result):
     before, after
         Sizes on the validation data.
     shrink, shrink_interval, shrink_by_place
-        Share of the gap that is gone, its 95 % interval, and of each joint and side; None where
-        there is no gap.
+        Share of the gap that the causes remove, its 95 % interval, and the share at each joint
+        and side; None without a gap.
     causes, unexplained
-        What was found, most important first, and where something is left.
+        Causes, most important first, and unexplained residuals.
     not_confirmed
-        What is likely by the fit and gains nothing on the recordings that judge.
+        Causes that the fit suggests but the validation recordings do not confirm.
     imperfections
         Numbers of the description and of the sensors.
     made
-        Joints whose motor torques are those that described controllers make of commands and
-        positions.
+        Joints whose motor torques are computed from commands and positions.
     changes
-        What differs between recordings.
+        Sizes that differ between recordings.
     known
-        Effects that count as part of the model, with their sizes, as in `diagnosis.json`.
+        Effects that belong to the model, with their sizes, as in `diagnosis.json`.
     events
-        Stretches of the recordings that are left out, as their rest contradicts them.
+        Intervals that contradict the rest of their recording and are excluded.
     notes
-        What the reader should know besides.
+        Further information for the reader.
     prediction, proposal
-        How far ahead the model sees, and the motion that separates causes from their alternatives.
+        Prediction errors, and the motion that separates causes from their alternatives.
     closed_loop
-        Of a commanded arm, joint -> error under the recorded commands, as described and as written.
+        For an arm with commands: joint -> error under the recorded commands, for the description
+        and for the written correction.
     taken_back
-        Joints, and effects of the whole arm, whose correction is not written.
+        Joints, and effects of the whole arm, whose corrections are not written.
     context
-        What figures are drawn from; not written.
+        Data for the figures; not saved.
     """
 
     _report = "elastic_arm.report.diagnosis"
@@ -386,7 +386,7 @@ class Diagnosis(Result):
 
     @property
     def torque_scale(self) -> dict[str, ParameterEstimate]:
-        """Scale of torques that were made of commands, true / described, by joint."""
+        """Scale of the torques computed from commands, true / described, by joint."""
         found = {p.joint: p for p in self.imperfections if p.what == SCALE}
         scales = {joint: found[joint] for joint in self.made if joint in found}
         return {joint: ParameterEstimate(one.value, one.std, "1") for joint, one in scales.items()}
@@ -394,8 +394,8 @@ class Diagnosis(Result):
     def with_closed_loop(
         self, errors: Mapping[str, ClosedLoopError], taken_back: Sequence[str]
     ) -> Diagnosis:
-        """Return it with how a commanded arm moves: where a joint moves worse as found, it is not
-        explained."""
+        """Return a copy with the closed-loop errors; a joint that moves worse prevents the verdict
+        `explained`."""
         refused = any(one.refused is not None for one in errors.values())
         verdict = "unknown" if refused and self.verdict == "explained" else self.verdict
         return replace(
@@ -403,8 +403,8 @@ class Diagnosis(Result):
         )
 
     def tables(self) -> dict[str, Sequence[Row]]:
-        """Return "causes", a row a parameter; "gap", a row a residual; "parameters", and
-        "residuals" over time."""
+        """Return the tables "causes" (one row per parameter), "gap" (one row per residual),
+        "parameters" and "residuals" (over time)."""
         causes = [
             {
                 "effect": c.effect,
@@ -464,7 +464,7 @@ class Diagnosis(Result):
         return rows
 
     def residual_sides(self, source: str, start_ns: int) -> dict[str, Side]:
-        """Return the residuals of a recording that judged, or of its parts, as topics,
+        """Return the residuals of a validation recording or of its parts as topics,
         `/residuals/motor/before`."""
         if self.context is None:
             return {}
@@ -547,24 +547,24 @@ class Diagnosis(Result):
 
     @staticmethod
     def load(path: str | Path, catalogue: Catalogue | None = None) -> Diagnosis:
-        """Read a result that :meth:`save` wrote, with the motion proposed beside it; figures over
-        time are not in it.
+        """Read a result that :meth:`save` wrote, and the proposed motion next to it; residuals over
+        time are not saved.
 
         Raises a DiagnosisError if the file is not such a result.
         """
-        remedy = "Give a diagnosis.json of `elastic-arm diagnose`."
+        remedy = "Give a diagnosis.json written by `elastic-arm diagnose`."
         try:
             data = json.loads(Path(path).read_text(encoding="utf-8"))
         except (OSError, ValueError) as error:
             raise DiagnosisError(f"{path} cannot be read: {error}", remedy) from None
         if not isinstance(data, dict) or data.get("schema") != SCHEMA:
-            raise DiagnosisError(f"{path} is no diagnosis", f"Its schema must be {SCHEMA}.")
+            raise DiagnosisError(f"{path} is not a diagnosis", f"Its schema must be {SCHEMA}.")
         try:
             return from_dict(
                 data, Path(path).parent, Catalogue.default() if catalogue is None else catalogue
             )
         except (KeyError, TypeError, ValueError, AttributeError) as error:
-            what = f"{path} is no whole diagnosis ({type(error).__name__}: {error})"
+            what = f"{path} is not a complete diagnosis ({type(error).__name__}: {error})"
             raise DiagnosisError(what, remedy) from None
 
     def _table(self, values: Mapping[Place, float | None]) -> dict[str, Any]:

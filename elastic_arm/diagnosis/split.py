@@ -33,9 +33,9 @@ def split(
         for judge in validate:
             if any(_contains(r, judge) for r in recordings):
                 raise DiagnosisError(
-                    f"{judge.source or 'the validation recording'} is also what is fitted",
-                    "Validate on another recording, or leave --validate out: the last third then"
-                    " judges",
+                    f"{judge.source or 'the validation recording'} is also a fitted recording",
+                    "Validate on another recording, or omit --validate to use the last third of"
+                    " each",
                 )
         return list(recordings), list(validate)
     least = SHORTEST / HELD_BACK
@@ -44,8 +44,9 @@ def split(
         times, lasts = _course_of_time(r)
         if lasts[-1] * HELD_BACK < SHORTEST:
             raise DiagnosisError(
-                f"{r.source or 'the recording'} lasts {lasts[-1]:.1f} s, too short to hold a third"
-                " back for judging",
+                f"{r.source or 'the recording'} lasts {lasts[-1]:.1f} s, too short to reserve a"
+                " third"
+                " for validation",
                 f"Record at least {least:.0f} s, or give another recording with --validate",
             )
         ends.append(float(np.interp(lasts[-1] * (1.0 - HELD_BACK), lasts, times)))
@@ -79,7 +80,7 @@ def _course(recording: Recording, rate: float) -> Array:
     position = samples.theta if samples.theta is not None else samples.q
     if position is None:
         raise DiagnosisError(
-            f"{recording.source or 'the recording'} holds no positions", "Record positions"
+            f"{recording.source or 'the recording'} contains no positions", "Record positions"
         )
     lasts = np.cumsum(np.where((steps := np.diff(samples.t, prepend=0.0)) > HOLE, 0.0, steps))
     t = np.arange(0.0, lasts[-1], 1.0 / rate)

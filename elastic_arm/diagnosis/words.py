@@ -25,11 +25,12 @@ WORTH_A_LINE = 0.05  # probability of an alternative that has a line of its own
 NAMED = 4  # alternatives that a line names
 
 LOW_PASSED = (
-    "residuals are compared below that, as the motion's torques are missing above, with noise of"
-    " 0.5 % of the torque, as the recording shows none"
+    "residuals are compared below that frequency, as the torques of the motion are"
+    " missing above, with an assumed noise of 0.5 % of the torque, as the recording"
+    " contains none"
 )
 REPEATED_MOTION = (
-    "The validation data repeat the motion of the fit: it is not an independent motion."
+    "The validation data repeat the motion of the fit and are therefore not independent."
 )
 
 
@@ -111,7 +112,7 @@ def _pair(value: float, std: float | None) -> tuple[str, str]:
 
 def standing_note(joint: str) -> str:
     """Return the note on a joint that does not move."""
-    return f"{joint} stands still: nothing can be said of what its motion would show."
+    return f"{joint} does not move: effects that need its motion cannot be diagnosed."
 
 
 def event_notes(events: Sequence[Event]) -> list[str]:
@@ -119,22 +120,23 @@ def event_notes(events: Sequence[Event]) -> list[str]:
     found = []
     for recording in dict.fromkeys(event.recording for event in events):
         each = [
-            f"{e.joint} ({e.side} side) from {e.begin:.1f} to {e.end:.1f} s, {e.rmse:.2g} Nm rms"
+            f"{e.joint} ({e.side} side) from {e.begin:.1f} to {e.end:.1f} s, {e.rmse:.2g} Nm RMS"
             for e in events
             if e.recording == recording
         ]
         what = (
-            "an event, such as a contact, a payload that is picked up or a brake, which the rest"
-            " contradicts"
+            "an event, such as a contact, a payload picked up or a brake, contradicts the rest of"
+            " the recording and is excluded"
         )
-        found.append(f"{recording or 'the recording'}: {what}, is left out: {'; '.join(each)}.")
+        found.append(f"{recording or 'the recording'}: {what}: {'; '.join(each)}.")
     return found
 
 
 def bare_note(joints: Sequence[str]) -> str:
     """Return the note on joints without a torque."""
     words = (
-        "without a torque, and so without an equation: nothing is said of what it alone would show"
+        "no torque was recorded, so there is no equation: effects visible only in these"
+        " torques cannot be diagnosed"
     )
     return f"{', '.join(joints)}: {words}."
 
@@ -146,7 +148,11 @@ def unseen_notes(instances: Sequence[EffectInstance], bare: Sequence[str]) -> li
     """
     places: dict[str, dict[str, list[str]]] = {}
     for instance in instances:
-        of_motor = "motor torque" if set(instance.sides) == {"motor"} else "channel that shows them"
+        of_motor = (
+            "motor torque"
+            if set(instance.sides) == {"motor"}
+            else "channel in which they are visible"
+        )
         missing = "torque of the joint" if instance.joint in bare else of_motor
         places.setdefault(missing, {}).setdefault(instance.effect.id, []).append(
             str(instance.joint)
@@ -155,37 +161,38 @@ def unseen_notes(instances: Sequence[EffectInstance], bare: Sequence[str]) -> li
     for missing, joints in places.items():
         names = "; ".join(effect_at(effect, ", ".join(at)) for effect, at in joints.items())
         found.append(
-            f"Known, but not seen, as no {missing} was recorded: {names}. They stay as stated."
+            f"Known effects that are not visible because no {missing} was recorded: {names}. They"
+            " keep their stated sizes."
         )
     return found
 
 
 UNFINISHED = (
-    "The search was ended early: this is the best answer so far. Exchanges of several causes and"
-    " laws of no catalogue may not have been tried."
+    "The search ended early with the best answer so far. Exchanges of several causes and"
+    " laws outside the catalogue may not have been tried."
 )
 
 
 def law_note(joint: str, law: GeneralLaw) -> str:
     """Return the note on a law without a form."""
     return (
-        f"A torque of {joint} ({law.side}) follows {law.argument}, and no effect of the catalogue"
-        " has this form."
+        f"A torque of {joint} ({law.side}) depends on {law.argument}, and no effect of the"
+        " catalogue has this form."
     )
 
 
 def shape_note(joint: str, side: str) -> str:
     """Return the note on a residual that keeps more power than its sensors have as noise."""
     return (
-        f"What is left at {joint} ({side} side) is larger than the noise of its sensors, and no"
-        " effect explains it."
+        f"The remaining residual at {joint} ({side} side) exceeds the noise of its sensors,"
+        " and no effect explains it."
     )
 
 
 def ringing_note(joint: str, frequency: float) -> str:
     """Return the note on a joint that is described as rigid and has a resonance."""
     return (
-        f"{joint} has a resonance near {frequency:.2g} Hz, and is described as rigid: it may be"
+        f"{joint} has a resonance near {frequency:.2g} Hz but is described as rigid: it may be"
         " elastic."
     )
 
@@ -205,11 +212,11 @@ def scale_sentence(found: Diagnosis) -> str:
         for joint, e in found.torque_scale.items()
         if abs(e.value - 1.0) > OFF * e.std
     ]
-    where = f" It is {listed(off)}." if off else ""
+    where = f" The estimated scale is {listed(off)}." if off else ""
     return (
-        "no torque was recorded: torques are those that the described controllers make of commands"
-        f" and positions. Their scale is known to {known}: torques, masses and friction are ratios"
-        f" to kp and kd as far as that.{where}"
+        "no torque was recorded; torques are computed from commands and positions with the"
+        f" described controllers. The standard deviation of their scale is {known}; masses and"
+        f" friction inherit this uncertainty.{where}"
     )
 
 
@@ -230,17 +237,21 @@ def closed_loop_sentences(found: Diagnosis) -> list[str]:
         one = refused[joint]
         worse = one.refused or 0.0
         sizes = (
-            f"by {_short(worse, one.unit)}"
+            f"to {_short(worse, one.unit)}"
             if np.isfinite(worse)
-            else "in no simulator, which takes no such numbers"
+            else "without limit (no simulator accepts these numbers)"
         )
-        moved.append(f"{joint} {sizes} instead of {_short(one.described, one.unit)}")
+        moved.append(f"{joint} {sizes} ({_short(one.described, one.unit)} with the description)")
     if len(found.taken_back) >= len(found.joints):
         written = "No correction is written"
     else:
         written = f"The correction of {listed(found.taken_back)} is not written"
-    errs = "With all that was found the arm errs more under the recorded commands"
-    return [f"{errs}: {listed(moved)}. {written}."]
+    return [
+        (
+            "With all corrections, the errors under the recorded commands increase:"
+            f" {listed(moved)}. {written}."
+        )
+    ]
 
 
 def closed_loop_sentence(found: Diagnosis) -> str:
@@ -251,8 +262,8 @@ def closed_loop_sentence(found: Diagnosis) -> str:
         return ""
     joint = max(errors, key=lambda name: errors[name].described)
     one = errors[joint]
-    described = f"the description errs by {_short(one.described, one.unit)} at {joint}"
-    written = f"what is written by {_short(one.corrected, one.unit)}"
+    described = f"the description has an error of {_short(one.described, one.unit)} at {joint}"
+    written = f"the written correction {_short(one.corrected, one.unit)}"
     return f"Under the recorded commands {described}, {written}."
 
 
@@ -283,9 +294,7 @@ def summary(found: Diagnosis) -> list[str]:
 def _verdict_sentence(found: Diagnosis, beside: str) -> str:
     if found.verdict == "none":
         gaps = any(share is not None for share in found.shrink_by_place.values())
-        usual = (
-            ", with numbers of the arm and its sensors no further off than is usual" if gaps else ""
-        )
+        usual = ", with only ordinary deviations of the numbers of arm and sensors" if gaps else ""
         return (
             f"recording and model{beside and f' with {beside}'} agree within the noise of the"
             f" sensors{usual}."
@@ -293,11 +302,11 @@ def _verdict_sentence(found: Diagnosis, beside: str) -> str:
     if not found.causes:
         places = ", ".join(f"{p.joint} ({p.side} side)" for p in found.unexplained[:3])
         return (
-            "recording and model differ, and no effect of the catalogue explains it; most at"
-            f" {places}."
+            "recording and model differ, and no effect of the catalogue explains the difference;"
+            f" it is largest at {places}."
         )
     causes = "it" if len(found.causes) == 1 else f"these {len(found.causes)} causes"
-    motion = "on another motion" if found.independent_motion else "when the motion is repeated"
+    motion = "on another motion" if found.independent_motion else "on a repetition of the motion"
     joint, side = place = max(
         found.before.rmse, key=lambda p: found.before.rmse[p] / (found.noise.get(p) or np.inf)
     )
@@ -305,14 +314,17 @@ def _verdict_sentence(found: Diagnosis, beside: str) -> str:
     unit, verb = found.units.at(joint, "Nm"), "falls" if after < before else "rises"
     where = f"at {joint} ({side} side{f', noise {noise:.3g} {unit}' if noise else ''})"
     added = f"{causes} and {beside}" if beside else causes
-    gone = f"{percent(found.shrink)} of the gap is gone"
-    gone = "the correction makes the gap as a whole larger" if gone.startswith("-") else gone
+    share = percent(found.shrink)
+    larger = share.startswith("-")
+    gone = "the correction increases the total gap" if larger else f"the gap shrinks by {share}"
     sentence = (
         f"With {added}, the model's error {motion} {verb} from {before:.3g} to {after:.3g} {unit}"
         f" {where}, where it exceeds the noise most; {gone}"
     )
     return (
-        f"{sentence}, and what is left has another cause." if found.unexplained else f"{sentence}."
+        f"{sentence}, and the remaining gap has another cause."
+        if found.unexplained
+        else f"{sentence}."
     )
 
 
@@ -335,15 +347,15 @@ def cause_sentence(cause: Cause, model: str) -> str:
     if cause.stated is not None:
         what += f", where the description states {_stated_text(cause)}"
     elif not effect.parameters:
-        what += f", which {model} lacks ({_richer(cause)} has it)"
+        what += f", which {model} lacks (it is part of {_richer(cause)})"
     elif not isinstance(effect, SensorEffect) and effect.parameters[0].neutral != 1.0:
         what += ", which the model lacks"
     if told and not any(told.values()):
-        what += " (this recording tells that it is there, and not its size)"
+        what += " (the recording shows its presence but not its size)"
     other = max(cause.alternatives, key=lambda a: a.confidence, default=None)
     if other is not None and other.confidence >= WORTH_A_LINE:
         what += (
-            f" (or {effect_at(other.effect, other.joint)}: this recording does not separate them)"
+            f" (or {effect_at(other.effect, other.joint)}: the recording does not separate them)"
         )
     subject = (cause.joint or "the arm").replace("_", " ")
     return f"{subject[:1].upper()}{subject[1:]} {what}."
@@ -410,7 +422,7 @@ def cause_size(cause: Cause, between: str = ", ") -> str:
         first = f"{stated:.4g} → " if isinstance(stated, float) else ""
         sizes.append(f"{name} {first}{size_text(e.value, e.std, e.unit)}")
     parts = [*sizes, *(chosen(cause.instance.parameters[name]) for name in several)]
-    return between.join(part for part in parts if part) or "no free size"
+    return between.join(part for part in parts if part) or "no parameters"
 
 
 def sides_text(cause: Cause) -> str:
@@ -461,10 +473,10 @@ def share_at(found: Diagnosis, joint: str, side: str) -> str:
     """Return the share of a residual's own gap that is gone, as text."""
     share = found.shrink_by_place.get((joint, side))
     if share is None:
-        return "no clear gap"
+        return "no significant gap"
     if not found.causes:
         return "gap"
-    return "larger" if percent(share).startswith("-") else f"{percent(share)} gone"
+    return "larger" if percent(share).startswith("-") else f"{percent(share)} removed"
 
 
 def prediction_sentence(found: Diagnosis, prediction: Prediction) -> str:
@@ -478,10 +490,10 @@ def prediction_sentence(found: Diagnosis, prediction: Prediction) -> str:
     errors = [_short(size[joint, side][-1], unit) for size in (before, after)]
     horizon = f"{1e3 * prediction.horizons[-1]:g} ms"
     sentence = (
-        f"Driven by the measured torque, the model errs by {errors[0]} after {horizon} at the worst"
-        " angle"
+        f"Driven by the measured torque, the model has a largest angle error of {errors[0]}"
+        f" after {horizon}"
     )
-    added = f"; with the causes added, by {errors[1]}" if any(c.acts for c in found.causes) else ""
+    added = f"; with the causes, {errors[1]}" if any(c.acts for c in found.causes) else ""
     return f"{sentence} ({joint}, {side}){added}."
 
 
@@ -517,6 +529,7 @@ def step_text(one: Course, recordings: Sequence[str]) -> str:
     what = f"{sized.effect.replace('_', ' ')} of {sized.joint or 'the whole arm'}"
     when = f"between {recordings[step.after]} and {recordings[step.until]}"
     return (
-        f"{what} {way} from {before} to {after} {when} ({probability_text(step.probability)}"
-        f" there), {probability_text(one.changed)}"
+        f"{what} {way} from {before} to {after} {when} (probability"
+        f" {probability_text(step.probability)}); probability of any change:"
+        f" {probability_text(one.changed)}"
     )

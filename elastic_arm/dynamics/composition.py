@@ -129,7 +129,7 @@ def compose(robot: Robot, name: str, *, bearings: bool = False) -> Bodies:
     none.
     """
     if name not in COMPOSITIONS:
-        raise RobotError(f"there is no model {name!r}", f"Choose one of {', '.join(COMPOSITIONS)}")
+        raise RobotError(f"unknown model {name!r}", f"Choose one of {', '.join(COMPOSITIONS)}")
     if bearings:
         for joint in robot.joints:
             _bearing(joint)

@@ -78,7 +78,7 @@ class Information:
     def merge(self, other: Information) -> None:
         """Add what another accumulation of the same regressor has summed."""
         if not np.array_equal(other._places, self._places):
-            raise ValueError("the two accumulations are of different regressors")
+            raise ValueError("the two accumulations belong to different regressors")
         self._hi, self._lo = add((self._hi, self._lo), (other._hi, other._lo))
         self.samples += other.samples
 

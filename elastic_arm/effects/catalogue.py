@@ -54,8 +54,8 @@ class Catalogue(Mapping[str, Effect]):
         for effect in effects:
             if effect.id in self._effects:
                 raise EffectError(
-                    f"the id {effect.id!r} is taken by another effect",
-                    "Give each effect its own id.",
+                    f"the id {effect.id!r} belongs to another effect",
+                    "Give each effect a unique id.",
                 )
             self._effects[effect.id] = effect
 
@@ -109,8 +109,8 @@ class Catalogue(Mapping[str, Effect]):
         hint = f"Did you mean {' or '.join(close)}? " if close else ""
         asked = effect_id if len(effect_id) <= _SHOWN else f"{effect_id[:_SHOWN]}…"
         raise EffectError(
-            f"there is no effect {asked!r}",
-            f"{hint}The effects: {', '.join(self)}; --effects FILE adds more.",
+            f"unknown effect {asked!r}",
+            f"{hint}The effects are {', '.join(self)}; --effects FILE adds more.",
         )
 
 
@@ -136,19 +136,21 @@ def _default() -> Catalogue:
 
 
 def _of_entry_point(point: EntryPoint) -> Effect:
-    remedy = f"Uninstall the package {point.dist.name if point.dist else point.value}, or mend it."
+    remedy = (
+        f"Uninstall the package {point.dist.name if point.dist else point.value}, or correct it."
+    )
     try:
         effect = point.load()
     except (ImportError, AttributeError, SyntaxError, EffectError) as error:
         raise EffectError(f"entry point {point.name} = {point.value}: {error}", remedy) from error
     if not isinstance(effect, Effect):
-        raise EffectError(f"entry point {point.name} = {point.value} is no Effect", remedy)
+        raise EffectError(f"entry point {point.name} = {point.value} is not an Effect", remedy)
     return effect
 
 
 def _of_file(path: Path) -> list[Effect]:
     """Execute a file and return its effects."""
-    source = read_text(path, EffectError, "Give a Python file that holds an effect.")
+    source = read_text(path, EffectError, "Give a Python file that contains an effect.")
     spec = importlib.util.spec_from_loader(
         f"elastic_arm_user_effects_{path.stem}", loader=None, origin=str(path)
     )
@@ -159,13 +161,13 @@ def _of_file(path: Path) -> list[Effect]:
         exec(compile(source, str(path), "exec"), vars(module))
     except SyntaxError as error:
         raise EffectError(
-            f"{path}: line {error.lineno}: {error.msg}", "Mend the Python of the file."
+            f"{path}: line {error.lineno}: {error.msg}", "Correct the Python of the file."
         ) from error
     except _RAISED as error:
-        raise _located(path, error, f"Mend the file; {_EXAMPLE}") from error
+        raise _located(path, error, f"Correct the file; {_EXAMPLE}") from error
     held = _held(module)
     if not held or not all(isinstance(effect, Effect) for effect in held):
-        what = "EFFECT is no Effect" if held else "holds no EFFECT"
+        what = "EFFECT is not an Effect" if held else "contains no EFFECT"
         raise EffectError(f"{path}: {what}", f"Write EFFECT = Effect(id=…, …); {_EXAMPLE}")
     for effect in held:
         try:
@@ -175,7 +177,7 @@ def _of_file(path: Path) -> list[Effect]:
                 ", ".join((*effect.names, *effect.states)) or "nothing: the effect has no parameter"
             )
             raise _located(
-                path, error, f"Mend the law of {effect.id}; p holds {values}."
+                path, error, f"Correct the law of {effect.id}; p contains {values}."
             ) from error
     return held
 
@@ -223,7 +225,7 @@ def from_dict(
     extra = set(entry) - {"effect", "joint", "parameters"}
     if "effect" not in entry or extra:
         raise EffectError(
-            f"cannot read the effect {dict(entry)!r}", "Give effect, joint and parameters, no more."
+            f"cannot read the effect {dict(entry)!r}", "Give only effect, joint and parameters."
         )
     effect = (catalogue or Catalogue.default()).find(entry["effect"])
     instance = EffectInstance(effect, entry.get("joint"), entry.get("parameters") or {})

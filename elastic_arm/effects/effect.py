@@ -45,7 +45,7 @@ class Scope(Enum):
     LAST = "the last joint"
     BUT_LAST = "each joint but the last"
     ARM = "the whole arm"
-    EACH_OR_ARM = "each joint, or all alike"
+    EACH_OR_ARM = "each joint, or one value for all"
 
 
 @dataclass(frozen=True)
@@ -138,19 +138,19 @@ class Effect:
         """Yield what is wrong with the entries, and what to do about it."""
         if not self.id.isidentifier():
             yield (
-                f"{self.id!r} is no id",
-                "Take lower-case letters, digits and _, such as rubber_buffer.",
+                f"{self.id!r} is not a valid id",
+                "Use lower-case letters, digits and _, such as rubber_buffer.",
             )
         names = [*self.names, *self.states]
         if twice := next((name for name in names if names.count(name) > 1), None):
             yield (
-                f"{twice} stands for two things",
-                "Give parameters, choices and states names of their own.",
+                f"{twice} has two meanings",
+                "Give parameters, choices and states different names.",
             )
         if missing := [
             text for text in ("formula", "description", "signature") if not getattr(self, text)
         ]:
-            yield f"its {missing[0]} is empty", "Write it in a sentence: the reports show it."
+            yield f"its {missing[0]} is empty", "Write a sentence for the reports."
         for what, given, known in (
             ("sides", self.sides, SIDES), ("regime", (self.regime,), REGIMES),
             ("lacked_by", self.lacked_by, MODELS),
@@ -158,20 +158,20 @@ class Effect:
         ):  # fmt: skip
             if unknown := [value for value in given if value not in known]:
                 yield (
-                    f"{what} holds {unknown[0]!r}",
-                    f"Take of {', '.join(known) or 'nothing: it has no parameter'}.",
+                    f"{what} contains {unknown[0]!r}",
+                    f"Choose among {', '.join(known) or 'nothing: it has no parameter'}.",
                 )
         if not self.sides or not self.lacked_by:
             yield (
-                "it shows in no equation or no model",
-                f"Name sides, of {', '.join(SIDES)}, and models that lack it.",
+                "it is visible in no equation or no model",
+                f"Give sides, among {', '.join(SIDES)}, and models that lack it.",
             )
         if unknown := [
             name for _, name, *_ in Formatter().parse(self.plain) if name and name not in self.names
         ]:
             yield (
-                f"its plain words name {unknown[0]!r}",
-                f"Take of {', '.join(self.names) or 'nothing'}.",
+                f"its plain words contain the unknown name {unknown[0]!r}",
+                f"Choose among {', '.join(self.names) or 'nothing'}.",
             )
         linear = [p for p in self.parameters if p.role is Role.LINEAR]
         phases = [p for p in self.parameters if p.role is Role.PHASE]
@@ -181,7 +181,10 @@ class Effect:
                 "Give one parameter of role LINEAR before the one of role PHASE.",
             )
         if self.regressor is not None and phases:
-            yield "a regressor of its own has no phase", "Give it role=Role.SEARCHED."
+            yield (
+                "an effect with its own regressor cannot have a phase",
+                "Give it role=Role.SEARCHED.",
+            )
 
     def parameter(self, name: str) -> Parameter:
         """Return a parameter by name."""
@@ -276,7 +279,7 @@ class ControllerEffect(Effect):
 def no_controller(joint: str) -> EffectError:
     """Return the error of an effect of a controller that is not stated."""
     remedy = f"State it in the arm file, such as `controller: {{{joint}: {{kp: 30, kd: 0.5}}}}`."
-    return EffectError(f"the description states no controller of {joint}", remedy)
+    return EffectError(f"the description states no controller for {joint}", remedy)
 
 
 @dataclass(frozen=True)
@@ -295,7 +298,7 @@ class EffectInstance:
         if unknown:
             valid = ", ".join(effect.names) or "none: it has no free parameter"
             raise EffectError(
-                f"{effect.id} has no parameter {unknown[0]!r}", f"Its parameters: {valid}."
+                f"{effect.id} has no parameter {unknown[0]!r}", f"Its parameters are {valid}."
             )
         values: dict[str, Value] = {}
         for entry in effect.entries:
@@ -327,20 +330,20 @@ class EffectInstance:
                 return tuple(range(robot.n))
             if scope is Scope.LAST:
                 return (robot.n - 1,)
-            raise EffectError(f"{self.effect.id} needs a joint", f"Name one of {', '.join(names)}.")
+            raise EffectError(f"{self.effect.id} needs a joint", f"Give one of {', '.join(names)}.")
         if self.joint not in names:
             raise EffectError(
-                f"{self.effect.id}: there is no joint {self.joint!r}",
+                f"{self.effect.id}: unknown joint {self.joint!r}",
                 f"Use one of {', '.join(names)}.",
             )
         if self.joint not in (places := self.effect.places(robot)):
             sits = ", ".join(place for place in places if place) or "no joint of this arm"
             raise EffectError(
-                f"{self.effect.id} cannot sit on {self.joint}",
+                f"{self.effect.id} cannot act on {self.joint}",
                 (
-                    "Name no joint: it acts on the whole arm."
+                    "Omit the joint: the effect acts on the whole arm."
                     if scope is Scope.ARM
-                    else f"It sits on {sits}."
+                    else f"It acts on {sits}."
                 ),
             )
         return (names.index(self.joint),)

@@ -27,7 +27,7 @@ class EffectSet:
         for instance in self.instances:
             if not robot.elastic and "drive" in instance.sides:
                 raise EffectError(
-                    f"{instance.effect.id} acts in a transmission, and robot {robot.name} has none",
+                    f"{instance.effect.id} acts in a transmission, but robot {robot.name} has none",
                     "Use an effect of the motor or link side, or an arm file with transmissions.",
                 )
             values: dict[str, Any] = dict(instance.parameters)
@@ -59,8 +59,8 @@ class EffectSet:
         changing = [instance.effect.id for instance in self.instances if instance.effect.in_time]
         if changing and not duration:
             raise EffectError(
-                f"{changing[0]} changes over the length of a run, and this run has no end",
-                "Simulate a trajectory with `elastic-arm simulate`, or leave the effect out.",
+                f"{changing[0]} changes over the length of a run, but this run has no end",
+                "Simulate a trajectory with `elastic-arm simulate`, or omit the effect.",
             )
         return duration or 0.0
 
@@ -109,12 +109,12 @@ def _checked(effect: Effect, part: object) -> Contribution:
     """Return what a law gave, if a user's law gave what it should."""
     if not isinstance(part, Contribution):
         raise EffectError(
-            f"the law of {effect.id} returns no Contribution",
+            f"the law of {effect.id} does not return a Contribution",
             "Return motion.at(i, …) with link, drive or motor.",
         )
     if missing := [name for name in effect.states if name not in part.rates]:
         raise EffectError(
-            f"the law of {effect.id} gives no rate of its state {missing[0]}",
+            f"the law of {effect.id} gives no rate for its state {missing[0]}",
             "Return motion.at(i, …, rates={…}).",
         )
     return part

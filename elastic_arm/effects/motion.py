@@ -207,7 +207,7 @@ class SymbolicMotion:
         transmission = self.robot.joints[i].transmission
         if transmission is None:
             raise EffectError(
-                f"robot {self.robot.name} has no transmissions, so nothing can act in them",
+                f"robot {self.robot.name} has no transmissions, so this effect cannot act",
                 "Use an effect of the motor or link side, or an arm file with transmissions.",
             )
         return transmission
@@ -217,7 +217,7 @@ class SymbolicMotion:
         joint = self.robot.joints[i]
         if joint.transmission is None and not joint.armature:
             raise EffectError(
-                f"robot {self.robot.name} describes no motor inertia of {joint.name}",
+                f"robot {self.robot.name} has no motor inertia at {joint.name}",
                 "State its armature (kg m²) in the arm file, or use an arm file with"
                 " transmissions.",
             )
@@ -229,7 +229,7 @@ class SymbolicMotion:
         for name, torque in torques.items():
             if name not in sides:
                 raise EffectError(
-                    f"a law adds a torque to {name!r}", f"Take of {', '.join(sides)}."
+                    f"a law adds a torque to {name!r}", f"Choose among {', '.join(sides)}."
                 )
             sides[name][i] = torque
         return Contribution(**sides, rates=rates or {})

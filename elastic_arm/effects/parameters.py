@@ -78,20 +78,20 @@ class Parameter:
         self._check_range()
         if self.scale is Scale.LOG and self.low <= 0.0:
             raise self._wrong(
-                f"its scale is logarithmic and its range begins at {self.low:g}",
-                "Take Scale.LINEAR.",
+                f"its scale is logarithmic, but its range starts at {self.low:g}",
+                "Use Scale.LINEAR.",
             )
         if self.scale is None:
             object.__setattr__(self, "scale", Scale.LOG if self.low > 0.0 else Scale.LINEAR)
         if self.integer and (self.role is not Role.SEARCHED or self.size != 1):
             raise self._wrong(
-                "a whole number can only be searched", "Give it role=Role.SEARCHED and size=1."
+                "an integer can only be searched", "Give it role=Role.SEARCHED and size=1."
             )
         if self.role is Role.PHASE and self.size != 1:
-            raise self._wrong("a phase is one number", "Leave its size at 1.")
+            raise self._wrong("a phase is a single number", "Set its size to 1.")
         if self.role is Role.LINEAR and self.neutral is None and self.default is None:
             raise self._wrong(
-                "it is linear and has no value of no effect", "Give neutral, mostly 0.0."
+                "it is linear but has no value of no effect", "Give neutral, usually 0.0."
             )
         if self.default is not None:
             self.checked(self.default, "the default")
@@ -99,10 +99,11 @@ class Parameter:
     def _check_range(self) -> None:
         if not self.name.isidentifier():
             raise EffectError(
-                f"a parameter is named {self.name!r}", "Name it as a variable: letters, digits, _."
+                f"a parameter is named {self.name!r}",
+                "Use a valid variable name: letters, digits, _.",
             )
         if self.size < 1:
-            raise self._wrong(f"it has {self.size} components", "Give a size of 1 or more.")
+            raise self._wrong(f"it has {self.size} components", "Give a size of at least 1.")
         if not (math.isfinite(self.low) and math.isfinite(self.high) and self.low < self.high):
             raise self._wrong(
                 f"its range is {self.low:g} to {self.high:g}",
@@ -110,7 +111,7 @@ class Parameter:
             )
         if self.above >= self.high:
             raise self._wrong(
-                f"it must be above {self.above:g}, the end of its range", "Lower `above`."
+                f"it must be above {self.above:g}, which is the end of its range", "Lower `above`."
             )
         if self.draw is not None and not self.draw[0] <= self.draw[1]:
             raise self._wrong(

@@ -31,7 +31,7 @@ def read_effects(
     found: list[EffectInstance] = []
     for one in [given] if isinstance(given, str | EffectInstance) else given:
         if not isinstance(one, str | EffectInstance):
-            raise EffectError(f"{one!r} is no effect", _GRAMMAR)
+            raise EffectError(f"{one!r} is not an effect", _GRAMMAR)
         found += read(one) if isinstance(one, str) else [one]
     return tuple(found)
 
@@ -103,26 +103,25 @@ def parse_laws(
         if not linear or effect.states or effect.scales_friction:
             raise IdentificationError(
                 f"{effect.id} is not linear in its parameters",
-                "Leave it to `elastic-arm diagnose`, which searches them.",
+                "Use `elastic-arm diagnose`, which searches them.",
             )
         if effect.in_time:
             raise IdentificationError(
-                f"{effect.id} goes by the time since the recording began, which identification does"
-                " not follow",
-                "Leave it to `elastic-arm diagnose`.",
+                f"{effect.id} depends on the time since the start of the recording, which"
+                " identification does not track",
+                "Use `elastic-arm diagnose`.",
             )
         if isinstance(effect, SensorEffect) and any(p.neutral == 1.0 for p in linear):
             raise IdentificationError(
-                f"{effect.id}: with its gain left open a torque explains itself, and every mass is"
-                " zero",
-                "Leave it out, or find it with `elastic-arm diagnose --refit`, which knows how far"
-                " gains are off.",
+                f"{effect.id}: a torque gain and the masses cannot be identified together:"
+                " zero masses explain every torque",
+                "Omit it, or find it with `elastic-arm diagnose --refit`, which has priors"
+                " for gains.",
             )
         if stated := [p.name for p in linear if p.name in written.values]:
             raise IdentificationError(
-                f"{effect.id}: {', '.join(stated)} is what identification finds, and a value is"
-                " given",
-                f"Leave it out: {effect.id}{f':{written.joint}' if written.joint else ''}.",
+                f"{effect.id}: identification estimates {', '.join(stated)}, so it cannot be given",
+                f"Omit it: {effect.id}{f':{written.joint}' if written.joint else ''}.",
             )
         neutral = {
             p.name: [p.neutral or 0.0] * p.size if p.size > 1 else p.neutral or 0.0 for p in linear
@@ -184,5 +183,5 @@ def _refuse_impossible(instance: EffectInstance, written: dict[str, Any]) -> Non
             unit = f" {p.unit}" if p.unit != "1" else ""
             raise EffectError(
                 f"{instance.effect.id}: {p.name} is {value:g}{unit}",
-                f"Give {p.least:g}{unit} or more.",
+                f"Give at least {p.least:g}{unit}.",
             )

@@ -80,7 +80,7 @@ def general_laws(
         found += _laws_over_a_range(sets, joint, smoothness)
     if "drive" in sides:
         remembered = _scaled(sets, _relaxed(_load(joint), RELAXATIONS))
-        found.append(GeneralLaw(joint, "drive", "its load some time before", remembered))
+        found.append(GeneralLaw(joint, "drive", "its earlier load", remembered))
     elastic = sets[0].parts[0].signals.values["x"].shape[1] > n
     if gear is not None and elastic:
         for acting in ("drive", "motor"):
@@ -90,7 +90,9 @@ def general_laws(
             ):
                 if acting in sides:
                     waves = _waves(_signal("x", n + joint), ratio)
-                    found.append(GeneralLaw(joint, acting, f"the turn of its {turn}", waves))
+                    found.append(
+                        GeneralLaw(joint, acting, f"the angle within a turn of its {turn}", waves)
+                    )
     if n > 1:
         found.append(
             GeneralLaw(
@@ -121,11 +123,11 @@ def _laws_over_a_range(
         over_speed = over(_root(speed), SPEEDS)
         add(side, "its speed", _and(_times(sign, over_speed), over_speed), friction=True)
         over_angle = _times(sign, over(angle, PLACES))
-        add(side, "its direction, changing with its angle", over_angle, friction=True)
+        add(side, "its direction, with a size that depends on its angle", over_angle, friction=True)
         over_load = _times(sign, over(load, PLACES))
-        add(side, "its direction, changing with its load", over_load, friction=True)
+        add(side, "its direction, with a size that depends on its load", over_load, friction=True)
         over_time = _times(sign, over(_signal("progress", 0), TIMES))
-        add(side, "its direction, changing over time", over_time, friction=True)
+        add(side, "its direction, with a size that depends on time", over_time, friction=True)
         add(side, "its angle", over(angle, ANGLES))
     if "drive" in sides:
         add("drive", "its load", over(load, LOADS))

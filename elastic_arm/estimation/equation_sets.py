@@ -317,7 +317,7 @@ def _direct(recorded: frozenset[str], *, elastic: bool) -> dict[str, Equation]:
         found = {"motor": _BRIDGED} if "tau_m" in recorded else {}
     if not found and "tau_J" in recorded:
         raise IdentificationError(
-            "motor angles and joint torques alone allow no equation",
+            "motor angles and joint torques alone give no equation",
             "Record link angles or motor torques as well.",
         )
     return found

@@ -176,7 +176,7 @@ def completed(motion: Motion, model: Model, loads: Loads | None = None) -> Compl
     )
     if q is None or dq is None or ddq is None or theta is None or dtheta is None or ddtheta is None:
         raise DiagnosisError(
-            "the recording holds no positions",
+            "the recording contains no positions",
             "Record /motor_states or /joint_states with positions",
         )
     follows = np.array([motion.follows_link_at(j) for j in range(model.n)])

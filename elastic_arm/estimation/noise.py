@@ -90,7 +90,8 @@ def estimate_noise(position: Array, velocity: Array | None, rate: float) -> Side
     """
     if len(position) <= SETTLING:
         raise IdentificationError(
-            f"{len(position)} samples in a row are too few", "Record some seconds of motion."
+            f"{len(position)} consecutive samples are not sufficient",
+            "Record several seconds of motion.",
         )
     piece = _liveliest(position, LONGEST_PIECE)
     y = position[piece] - position[piece].mean(axis=0)

@@ -357,17 +357,18 @@ def _longest(grids: Sequence[Grid], where: str) -> Grid:
     """Return the longest piece, which has to hold motion."""
     if not grids:
         raise DiagnosisError(
-            f"{where} is too short: it has no {SHORTEST:g} s without a hole of {BRIDGED:g} s",
+            f"{where} is too short: it has no interval of {SHORTEST:g} s without a gap of"
+            f" {BRIDGED:g} s",
             "Record at least 10 s of motion",
         )
     longest = max(grids, key=len)
     if longest.theta is None and longest.q is None:
         raise DiagnosisError(
-            f"{where} holds no positions", "Record /motor_states or /joint_states with positions"
+            f"{where} contains no positions", "Record /motor_states or /joint_states with positions"
         )
     if not longest.moves():
         raise DiagnosisError(
-            f"{where} holds no motion", "Record an excitation: `elastic-arm excite` makes one"
+            f"{where} contains no motion", "Record an excitation from `elastic-arm excite`"
         )
     return longest
 
@@ -383,7 +384,7 @@ def observe(recording: Recording, band: float | None = None) -> Observation:
     where = recording.source or "the recording"
     if samples.tau_J is None and samples.tau_m is None:
         raise DiagnosisError(
-            f"{where} holds no torque",
+            f"{where} contains no torque",
             f"Record the effort of /motor_states, of /joint_states, or both; {CONTROLLED}",
         )
     clock = Clock.of(samples, where)
@@ -521,8 +522,7 @@ def _notes(
     if len(holes):
         longest = 1e3 * float(np.ptp(holes, axis=1).max())
         said.append(
-            f"holes of up to {longest:.0f} ms are bridged, and nothing is taken from them:"
-            f" {len(holes)}"
+            f"gaps of up to {longest:.0f} ms are bridged but give no equations: {len(holes)}"
         )
     return [f"{where}: {words}" for words in said]
 

@@ -115,13 +115,13 @@ class Clock:
         """
         if len(samples) < 2 * POINTS:
             raise IdentificationError(
-                f"{len(samples)} samples are too few", "Record some seconds of motion."
+                f"{len(samples)} samples are not sufficient", "Record several seconds of motion."
             )
         step = np.diff(samples.t)
         if not np.all(step > 0):
             at = int(np.argmax(step <= 0))
             raise IdentificationError(
-                f"time stands still or runs back at {samples.t[at]:.4f} s",
+                f"time does not increase at {samples.t[at]:.4f} s",
                 "Repair it with `elastic-arm bag check`.",
             )
         k, rate, missing, jitter = numbered(samples.t)
@@ -130,7 +130,7 @@ class Clock:
             raise IdentificationError(f"{source}: {wrong}", UNIT)
         if samples.clock is not None:
             return Clock(
-                rate, samples.clock, f"clock as demanded: {_MEANING[samples.clock]}", missing
+                rate, samples.clock, f"clock as requested: {_MEANING[samples.clock]}", missing
             )
         mode, note = _mode(samples, k, rate, jitter)
         if mode == "stamps" and wanders(jitter, rate):
@@ -320,21 +320,21 @@ def joined(first: Samples, second: Samples) -> Samples:
         b = getattr(second, name)
         if (a is None) != (b is None):
             raise IdentificationError(
-                f"{name} is in one part of the samples and not in the other",
-                "Identify recordings with equal channels.",
+                f"{name} is in only one part of the samples",
+                "Identify recordings with the same channels.",
             )
         kept[name] = None if a is None else np.concatenate([a, b])
     if first.lacking != second.lacking:
         raise IdentificationError(
-            "a joint has a channel in one part of the samples only",
-            "Identify recordings with equal channels.",
+            "a joint has a channel in only one part of the samples",
+            "Identify recordings with the same channels.",
         )
     return Samples(**kept, clock=first.clock, lacking=first.lacking, read=first.read)
 
 
 _MEANING: dict[Mode, str] = {
-    "stamps": "samples were taken at their stamps",
-    "regular": "samples were taken regularly, whatever their stamps",
+    "stamps": "the stamps are used as sample times",
+    "regular": "regular sample times are used instead of the stamps",
 }
 
 
@@ -352,8 +352,8 @@ def _mode(samples: Samples, k: NDArray[np.int64], rate: float, jitter: Array) ->
     if found is not None:
         mode: Mode = "stamps" if found.stamps else "regular"
         share = f"{round(found.share, 2) + 0.0:.2g} ± {max(found.std, 0.01):.1g} of the jitter"
-        numbers = f" where {share} counts as time" if found.std > 0 else ""
-        return mode, f"{size}; {_MEANING[mode]}: {found.words}{numbers} (--clock overrules it)"
+        numbers = f" with {share} as true time" if found.std > 0 else ""
+        return mode, f"{size}; {_MEANING[mode]}: {found.words}{numbers} (--clock overrides it)"
     piece = unbroken(k)
     regular = _roughness(position[piece])
     t = samples.t[piece]
@@ -361,10 +361,10 @@ def _mode(samples: Samples, k: NDArray[np.int64], rate: float, jitter: Array) ->
     stamped = _roughness(interpolate(t, position[piece], wanted[wanted < t[-1]], 1.0 / rate))
     mode = "stamps" if stamped < 0.8 * regular else "regular"
     why = (
-        f"the motion does not tell, its roughness is {stamped:.2g} by stamps and {regular:.2g}"
-        " without"
+        f"the motion does not decide: its roughness is {stamped:.2g} with stamps and"
+        f" {regular:.2g} without"
     )
-    return mode, f"{size}; taken for {mode}: {why} (--clock overrules it)"
+    return mode, f"{size}; assumed {mode}: {why} (--clock overrides it)"
 
 
 def _roughness(position: Array) -> float:
@@ -387,9 +387,9 @@ def extended(grid: Grid, count: int) -> Grid:
     """
     if len(grid) <= count:
         raise IdentificationError(
-            f"{len(grid)} samples without a gap at {grid.rate:.3g} Hz are too few for the smoother,"
-            f" which needs more than {count}",
-            "Record longer, or more samples a second.",
+            f"{len(grid)} samples without a gap at {grid.rate:.3g} Hz are not sufficient"
+            f" for the smoother, which needs more than {count}",
+            "Record longer, or with more samples per second.",
         )
     channels = {}
     for name, values in grid.channels().items():

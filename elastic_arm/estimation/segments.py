@@ -67,8 +67,8 @@ def of_one_rate(recording: Recording, lasting: float) -> list[Recording]:
         f"{rate:.4g} Hz from {begin:.1f} s" for begin, (_, rate) in zip(begins, found, strict=True)
     )
     words = (
-        f"{recording.source or 'the recording'}: the rate changes, parts of one rate count singly:"
-        f" {rates}"
+        f"{recording.source or 'the recording'}: the rate changes; parts of one rate"
+        f" are used separately: {rates}"
     )
     parts = _cut(replace(recording, notes=(*recording.notes, words)), [0.0, *begins[1:]])
     return [part for part in parts if moves(part)] or [recording]
@@ -203,8 +203,8 @@ class MostTelling:
             notes.append(standing_note(source, self.recorded - self.moving, self.whole))
         if self.moving - seconds > 1.0:
             notes.append(
-                f"{source}: the {seconds:.0f} s that tell most are taken of {self.moving:.0f} s of"
-                " motion (--motion takes more)"
+                f"{source}: the most informative {seconds:.0f} s of {self.moving:.0f} s of"
+                " motion are used (--motion uses more)"
             )
         return replace(found, currents=self._last.currents, notes=tuple(notes))
 

@@ -164,8 +164,8 @@ class Smoother:
     def _require(self, samples: int) -> None:
         if samples <= 2 * self.lag:
             raise IdentificationError(
-                f"a piece of {samples / self.rate:.2f} s is too short for the smoother, which needs"
-                f" more than {2 * self.lag / self.rate:.2f} s",
+                f"an interval of {samples / self.rate:.2f} s is too short for the smoother,"
+                f" which needs more than {2 * self.lag / self.rate:.2f} s",
                 "Record longer without gaps.",
             )
 
@@ -224,7 +224,7 @@ def design_smoother(grids: list[Grid], n: int) -> Smoother:
     """
     if not grids:
         raise IdentificationError(
-            "there are gaps after every few samples", "Record some seconds of motion."
+            "there are gaps after every few samples", "Record several seconds of motion."
         )
     grid = max(grids, key=len)
 
@@ -328,8 +328,8 @@ def left_out(grids: Sequence[Grid], used: Sequence[Grid]) -> tuple[str, ...]:
     kept, whole = (sum(map(len, some)) for some in (used, grids))
     if len(used) == len(grids):
         return ()
-    pieces = f"{len(grids) - len(used)} of {len(grids)} pieces between gaps"
-    return (f"{pieces} are too short and left out, {whole - kept} of {whole} samples",)
+    pieces = f"{len(grids) - len(used)} of {len(grids)} intervals between gaps"
+    return (f"{pieces} are too short and excluded, {whole - kept} of {whole} samples",)
 
 
 def with_ends(grid: Grid, lost: int) -> Grid:

@@ -375,7 +375,7 @@ class WhitenedData:
         if not self.parts:
             sources = ", ".join(one.source or "the recording" for one in observations)
             raise DiagnosisError(
-                f"too little motion is left of {sources} after filtering",
+                f"too little motion of {sources} remains after filtering",
                 "Record longer without gaps",
             )
         self.y = self.weighted([part.stretch.values for part in self.parts])

@@ -155,6 +155,6 @@ def read_priors(path: str | Path, sensors: Iterable[str]) -> Priors:
         raise DiagnosisError(f"{path}: {problem}", remedy) from None
     if unknown := [name for name in priors.sensors if name not in known]:
         raise DiagnosisError(
-            f"{path}: sensors.{unknown[0]}: unknown key", f"Choose of {', '.join(known)}."
+            f"{path}: sensors.{unknown[0]}: unknown key", f"Choose among {', '.join(known)}."
         )
     return priors

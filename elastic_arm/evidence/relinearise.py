@@ -86,7 +86,7 @@ def explain(problem: Problem, *, refit: bool, watch: Watch | None = None) -> Exp
     end the search.
     """
     watch = watch or Watch()
-    watch.say("ordinary numbers")
+    watch.say("fit of ordinary deviations")
     described = Linearisation(problem, np.zeros(len(problem.numbers)), _stated(problem))
     shared = Shared(watch=watch)
     first, others = _begun(described, refit, shared)
@@ -100,7 +100,7 @@ def explain(problem: Problem, *, refit: bool, watch: Watch | None = None) -> Exp
             f"linearised about itself: {own.score - near.fit.score:+.1f}: {words_of(own, near.fit)}"
         )
         gain = own.score - start.fit.score
-        watch.say(f"causes: a set of {len(own.optional)}, {gain:.0f} nats more probable than none")
+        watch.say(f"best set: {len(own.optional)} causes, {gain:.0f} nats more probable than none")
         return Node(own, there)
 
     def expand(node: Node, scores: Mapping[Any, float]) -> Sequence[Fit]:

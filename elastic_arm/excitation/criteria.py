@@ -61,9 +61,7 @@ CRITERIA: dict[str, Criterion] = {
 def find_criterion(name: str) -> Criterion:
     """Return the criterion of that name; an ExcitationError if there is none."""
     if name not in CRITERIA:
-        raise ExcitationError(
-            f"there is no criterion {name!r}", f"Use one of {', '.join(CRITERIA)}"
-        )
+        raise ExcitationError(f"unknown criterion {name!r}", f"Use one of {', '.join(CRITERIA)}")
     return CRITERIA[name]
 
 

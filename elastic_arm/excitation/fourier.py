@@ -55,7 +55,8 @@ class FourierTrajectory:
         require(
             self.a.shape == self.b.shape and len(self.a) == len(self.q0) > 0,
             f"a is {self.a.shape}, b is {self.b.shape} and q0 is {self.q0.shape}",
-            "Give a and b one row a joint and one column a harmonic, and q0 one number a joint",
+            "Give a and b one row per joint and one column per harmonic, and q0 one"
+            " number per joint",
         )
         require(
             self.omega > 0.0, f"omega is {self.omega:g} rad/s", "Give a base frequency above zero"
@@ -89,7 +90,7 @@ class FourierTrajectory:
         There are `periods` of them.
         """
         require(period > 0.0, f"period is {period:g} s", "Give a time above zero")
-        require(periods > 0.0, f"{periods:g} periods are asked for", "Ask for at least one")
+        require(periods > 0.0, f"{periods:g} periods are requested", "Ask for at least one")
         return cls(
             2.0 * np.pi / period, a, b, q0, periods * period + 2.0 * ramp, ramp, tuple(joints)
         )
@@ -152,9 +153,7 @@ class FourierTrajectory:
             "ramp": self.ramp,
             **{name: getattr(self, name).tolist() for name in ("q0", "a", "b")},
         }
-        write_result(
-            path, yaml_text(content), ExcitationError, "Give a file in a folder you may write to"
-        )
+        write_result(path, yaml_text(content), ExcitationError, "Give a file in a writable folder")
 
     def _series(self, t: Array) -> tuple[Array, Array, Array]:
         frequency = self.omega * np.arange(1, self.harmonics + 1)
@@ -181,12 +180,12 @@ def load_trajectory(path: str | Path) -> FourierTrajectory:
     Raises
     ------
     ExcitationError
-        If it cannot be read or holds no trajectory; names the field.
+        If it cannot be read or is not a trajectory; names the field.
     """
     remedy = "Write trajectory files with `elastic-arm excite`."
     content = read_fields(path, ExcitationError, remedy)
     if content.get("schema") != SCHEMA:
-        raise ExcitationError(f"{path}: is no trajectory file (no 'schema: {SCHEMA}')", remedy)
+        raise ExcitationError(f"{path}: is not a trajectory file (no 'schema: {SCHEMA}')", remedy)
     fields = {name: value for name, value in content.items() if name != "schema"}
     wanted = ("omega", "a", "b", "q0", "duration", "ramp")
     missing = [k for k in wanted if k not in fields]
@@ -200,10 +199,12 @@ def load_trajectory(path: str | Path) -> FourierTrajectory:
         raise ExcitationError(f"{path}: {what}", remedy)
     names = fields.get("joints") or []
     if not (isinstance(names, list) and all(isinstance(name, str) for name in names)):
-        raise ExcitationError(f"{path}: joints is no list of names", remedy)
+        raise ExcitationError(f"{path}: joints is not a list of names", remedy)
     fields["joints"] = tuple(names)
     if truths := [name for name in wanted if _holds_truth(fields[name])]:
-        raise ExcitationError(f"{path}: {truths[0]} holds yes or no, not numbers", "Give numbers.")
+        raise ExcitationError(
+            f"{path}: {truths[0]} contains yes or no instead of numbers", "Give numbers."
+        )
     try:
         return FourierTrajectory(**fields)
     except ExcitationError as error:
@@ -232,11 +233,11 @@ def _numbers(values: Any, dimensions: int, what: str) -> Array:
     require(
         array.ndim == dimensions,
         f"{what} has {array.ndim} dimensions, not {dimensions}",
-        "Mend its shape",
+        "Correct its shape",
     )
     require(
         bool(np.isfinite(array).all()),
-        f"{what} holds a number that is not finite",
+        f"{what} contains a number that is not finite",
         "Give finite numbers",
     )
     array.setflags(write=False)

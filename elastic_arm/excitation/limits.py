@@ -74,11 +74,11 @@ class MotionLimits:
 
     def __post_init__(self) -> None:
         sane = bool(np.isfinite(self.margin)) and self.margin >= 0.0
-        require(
-            sane, f"the margin of safety is {self.margin:g} m", "Give zero or a length above it"
-        )
+        require(sane, f"the safety margin is {self.margin:g} m", "Give zero or a positive length")
         for joint, low, high in zip(self.joints, self.position_min, self.position_max, strict=True):
-            span = f"{joint} may go from {low:g} to {high:g} {self.units.at(joint, 'rad')}"
+            span = (
+                f"{joint} has the position limits {low:g} to {high:g} {self.units.at(joint, 'rad')}"
+            )
             require(low < high, span, "State both position limits of that joint")
 
     @classmethod
@@ -236,10 +236,9 @@ class LimitUse:
         if index > len(self.kinds):
             what, gap = ("another link", self.links)
         if gap < 0.0:
-            return f"a link goes {-1e3 * gap:.0f} mm into {what}"
+            return f"a link penetrates {what} by {-1e3 * gap:.0f} mm"
         return (
-            f"a link comes within {1e3 * gap:.1f} mm of {what}, the margin is"
-            f" {1e3 * self.margin:g} mm"
+            f"a link is within {1e3 * gap:.1f} mm of {what}; the margin is {1e3 * self.margin:g} mm"
         )
 
     def to_dict(self) -> dict[str, Any]:

@@ -44,15 +44,15 @@ class Shape:
     def __post_init__(self) -> None:
         require(
             1 <= self.harmonics <= MOST_HARMONICS,
-            f"{self.harmonics} harmonics are asked for",
-            f"Ask for at least one, and for {MOST_HARMONICS} at most",
+            f"{self.harmonics} harmonics are requested",
+            f"Request at least one, and at most {MOST_HARMONICS}",
         )
         require(
             np.isfinite(self.period) and self.period > 0.0,
             f"the period is {self.period:g} s",
             "Give a time above 0",
         )
-        require(self.periods >= 1, f"{self.periods} periods are asked for", "Ask for at least one")
+        require(self.periods >= 1, f"{self.periods} periods are requested", "Request at least one")
         ramp = self.period / 4.0 if self.ramp is None else self.ramp
         longest = LONGEST_RAMP * self.period
         require(
@@ -83,7 +83,7 @@ def random_trajectories(
         use = limits.use(trajectory, model)
         require(
             use.kept,
-            f"a random motion breaks the limits everywhere: {use.worst()}",
+            f"a random motion violates the limits everywhere: {use.worst()}",
             "Raise that limit",
         )
     return found

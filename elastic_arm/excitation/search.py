@@ -105,9 +105,11 @@ def optimise(
     value. Raises an ExcitationError if criterion or numbers make no sense, or no motion found keeps
     the limits (names which is broken).
     """
-    require(evaluations >= 1, f"{evaluations} evaluations are asked for", "Ask for at least one")
+    require(evaluations >= 1, f"{evaluations} evaluations are requested", "Request at least one")
     require(
-        random >= 1, f"{random} random motions are asked for", "Ask for at least one, to start from"
+        random >= 1,
+        f"{random} random motions are requested",
+        "Request at least one, as a starting point",
     )
     require(
         len(columns) > 0,
@@ -150,8 +152,8 @@ def _kept_use(
     use = limits.use(trajectory, model)
     require(
         use.kept,
-        f"no motion within the limits was found in {evaluations} evaluations; at best"
-        f" {use.worst()}",
+        f"no motion within the limits was found in {evaluations} evaluations; the best"
+        f" one: {use.worst()}",
         "Raise that limit, give the arm more time (a longer period or ramp), or search longer",
     )
     return use

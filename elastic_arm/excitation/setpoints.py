@@ -12,7 +12,7 @@ from elastic_arm.errors import ExcitationError, require_libraries
 from elastic_arm.excitation.fourier import FourierTrajectory, require
 from elastic_arm.output_files import write_result
 
-REMEDY = "Give a file in a folder you may write to"
+REMEDY = "Give a file in a writable folder"
 
 
 def write_csv(
@@ -70,8 +70,8 @@ def _sampled(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     require(
         np.isfinite(rate) and rate > 0.0,
-        f"{rate:g} set-points a second are asked for",
-        "Ask for some",
+        f"{rate:g} set-points per second are requested",
+        "Request at least one",
     )
     t = np.linspace(0.0, trajectory.duration, 1 + round(rate * trajectory.duration))
     return t, *trajectory.evaluate(t)

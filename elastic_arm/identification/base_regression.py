@@ -238,8 +238,8 @@ class BaseRegression:
             name for joint in joints for name in (f"{joint}.K", f"{joint}.D") if name not in place
         ]:
             raise IdentificationError(
-                f"{lost[0]} is lost beside numbers of the description that are far larger",
-                "Look at its lengths, ratios and gravity",
+                f"{lost[0]} is lost numerically next to much larger numbers of the description",
+                "Check its lengths, ratios and gravity",
             )
         return [(place[f"{joint}.K"], place[f"{joint}.D"]) for joint in joints]
 

@@ -36,7 +36,9 @@ TRUST = np.geomspace(0.01, 2.0, 24)
 # the chart holds.
 LAW_WIDTH = 1e3
 TOLERANCE = 1e-7  # of the solver, in the unit of what has a bound (Nm, Nm s/rad)
-INEXACT = "physically consistent arm: the convex solver came near its tolerance without meeting it"
+INEXACT = (
+    "physically consistent arm: the convex solver came close to its tolerance but did not reach it"
+)
 # Data finer than this, relative to the nominal, bind like an equality; finer would only spoil the
 # solver's numbers.
 STIFFEST = 1e5
@@ -209,12 +211,12 @@ def _solve(A: Array, b: Array, chart: Chart, trust: float) -> tuple[Array, bool]
             problem.solve(solver=cp.CLARABEL)
     except cp.SolverError:  # whose words are about other solvers and their options
         raise IdentificationError(
-            "the convex solver gave up, as numbers of very different size meet",
-            "Look at the recording with bag check",
+            "the convex solver failed, because the numbers differ too much in size",
+            "Check the recording with bag check",
         ) from None
     if x.value is None:
         raise IdentificationError(
-            f"the convex solver found nothing ({problem.status})", "Record a richer motion."
+            f"the convex solver found no solution ({problem.status})", "Record a richer motion."
         )
     solution: Array = np.array(x.value, dtype=float)
     # The solver meets a bound to its tolerance: friction of 1e-10 Nm, or -1e-10 Nm, is none.
@@ -236,10 +238,8 @@ def odd_masses(described: Robot, identified: Robot) -> list[str]:
     ]
     if not odd:
         return []
-    wrong = "no such link has these masses: they make up for something that the model lacks"
-    check = (
-        "check signs and units of the torques, how the arm is mounted (base) and what it carries"
-    )
+    wrong = "real links do not have such masses: they compensate for something that the model lacks"
+    check = "check signs and units of the torques, the mounting of the arm (base) and its payload"
     return [f"robot.yaml: {', '.join(odd)}: {wrong}; {check}"]
 
 

@@ -220,7 +220,7 @@ def fit(blocks: Blocks, power: float = 1.0, rounds: int = 4, prior: Prior | None
     rows = blocks.samples * blocks.groups
     if rows <= P:
         raise IdentificationError(
-            f"{rows} equations do not determine {P} parameters", "Record some seconds of motion."
+            f"{rows} equations do not determine {P} parameters", "Record several seconds of motion."
         )
     together = blocks.together()
     r = together.total()

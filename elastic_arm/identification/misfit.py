@@ -56,8 +56,8 @@ def poor_fits(
             ratio = float(np.std(left) / max(size, 1e-300))
             times = f"{ratio:.3g}" if ratio < COUNTED else f"more than {COUNTED:g}"
             said = (
-                f"{joint}: the fit leaves {np.std(left):.3g} of {np.std(torque):.3g} {unit} (rms),"
-                f" {times} times the "
+                f"{joint}: the residual is {np.std(left):.3g} of {np.std(torque):.3g} {unit}"
+                f" (rms), {times} times the "
             )
             said += "noise of its sensor"
             # What exceeds the torque itself is no answer to it.
@@ -70,9 +70,9 @@ def poor_fits(
             )
             rubs = f"{DRY}:{joint}.torque" in equations.names
             remedy = (
-                "the model lacks something there"
+                "the model lacks an effect there"
                 if rubs
-                else f"identify its friction, too (--with {DRY})"
+                else f"also identify its friction (--with {DRY})"
             )
             found.append(f"{said}; {remedy}")
     return found

@@ -206,4 +206,4 @@ def solved(gram: Array, prior: Prior | None) -> Array:
 def described_width(width: float, judge: str) -> str:
     """Return in words how far the description is trusted as a prior, and why."""
     prior = f"a prior of {100 * width:.2g} % of it"
-    return f"regularised towards the description, with {prior}: {judge} are predicted best so"
+    return f"regularised towards the description, with {prior}, which predicts {judge} best"

@@ -76,38 +76,38 @@ class Identification(Result):
     Parameters
     ----------
     robot, model, recordings, joints
-        Names of the nominal arm, of the model, of where the data came from, and of the joints.
+        Names of the nominal arm, the model, the recordings and the joints.
     estimates, covariance
-        Base parameters, and (B, B) theirs.
+        Base parameters, and their covariance (B, B).
     noise
-        Equation -> joint -> std of the residual, Nm, in the band of the derivative stage, for an
-        arm that is taken for rigid that of averages (:data:`.accumulator.AVERAGED`); joints that
-        have it.
+        Equation -> joint -> standard deviation of the residual, Nm, in the band of the derivative
+        stage; for a rigid arm that of averages (:data:`.accumulator.AVERAGED`).
     condition, undetermined
-        Condition number of the weighted, equilibrated regressor; combinations that the data leave
-        open, in words.
+        Condition number of the weighted, equilibrated regressor; descriptions of combinations
+        that the data do not determine.
     samples, derivatives
-        Number of samples used, and how derivatives were made.
+        Number of samples used, and methods of the derivatives.
     excitation
         Judgement of the motion before the fit: condition, poor, reasons, weakest.
     parameter_names, T, Psi
         All parameters, the map to the base parameters (B, P), and physically consistent values of
-        all (P,) with laws beyond the model last; Psi is None where it was not requested.
+        all parameters (P,), those of additional effects last; Psi is None if not requested.
     notes
-        What else the user should know.
+        Further information for the user.
     consistency
-        For Psi: `trust`, the relative error of the nominal that made the recording most probable;
-        `misfit`, by how much of the noise the consistent arm fits worse than the base parameters;
-        `correlation`, by how much more the errors weigh than white ones, as they follow the motion.
+        For Psi: `trust`, the relative error of the nominal arm with the highest likelihood;
+        `misfit`, the additional misfit of the consistent arm relative to the noise;
+        `correlation`, the factor by which errors that follow the motion exceed white ones.
     validation
         Recording -> "nominal", "identified" or "consistent" -> equation -> joint -> rms of the
-        residual, Nm, on data that no fit has seen.
+        residual, Nm, on held-out data.
     identified
         The arm with the parameters of Psi; not part of the JSON file, see :meth:`save_robot`.
     prismatic
-        The joints that slide: N at these for Nm, m for rad.
+        The prismatic joints, which use N for Nm and m for rad.
     closed_loop
-        Of a commanded arm, joint -> error under the recorded commands, as described and as written.
+        For an arm with commands: joint -> error under the recorded commands, for the description
+        and for the written correction.
     """
 
     _report = "elastic_arm.report.identification"
@@ -154,10 +154,8 @@ class Identification(Result):
         return replace(self, **changes)
 
     def tables(self) -> dict[str, Sequence[Row]]:
-        """Return "parameters" and "residuals".
-
-        Residuals are root mean squares, of the fit and on data that no fit has seen.
-        """
+        """Return the tables "parameters" and "residuals": root mean squares of the fit and on
+        held-out data."""
         parameters = [{"short": e.short, **asdict(e)} for e in self.estimates]
         sizes = {"fit": {"identified": self.noise}, **(self.validation or {})}
         residuals = [
@@ -174,14 +172,15 @@ class Identification(Result):
         return [(e.name, e.unit, e.value, e.std, e.nominal, e.verdict) for e in self.estimates]
 
     def summary(self) -> list[str]:
-        """Return in sentences what is known, and how well other motions are predicted."""
+        """Return the result as sentences: determined parameters, and errors of the arm on held-out
+        motions."""
         words = [e.verdict for e in self.estimates]
-        counts = f"{words.count('poorly')} poorly, {words.count('not')} not at all"
+        counts = f"{words.count('poorly')} poorly, {words.count('not')} not determined"
         found = [f"{words.count('well')} of {len(words)} parameters are well determined, {counts}."]
         for recording, arms in (self.validation or {}).items():
             nominal, identified = (self._largest_error(arms[arm]) for arm in ARMS[:2])
-            errors = f"the nominal arm errs by up to {nominal}, the identified one by up to"
-            found.append(f"On {recording}, which no fit has seen, {errors} {identified}.")
+            errors = f"the error of the nominal arm is up to {nominal}, that of the identified arm"
+            found.append(f"On {recording}, which was held out, {errors} up to {identified}.")
         return found
 
     def _largest_error(self, errors: Mapping[str, Mapping[str, float]]) -> str:
@@ -192,14 +191,14 @@ class Identification(Result):
         return f"{error:.3g} {self.units.at(joint, 'Nm')} ({joint}, {COMPARED[side]})"
 
     def to_dict(self) -> dict[str, Any]:
-        """Return it as plain data; numbers that are not finite become null."""
+        """Return the result as plain data; numbers that are not finite become null."""
         return {
             "schema": SCHEMA,
             **plain({f: getattr(self, f) for f in self.__dataclass_fields__ if f != "identified"}),
         }
 
     def to_json(self, path: str | Path | None = None) -> str:
-        """Return it as JSON text, and write it to `path` when given.
+        """Return the result as JSON text, and write it to `path` if given.
 
         Raises an IdentificationError if the file cannot be written.
         """
@@ -222,21 +221,21 @@ class Identification(Result):
             ) from None
         if not isinstance(data, dict) or data.pop("schema", None) != SCHEMA:
             raise IdentificationError(
-                f"{path} is no identification", f"Its schema must be {SCHEMA}."
+                f"{path} is not an identification", f"Its schema must be {SCHEMA}."
             )
         try:
             return _from_dict(data)
         except (KeyError, TypeError, ValueError, AttributeError) as error:
-            what = f"{path} is no whole identification ({type(error).__name__}: {error})"
+            what = f"{path} is not a complete identification ({type(error).__name__}: {error})"
             raise IdentificationError(what, "Identify again, or give another file.") from None
 
     def save_robot(self, path: str | Path) -> None:
-        """Write the identified arm as an arm file, which `load_robot` and the simulator take.
+        """Write the identified arm as an arm file for `load_robot` and the simulator.
 
         Raises an IdentificationError if no physically consistent parameters were identified.
         """
         if self.identified is None:
-            problem = "no full set of parameters was identified"
+            problem = "no complete set of parameters was identified"
             raise IdentificationError(problem, "Identify with physical consistency (--consistent).")
         save_robot(self.identified, path)
 
@@ -269,7 +268,8 @@ def compare(identification: Identification, true_robot: Robot) -> list[Compariso
     value = {p.name: p.nominal for p in parameters}
     if not set(value) <= set(identification.parameter_names):
         raise IdentificationError(
-            "the true arm has other bodies than the identified one", "Compare equal arms."
+            "the true arm has other bodies than the identified one",
+            "Compare arms with the same structure.",
         )
     true = identification.T @ np.array(
         [value.get(name, 0.0) for name in identification.parameter_names]

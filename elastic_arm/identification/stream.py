@@ -258,10 +258,10 @@ class Identifier:
         if recorded != self._recorded:
             one = ", ".join(sorted(frozenset().union(*self._recorded)))
             other = ", ".join(sorted(frozenset().union(*recorded)))
-            what = f"one recording holds {one}, another {other}"
+            what = f"one recording contains {one}, another {other}"
             if one == other:
                 what = f"{what}, not at the same joints"
-            raise IdentificationError(what, "Identify recordings with equal channels.")
+            raise IdentificationError(what, "Identify recordings with the same channels.")
         return self.accumulator.equations
 
     def _empty(self, recorded: Recorded) -> Accumulator:
@@ -310,7 +310,7 @@ class Identifier:
         blocks = self._ready().snapshot()
         if not blocks.grams:
             raise IdentificationError(
-                f"{self._piece.waiting} samples are not yet enough for an estimate",
+                f"{self._piece.waiting} samples are not sufficient for an estimate",
                 "Wait some seconds, or record longer.",
             )
         if self.equations.summed:

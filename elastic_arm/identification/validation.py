@@ -35,8 +35,8 @@ from elastic_arm.robot import Robot
 PULLED = (*WIDTHS, 1e-2, 1e-3, 1e-4, 1e-5)
 HELD_OUT = "the held-out recordings"
 ALIKE = (
-    f"within its deviations, the fit predicts {HELD_OUT} as well as the description, which may stay"
-    " as it is"
+    f"the description predicts {HELD_OUT} as well as the fit within its standard"
+    " deviations and may stay unchanged"
 )
 # Relative errors of the description that the consistent arm may still take it for, where it
 # predicts badly.
@@ -200,7 +200,7 @@ def _worse_notes(result: Identification, held_out: HeldOut) -> list[str]:
             size = f"{one.error:.3g} against {one.described:.3g} {unit}"
             worse.setdefault(one.source, []).append(f"{one.joint} ({one.side}: {size})")
     return [
-        f"{source} is predicted worse than by the description: {', '.join(at)}"
+        f"the prediction of {source} is worse than that of the description: {', '.join(at)}"
         for source, at in worse.items()
     ]
 
@@ -255,7 +255,7 @@ def _pulled(
     else:
         result = result.with_(notes=(*result.notes, said))
     if best.ratio > EQUAL and not alike:
-        useless = "no fit near the description is better than it: do not use the identified numbers"
+        useless = "no fit near the description improves on it: do not use the identified numbers"
         result = result.with_(notes=(*result.notes, useless))
     return result
 
@@ -296,7 +296,7 @@ def _consistent_or_none(
         if held_out.ratio(T @ tried.Psi) <= 0.0:
             kept = _described(worse, held_out.equations)
             return tried.with_(notes=(*tried.notes, kept))
-    said = "no robot.yaml is written"
+    said = "robot.yaml is not written"
     if ALIKE not in result.notes:
         where = f" at {', '.join(worst)}" if worst else ""
         reason = f"the consistent arm predicts {HELD_OUT} worse than the description{where}"
@@ -306,8 +306,8 @@ def _consistent_or_none(
 
 def _described(joints: Sequence[str], equations: BaseRegression) -> str:
     motors = any(f"{joint}.{ARMATURE}" in equations.names for joint in joints)
-    what = "laws and the motor inertia" if motors else "laws"
+    what = "effects and the motor inertia" if motors else "effects"
     return (
-        f"robot.yaml has the {what} of {', '.join(joints)} as the description has them: with those"
-        " identified, the held-out recordings are predicted worse"
+        f"robot.yaml keeps the described {what} of {', '.join(joints)}: with the"
+        " identified ones, the prediction of the held-out recordings is worse"
     )

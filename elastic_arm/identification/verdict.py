@@ -166,21 +166,21 @@ def _reasons(
         SHORTEST_SECONDS, SHORTEST_PERIODS / max(statistics.frequency, 1e-9)
     ):
         reasons.append(
-            f"{statistics.seconds:.2g} s of motion are too short to judge the errors by: standard"
-            " deviations may be several times too small"
+            f"{statistics.seconds:.2g} s of motion are too short to estimate the errors:"
+            " standard deviations may be several times too small"
         )
     rows = statistics.effective_samples * groups
     if rows < ROWS_PER_PARAMETER * parameters:
         reasons.append(
-            f"the motion has few independent samples: at {statistics.frequency:.2g} Hz over"
-            f" {statistics.seconds:.3g} s it gives about {rows:.0f} independent equations for"
-            f" {parameters} parameters"
+            f"the motion has few independent samples: {statistics.seconds:.3g} s at"
+            f" {statistics.frequency:.2g} Hz give about {rows:.0f} independent equations"
+            f" for {parameters} parameters"
         )
     bad = np.count_nonzero(~(relative <= POORLY))
     if bad > POOR_SHARE * len(relative):
         reasons.append(
-            f"with {TORQUE_NOISE:g} Nm of noise, {bad} of the arm's {len(relative)} base parameters"
-            f" get standard deviations above {POORLY:.0%} of their usual size"
+            f"with {TORQUE_NOISE:g} Nm of noise, {bad} of the arm's {len(relative)} base"
+            f" parameters have standard deviations above {POORLY:.0%} of their usual size"
         )
     return tuple(reasons)
 
@@ -269,15 +269,15 @@ def remarks(fit: Fit, equations: BaseRegression, one_way: Sequence[str] = ()) ->
     found = []
     if fit.fixed:
         kept = ", ".join(names[k] for k in fit.fixed)
-        found.append(f"this recording gives no value of {kept}: kept as in the description")
+        found.append(f"this recording does not determine {kept}: described values are kept")
     if constants := [equations.names[k] for k in _constants(equations, one_way)]:
         joints = ", ".join(
             dict.fromkeys(CONSTANT.sub(r"\1.", name).rpartition(".")[0] for name in constants)
         )
-        why = "a zero of the torque and dry friction are one and the same constant there"
+        why = "a zero of the torque and dry friction are the same constant there"
         found.append(
-            f"{joints} turned in one direction only: {why}, and neither is known; record"
-            " reversals too"
+            f"{joints} turned in only one direction: {why}, and neither can be determined;"
+            " record reversals as well"
         )
     # Not what is zero but for its uncertainty, as a law tried at a joint that does not have it.
     beyond = impossible(equations, fit.Psi) & (
@@ -286,12 +286,12 @@ def remarks(fit: Fit, equations: BaseRegression, one_way: Sequence[str] = ()) ->
     below = [names[k] for k in np.flatnonzero(beyond).tolist()]
     if below:
         found.append(
-            f"{', '.join(below)}: below zero, which no arm can have; the model lacks something"
-            " there"
+            f"{', '.join(below)}: negative, which is physically impossible; the model"
+            " lacks an effect there"
         )
     if fit.condition > HOPELESS:
         found.append(
-            f"condition number {fit.condition:.1e}: no parameter is known well from this recording"
+            f"condition number {fit.condition:.1e}: this recording determines no parameter well"
         )
     return (*found, *_encoders(fit, equations))
 
@@ -314,5 +314,7 @@ def _encoders(fit: Fit, equations: BaseRegression) -> list[str]:
                 )
                 parts.append(f"{words} {size} {own}")
         if parts:
-            found.append(f"link encoder of {joint} against the motor encoder: {', '.join(parts)}")
+            found.append(
+                f"link encoder of {joint} relative to the motor encoder: {', '.join(parts)}"
+            )
     return found

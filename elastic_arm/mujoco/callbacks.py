@@ -203,8 +203,8 @@ def attach(
     structural = [e for e in left if isinstance(e.effect, StructuralEffect)]
     if structural:
         raise EffectError(
-            f"{structural[0].effect.id} changes what the arm is made of",
-            "Leave it out, or model it in the MJCF.",
+            f"{structural[0].effect.id} changes the structure of the arm",
+            "Omit it, or model it in the MJCF.",
         )
     known = [e for e in robot_effects(arm, catalogue) if e.effect.friction or "drive" in e.sides]
     stated = [e for e in known if e not in left and acts_by_law(e.effect)]
@@ -244,7 +244,7 @@ def _addresses(model: Any, robot: Robot) -> tuple[Addresses, Addresses]:
         if missing:
             raise RobotError(
                 f"the model has no joint {', '.join(missing)}",
-                "Load the file that elastic-arm export wrote of this arm",
+                "Load the file that elastic-arm export wrote for this arm",
             )
         places = (model.jnt_qposadr[ids], model.jnt_dofadr[ids])
         found.append((np.asarray(places[0], dtype=np.intp), np.asarray(places[1], dtype=np.intp)))

@@ -62,7 +62,7 @@ def joint_changes(
                 if values[1] < 0.0 and field not in ("rest", "zero"):
                     raise RobotError(
                         f"{number} of {joint.name} would be {values[1]:.4g} {unit}",
-                        "No simulator takes it: record a richer motion, or state what is known"
+                        "No simulator accepts it: record a richer motion, or state prior knowledge"
                         " (--with)",
                     )
     return found
@@ -80,9 +80,10 @@ def body_after(own: Inertia, old_link: Inertia, new_link: Inertia, name: str) ->
         return exchanged(own, old_link, new_link)
     except RobotError as error:
         raise RobotError(
-            f"what is found leaves body {name!r} no physical inertia ({error.problem})",
-            "Identify with physical consistency on a richer motion, or join the bodies of the link"
-            " in the file",
+            f"the estimates leave body {name!r} without a physically possible inertia"
+            f" ({error.problem})",
+            "Identify with physical consistency on a richer motion, or merge the bodies"
+            " of the link in the file",
         ) from None
 
 

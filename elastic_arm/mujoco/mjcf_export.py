@@ -38,10 +38,13 @@ from elastic_arm.robot.urdf_tree import Chain
 # What is read back from a written file is what was meant, to this share: nine digits are written.
 READ_BACK = 1e-6
 UNROLLED = (
-    "the file is as MuJoCo saves it, without your layout: bodies of the arm come from <attach>,"
-    " <replicate> or a URDF"
+    "the file is as saved by MuJoCo, without your layout: bodies of the arm come"
+    " from <attach>, <replicate> or a URDF"
 )
-_NEW = "a new file (without --base) states it; to this one elastic_arm.mujoco.attach adds its law"
+_NEW = (
+    "only a new file (without --base) can represent it; elastic_arm.mujoco.attach"
+    " adds its law to this file"
+)
 _ORIENTATIONS = ("quat", "axisangle", "xyaxes", "zaxis", "euler")
 
 
@@ -72,7 +75,7 @@ def require_same_joints(robot: Robot, base: Robot, path: Path) -> None:
         )
     if robot.elastic:
         raise RobotError(
-            f"{robot.name} has transmissions, {path} has none",
+            f"{robot.name} has transmissions, but {path} has none",
             "Export it without --base, as a new file",
         )
 
@@ -145,7 +148,7 @@ def _controllers(robot: Robot, base: Robot) -> Iterator[Left]:
     ]
     for joint in other:
         yield from left_numbers(
-            robot.with_(joints=(joint,)), "the actuators of the file stay as they are"
+            robot.with_(joints=(joint,)), "the actuators of the file are unchanged"
         )
 
 
@@ -219,9 +222,9 @@ class _Document:
                 value *= self._angle(i)
             elif value < 0.0:
                 raise RobotError(
-                    f"{change.number} of {change.element} would be less than its actuator brings"
-                    f" ({from_actuator:g})",
-                    "Take armature and damping from the actuator to the joint in the file",
+                    f"{change.number} of {change.element} would be smaller than the part of its"
+                    f" actuator ({from_actuator:g})",
+                    "Move armature and damping from the actuator to the joint in the file",
                 )
             self.file.set(element, **{change.number: text_of(value)})
             changes.append(change)
@@ -338,7 +341,7 @@ class _Document:
         name = self.arm.robot.joints[i].link_name
         if self._carriers[i + 1 : i + 2] == [body]:
             raise RobotError(
-                f"{name} is no body of its own in the file", "Give each joint a body of its own"
+                f"{name} is not a separate body in the file", "Give each joint its own body"
             )
         if any(e.get("inertiafromgeom") == "true" for e in self.file.elements("compiler")):
             raise RobotError(
@@ -402,7 +405,7 @@ def _check(out: Path, chain: Chain | None, at: str | None, wanted: StatedArm) ->
         found, meant_to_be, rtol=READ_BACK
     ):
         raise RobotError(
-            "the written file is not the arm that was meant: some default or attribute"
-            " overrides it",
+            "the written file does not represent the intended arm: some default or"
+            " attribute overrides it",
             "Please report it with the file",
         )

@@ -131,7 +131,7 @@ class ShapedMjcf:
 
     def _load(self, path: Path, text: str | None = None) -> None:
         read = (
-            read_bytes(path, RobotError, "Give an MJCF file and what it includes.")
+            read_bytes(path, RobotError, "Give an MJCF file with its included files.")
             if text is None
             else text.encode()
         )

@@ -50,7 +50,9 @@ def export_new_mjcf(
     numbers = left_numbers(robot.with_(joints=tuple(others)), "the new file has no such number")
     left = [*left_effects(robot, effects, catalogue), *numbers]
     if robot.elastic:
-        left += left_coupling(robot, "the new file is mod2, whose rotors spin on the ground")
+        left += left_coupling(
+            robot, "the new file is mod2, whose rotors spin relative to the ground"
+        )
     write_result(out, text)
     told = tuple(one.words(robot) for one in stand_ins)
     return Exported((out,), (), tuple(left), units=robot.units, stand_ins=told)
@@ -74,7 +76,7 @@ def _written(
     root = ET.Element("mujoco", model=robot.name)
     root.append(
         ET.Comment(
-            " elastic: a motor joint and a spring joint a drive "
+            " elastic: a motor joint and a spring joint per drive "
             if robot.elastic
             else " rigid joints "
         )
@@ -131,7 +133,7 @@ def playable(robot: Robot, file: Path, catalogue: Catalogue | None = None) -> Mj
     drives = [joint.controller for joint in robot.joints]
     if not all(servo(drive) and drive and drive.feedforward == "none" for drive in drives):
         raise RobotError(
-            "some joint has no controller of angles", "State `controller:` in the arm file"
+            "some joint has no position controller", "State `controller:` in the arm file"
         )
     write_result(file, to_mjcf(robot, catalogue=catalogue)[0])
     return with_controllers(open_mjcf(file), robot)

@@ -92,7 +92,7 @@ def record_commands(
     angles = servo_motion(arm, StartState.at_rest(commands[0]), np.repeat(commands, every, axis=0))
     if not np.isfinite(angles).all():
         raise SimulationError(
-            "the motion left the finite numbers", "Take slower commands or a smaller timestep."
+            "simulation diverged (NaN or infinity)", "Use slower commands or a smaller timestep."
         )
     q = np.vstack([commands[:1], angles])[:-1:kept]
     if bits is not None:
@@ -133,7 +133,7 @@ def _followed(
                 mj.mj_step(model, data)
     if not (np.isfinite(q).all() and np.isfinite(dq).all()):
         raise SimulationError(
-            "the motion left the finite numbers", "Take a slower motion or a smaller timestep."
+            "simulation diverged (NaN or infinity)", "Use a slower motion or a smaller timestep."
         )
     return q, dq, command
 

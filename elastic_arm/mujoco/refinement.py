@@ -123,7 +123,7 @@ def _of_controllers(found: Diagnosis) -> Iterator[Refinable]:
 
 def by_words(number: Refinable, by: float) -> str:
     """Return by how much a number was refined, in words."""
-    what = {"scale": "kp and kd", "limit": "limit of torque"}.get(
+    what = {"scale": "kp and kd", "limit": "torque limit"}.get(
         number.what, number.what.replace("_", " ")
     )
     ratio = number.what in ("scale", "kd", "armature", "mass")

@@ -107,7 +107,7 @@ def replay(recording: Recording, arm: MjcfArm, *, window: float = WINDOW, name: 
     steps = round(window * observation.rate)
     if steps < 1 or not any(len(piece) > steps for piece in pieces):
         raise DiagnosisError(
-            f"{recording.source or 'the recording'} has no stretch of {window:g} s",
+            f"{recording.source or 'the recording'} has no interval of {window:g} s",
             "Give a shorter --window",
         )
     runs = [
@@ -152,7 +152,8 @@ def _rigid(piece: Motion) -> Motion:
     torque = piece.tau_m if piece.tau_m is not None else piece.tau_J
     if torque is None:
         raise DiagnosisError(
-            "the recording holds no torque: there is nothing to drive with", "Record /motor_states"
+            "the recording contains no torque, so no simulation can be driven",
+            "Record /motor_states",
         )
     q, dq, ddq = (
         (piece.q, piece.dq, piece.ddq)

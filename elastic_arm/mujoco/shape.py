@@ -21,7 +21,7 @@ class ShapedXml:
         try:
             self.root = etree.fromstring(text, parser)
         except etree.XMLSyntaxError as error:
-            raise RobotError(f"{what}: {' '.join(str(error).split())}", "Mend the XML") from None
+            raise RobotError(f"{what}: {' '.join(str(error).split())}", "Correct the XML") from None
         self._original = text.decode(
             self.root.getroottree().docinfo.encoding or "utf-8", errors="replace"
         )

@@ -53,11 +53,11 @@ class StandIn:
             f"{self.friction_loss:+.3g} {torque} of friction loss and {self.damping:+.3g} {rate} of"
             " damping"
         )
-        over = "the motion of the recording" if self.recorded else "a swing at 1 rad/s"
-        missing = f"{self.left:.2g} of {self.whole:.2g} {torque} rms are missing"
+        over = "the motion of the recording" if self.recorded else "an oscillation at 1 rad/s"
+        missing = f"{self.left:.2g} of {self.whole:.2g} {torque} rms remain"
         return (
-            f"{laws} of {self.joint} is no number of the file: {added} stand for it over {over};"
-            f" {missing}"
+            f"{laws} of {self.joint} has no number in the file: {added} approximate it"
+            f" over {over}; {missing}"
         )
 
 
@@ -82,7 +82,7 @@ def explained(lacking: Sequence[Lacking], found: Sequence[StandIn]) -> list[Lack
     reasons = []
     for law, reason in lacking:
         stands = places.get(id(law))
-        words = f"friction loss and damping stand for it; {reason}" if stands else reason
+        words = f"friction loss and damping approximate it; {reason}" if stands else reason
         reasons.append((law, words))
     return reasons
 

@@ -114,12 +114,12 @@ def acts_by_law(effect: Effect) -> bool:
 def reason_left(instance: EffectInstance) -> str:
     """Return why no number of a file states an effect."""
     if isinstance(instance.effect, ControllerEffect):
-        return "of the controller: state its numbers in the arm file"
+        return "it belongs to the controller: state its numbers in the arm file"
     if isinstance(instance.effect, SensorEffect):
-        return "of the recording's sensors, not of the arm"
+        return "it belongs to the sensors of the recording, not to the arm"
     if not acts_by_law(instance.effect):
-        return "changes what the arm is made of: neither a number nor a law for MuJoCo"
-    return "no number states it: elastic_arm.mujoco.attach adds its law"
+        return "it changes the structure of the arm and is neither a number nor a law in MuJoCo"
+    return "it has no number: elastic_arm.mujoco.attach adds its law"
 
 
 def _put(values: Sequence[Any], i: int, value: Any) -> tuple[Any, ...]:
@@ -163,7 +163,7 @@ def _rotor(arm: StatedArm, robot: Robot, i: int, instance: EffectInstance) -> St
 def _payload(arm: StatedArm, robot: Robot, i: int, instance: EffectInstance) -> StatedArm:
     mass = number(instance, "mass")
     if mass < 0.0:
-        return arm.without(instance, f"its mass is {mass:g} kg: no body has less than none")
+        return arm.without(instance, f"its mass is {mass:g} kg, which is physically impossible")
     point = Inertia(mass, np.array(instance.parameters["position"]))
     return arm.with_link(i, lumped([arm.links[i], point]))
 

@@ -41,7 +41,7 @@ from elastic_arm.robot.urdf_tree import Chain
 # Attribute of <dynamics> by the field of a joint's numbers.
 _ATTRIBUTES = {"damping": "damping", "friction_loss": "friction"}
 _NO_NUMBER = "a URDF has no number for it"
-_MOUNTING = "a URDF does not state how its first link is mounted"
+_MOUNTING = "a URDF does not state the mounting of its first link"
 
 
 def export_urdf(
@@ -214,6 +214,6 @@ def _check(text: str, chain: Chain | None, wanted: StatedArm) -> None:
             read.com, meant.com, atol=1e-7
         ):
             raise RobotError(
-                f"link {i + 1} of the written file is not what was meant",
+                f"link {i + 1} of the written file is not the intended one",
                 "Please report it with the file",
             )

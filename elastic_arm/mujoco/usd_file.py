@@ -166,7 +166,7 @@ def _mass(prim: Any, name: str, body: Inertia) -> None:
 
     require(
         body.mass > 0.0,
-        f"{name} has no mass, and USD has no link without",
+        f"{name} has no mass, which USD requires",
         "Give it a mass in the description",
     )
     moments, axes = np.linalg.eigh(body.inertia)

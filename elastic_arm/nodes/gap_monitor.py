@@ -33,22 +33,26 @@ QUIET = 2.0
 PARAMETERS = {
     "robot": ROBOT,
     "model": MODEL,
-    "known": Setting([], "Effects that count as part of the model: EFFECT[:JOINT][:NAME=VALUE,…]"),
-    "effects_files": Setting(
-        [], "Python files with effects of your own, in addition to the catalogue"
+    "known": Setting(
+        [], "Known effects, which are part of the model: EFFECT[:JOINT][:NAME=VALUE,…]"
     ),
-    "refit": Setting(False, "The description cannot be exact: its numbers are fitted too"),
+    "effects_files": Setting(
+        [], "Python files with your own effects, in addition to the catalogue"
+    ),
+    "refit": Setting(False, "Treat the numbers of the description as inexact, and fit them"),
     "channels": CHANNELS,
     "sides": SIDES,
     "window": Setting(
-        15.0, "Samples diagnosed, s; the last third of them judges", between=(LEAST, 120.0)
+        15.0,
+        "Duration of the diagnosed samples, s; the last third is used for validation",
+        between=(LEAST, 120.0),
     ),
     "period": Setting(
-        20.0, "From one diagnosis to the next, s; each takes some seconds", between=(1.0, 3600.0)
+        20.0, "Time between two diagnoses, s; each takes some seconds", between=(1.0, 3600.0)
     ),
-    "save_to": Setting("diagnosis", "Folder of what ~/save writes"),
+    "save_to": Setting("diagnosis", "Folder for the results of ~/save"),
     "save_period": Setting(
-        3600.0, "Between reports that it keeps by itself, s; 0: none", between=(0.0, 86400.0)
+        3600.0, "Time between automatically saved reports, s; 0: none", between=(0.0, 86400.0)
     ),
 }
 
@@ -157,7 +161,7 @@ class GapMonitorNode(SamplingNode):
     def _write(self, name: str) -> str:
         """Write the last diagnosis; return what was done, in words."""
         if self._found is None:
-            raise GraphError("there is no diagnosis yet", "Wait for one.")
+            raise GraphError("there is no diagnosis yet", "Wait for the first one.")
         file = Path(self.settings.save_to) / name
         write_result(file, json.dumps(self._found, indent=2) + "\n")
         return f"the last diagnosis was written to {file}"
@@ -178,11 +182,11 @@ class GapMonitorNode(SamplingNode):
         """Return what is wrong, in words, and figures; keep a report where one is due."""
         self._keep()
         figures = {
-            "seconds kept": self._window.seconds,
+            "buffered time, s": self._window.seconds,
             "diagnoses": self._count,
             "last verdict": self._said,
-            "restarts of the diagnosing process": self._worker.restarts,
-            "last diagnosis took, s": self._took,
+            "restarts of the diagnosis process": self._worker.restarts,
+            "duration of the last diagnosis, s": self._took,
         }
         return self._changes, figures
 

@@ -30,11 +30,11 @@ from elastic_arm.robot import load_robot
 PARAMETERS = {
     "robot": ROBOT,
     "model": MODEL,
-    "effects": Setting([], "Laws identified too: EFFECT[:JOINT][:side=link]"),
+    "effects": Setting([], "Effects to identify as well: EFFECT[:JOINT][:side=link]"),
     "channels": CHANNELS,
     "sides": SIDES,
-    "estimate_period": Setting(1.0, "Between estimates, s", between=(0.1, 3600.0)),
-    "save_to": Setting("identified", "Folder of what ~/save writes"),
+    "estimate_period": Setting(1.0, "Time between estimates, s", between=(0.1, 3600.0)),
+    "save_to": Setting("identified", "Folder for the results of ~/save"),
     "save_at_exit": Setting(False, "Save also when the node stops"),
     "print": Setting(False, "Print each estimate as a line of JSON on stdout"),
 }
@@ -163,8 +163,8 @@ class IdentifierNode(SamplingNode):
             "samples received": progress.received,
             "samples used": progress.samples,
             "samples at rest": progress.resting,
-            "pieces without a gap": progress.pieces,
-            "samples absurd": absurd,
+            "intervals without a gap": progress.pieces,
+            "implausible samples": absurd,
         }
         if self._fit is not None:
             figures |= {
@@ -172,7 +172,7 @@ class IdentifierNode(SamplingNode):
                 "condition number": self._fit.condition,
             }
         return (
-            [f"{absurd} samples hold absurd numbers, and are left out"] if absurd else []
+            [f"{absurd} samples contain implausible numbers and are excluded"] if absurd else []
         ), figures
 
 

@@ -14,29 +14,32 @@ from launch_ros.substitutions import FindPackageShare
 PACKAGE = "elastic_arm"
 EXCITATION = [FindPackageShare(PACKAGE), "/config/excitation.yaml"]
 # Arguments that several launch files have: default and words.
-TRAJECTORY = (EXCITATION, "file made by `elastic-arm excite`")
+TRAJECTORY = (EXCITATION, "trajectory file from `elastic-arm excite`")
 ROBOT = ("", "nominal arm: file (YAML) or URDF; empty: the arm of the package")
 MODEL = ("mod3", "mod1, mod2 or mod3")
-SEED = ("1", "of the sensors' noise")
+SEED = ("1", "seed of the sensor noise")
 EFFECTS = (
     "['']",
-    "what the arm has more than the model, such as ['coulomb_friction:joint_2:torque=13.9']",
+    "effects of the true arm, such as ['coulomb_friction:joint_2:torque=13.9']",
 )
-NAMESPACE = ("", "of all nodes: left for /left/joint_states and so on")
+NAMESPACE = ("", "namespace of all nodes: left for /left/joint_states and so on")
 SAVED = {
-    "save_to": ("identified", "folder of identification.json"),
+    "save_to": ("identified", "folder for identification.json"),
     "save_at_exit": ("true", "whether the result is printed and saved at the end"),
 }
 # Those of a simulated arm: of the simulator, and what the other nodes make of them.
 ARM = {
-    "rate": ("1000.0", "samples, and points of the reference, a second"),
-    "real_time_factor": ("1.0", "simulated seconds a second; other than 1: with /clock"),
+    "rate": ("1000.0", "samples and reference points per second"),
+    "real_time_factor": (
+        "1.0",
+        "simulated time per real time; with a value other than 1: with /clock",
+    ),
     "torque_noise": ("0.26", "standard deviation of the torque sensors, Nm"),
     "use_sim_time": (
         PythonExpression(
             ["'false' if float('", LaunchConfiguration("real_time_factor"), "') == 1.0 else 'true'"]
         ),
-        "whether the other nodes go by /clock; by default where the arm publishes it",
+        "whether the other nodes use /clock; by default if the arm publishes it",
     ),
 }
 SIMULATED = ("rate", "real_time_factor", "torque_noise")

@@ -23,9 +23,9 @@ from elastic_arm.recording.stream_writer import StreamWriter
 # How often to look for publishers of topics not yet found, seconds.
 SEARCH_PERIOD = 0.1
 PARAMETERS = {
-    "bag": Setting("recording", "Folder to make; must not exist"),
-    "topics": Setting([], "Topics to record; empty: all of the suite's"),
-    "compression": Setting("zstd", "Of the bag", choices=COMPRESSIONS),
+    "bag": Setting("recording", "Bag folder to create; must not exist"),
+    "topics": Setting([], "Topics to record; empty: all topics of the suite"),
+    "compression": Setting("zstd", "Compression of the bag", choices=COMPRESSIONS),
 }
 
 
@@ -56,8 +56,8 @@ class Recorder(ArmNode):
             return self.resolve_topic_name(name)
         except rcl.RCLError:
             raise GraphError(
-                f"{name!r} is no name of a topic",
-                "It has letters, digits, _ and /, and begins with none of the digits.",
+                f"{name!r} is not a name of a topic",
+                "It consists of letters, digits, _ and /, and does not start with a digit.",
             ) from None
 
     def tick(self) -> float:

@@ -27,11 +27,11 @@ SETTLING = 0.5
 OWN = {topics.DIAGNOSTICS, topics.CLOCK}
 PARAMETERS = {
     "bag": Setting("", "Bag to play: rosbag2 folder, .mcap or .db3 file"),
-    "topics": Setting([], "Topics to play; empty: all that are understood"),
-    "rate": Setting(1.0, "Times the speed of the recording", between=(0.01, 100.0), live=True),
-    "loop": Setting(False, "Begin again at the end", live=True),
+    "topics": Setting([], "Topics to play; empty: all supported topics"),
+    "rate": Setting(1.0, "Speed relative to the recording", between=(0.01, 100.0), live=True),
+    "loop": Setting(False, "Restart at the end", live=True),
     "clock": Setting(True, "Publish /clock"),
-    "wait": Setting(True, "Wait until somebody listens"),
+    "wait": Setting(True, "Wait for a subscriber"),
 }
 
 
@@ -73,7 +73,7 @@ class Replayer(ArmNode):
         self._wait = wanted.wait
         self._rate = wanted.rate
         if not self._bag:
-            raise GraphError("parameter bag is empty", "Name a bag: -p bag:=FOLDER.")
+            raise GraphError("parameter bag is empty", "Give a bag: -p bag:=FOLDER.")
         self._outputs = self._make_publishers(set(wanted.topics))
         self._clock_output = self.output(topics.CLOCK, Clock) if wanted.clock else None
         self._clock_form = Form(topics.TYPES[topics.CLOCK], Clock())
@@ -81,7 +81,7 @@ class Replayer(ArmNode):
         self._begin()
         if self._playback.next is None:
             raise GraphError(
-                f"{self._bag} holds no messages on {', '.join(self._outputs)}",
+                f"{self._bag} contains no messages on {', '.join(self._outputs)}",
                 "Choose other topics.",
             )
         self._begun = False
@@ -126,7 +126,8 @@ class Replayer(ArmNode):
         if not outputs:
             held = ", ".join(topic.name for topic in found) or "no topics"
             raise GraphError(
-                f"{self._bag} has nothing to play; it holds {held}", "Choose other topics."
+                f"{self._bag} contains nothing to play; its topics are {held}",
+                "Choose other topics.",
             )
         return outputs
 
@@ -175,10 +176,10 @@ class Replayer(ArmNode):
         self.get_logger().info(f"{self._sent} messages played from {self._bag}")
 
     def _status(self) -> tuple[list[str], dict[str, Any]]:
-        problems = [] if self._listened() else ["nobody listens"]
+        problems = [] if self._listened() else ["no subscribers"]
         if problems and not self._begun:
-            waiting = "waiting for a subscriber (with wait:=false, the bag is played to nobody)"
-            problems = [f"nobody listens: {waiting}"]
+            waiting = "waiting for one (with wait:=false, the bag is played at once)"
+            problems = [f"no subscribers: {waiting}"]
         return problems, {"messages": self._sent, "rate": self._rate, "rounds": self._rounds}
 
 

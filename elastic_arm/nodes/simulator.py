@@ -63,29 +63,36 @@ PACE_TOLERANCE = 0.02
 SETTLING = 1.0
 PARAMETERS = {
     "robot": Setting("", "Arm file (YAML) or URDF; empty: the arm of the package"),
-    "model": Setting("mod3", "What the arm is made of", choices=("mod1", "mod2", "mod3")),
-    "bearings": Setting(False, "Let the bearings tilt"),
-    "effects": Setting([], "What the arm has more: EFFECT[:JOINT][:NAME=VALUE,…]", live=True),
-    "torque_noise": Setting(0.26, "Standard deviation, Nm", between=(0.0, 1000.0)),
-    "encoder_noise": Setting(0.0, "Standard deviation, rad", between=(0.0, 0.1)),
-    "velocity_noise": Setting(
-        0.0, "Of the encoders' velocities, standard deviation, rad/s", between=(0.0, 10.0)
+    "model": Setting("mod3", "Model of the arm", choices=("mod1", "mod2", "mod3")),
+    "bearings": Setting(False, "Simulate the tilt of the bearings"),
+    "effects": Setting([], "Effects of the true arm: EFFECT[:JOINT][:NAME=VALUE,…]", live=True),
+    "torque_noise": Setting(
+        0.26, "Standard deviation of the torque noise, Nm", between=(0.0, 1000.0)
     ),
-    "seed": Setting(1, "Of the noise", between=(0, 2**31 - 1)),
+    "encoder_noise": Setting(
+        0.0, "Standard deviation of the encoder noise, rad", between=(0.0, 0.1)
+    ),
+    "velocity_noise": Setting(
+        0.0, "Standard deviation of the velocity noise, rad/s", between=(0.0, 10.0)
+    ),
+    "seed": Setting(1, "Seed of the noise", between=(0, 2**31 - 1)),
     "rate": Setting(1000.0, "Samples per second", between=(10.0, 10_000.0)),
     "real_time_factor": Setting(
-        1.0, "Simulated per real seconds; not 1: with /clock", between=(0.01, 20.0), live=True
+        1.0,
+        "Simulated time per real time; with a value other than 1: with /clock",
+        between=(0.01, 20.0),
+        live=True,
     ),
     "limits": Setting(
         "refuse",
-        "What to do with a goal that breaks a limit of position, velocity or acceleration",
+        "Reaction to a goal that violates a limit of position, velocity or acceleration",
         choices=POLICIES,
     ),
     "command_period": Setting(
-        0.02, "After a message on ~/joint_commands it is reached, s", between=(0.001, 0.5)
+        0.02, "Time in which the arm reaches a message on ~/joint_commands, s", between=(0.001, 0.5)
     ),
     "initial_position": Setting(
-        [0.0], "Where the arm starts, rad; one angle a joint, or one for all"
+        [0.0], "Initial position of the arm, rad; one angle per joint, or one for all"
     ),
 }
 
@@ -173,7 +180,7 @@ class SimulatorNode(ArmNode):
             Listener(self, kind, topic, partial(self._take_points, take, topic))
         self._action = TrajectoryAction(self, lambda: self._reference)
         self.serve_words(Trigger, "reset", self._reset)
-        Health(self, "pace", "pace held", self._status, self._now)
+        Health(self, "pace", "achieved pace", self._status, self._now)
         self.add_on_set_parameters_callback(self._change)
 
     def _build(self) -> Simulator:
@@ -183,7 +190,7 @@ class SimulatorNode(ArmNode):
             given = (
                 f"initial_position has {len(wanted.initial_position)} values for {robot.n} joints"
             )
-            raise GraphError(given, "Give one a joint, or one.")
+            raise GraphError(given, "Give one per joint, or one for all.")
         self._start = np.broadcast_to(wanted.initial_position, (robot.n,)).astype(float)
         torque = TorqueSensor(noise=wanted.torque_noise)
         encoder = Encoder(noise=wanted.encoder_noise, velocity_noise=wanted.velocity_noise)
@@ -345,7 +352,8 @@ class SimulatorNode(ArmNode):
             return
         if goal is not None and goal.reason:
             self.get_logger().warning(
-                f"slowed a goal down {goal.slower:.3g} times: as asked for it {goal.reason}"
+                f"slowed a goal down by a factor of {goal.slower:.3g}: the requested motion"
+                f" {goal.reason}"
             )
 
     def _change(self, parameters: Sequence[Parameter]) -> SetParametersResult:
@@ -374,41 +382,41 @@ class SimulatorNode(ArmNode):
         others = {topic: graph.other_publishers(self, topic) for topic in self._exclusive}
         pace = self._pace.achieved(now)
         problems = [
-            f"{name} publishes {graph.resolved(self, topic)} too: stop one of the two"
+            f"{name} also publishes {graph.resolved(self, topic)}: stop one of the two"
             for topic, names in others.items()
             for name in dict.fromkeys(names)  # a node may have several publishers
         ]
         if pace < 1.0 - PACE_TOLERANCE:
-            problems.append(f"holds {100 * pace:.0f} % of the rate asked for")
+            problems.append(f"reaches {100 * pace:.0f} % of the requested rate")
         behind = max(-self._pace.wait(now), 0.0)
         if behind > BEHIND:
-            problems.append(f"samples come {behind:.3g} s after their time, as the machine is busy")
+            problems.append(f"samples are {behind:.3g} s late because the machine is busy")
         reference = self._reference.stream
         counts = Counter(skipped=self._skipped, starved=reference.starved, refused=self._refused)
         new = counts - self._told
         self._told = counts
         if new["skipped"]:
-            problems.append(f"{new['skipped']} samples skipped, as the process was held up")
+            problems.append(f"{new['skipped']} samples skipped because the process was delayed")
         delay = reference.delay / self._arm.rate
         if new["starved"]:
             problems.append(
-                f"the stream on {self._reference_topic} broke off in motion: the arm slowed down"
+                f"the stream on {self._reference_topic} stopped during motion: the arm slowed down"
             )
         elif delay > 0:
             problems.append(
-                f"the reference came late: it is followed {delay:.3g} s behind its stamps"
+                f"the reference was late: it is followed {delay:.3g} s behind its stamps"
             )
         if new["refused"]:
-            said = f"refused, the last one {self._refusal}"
+            said = f"refused, the last of which {self._refusal}"
             problems.append(f"{new['refused']} messages on {self._reference_topic} {said}")
         figures = {
             "rate, Hz": pace * self._arm.rate * self._wanted.real_time_factor,
-            "behind the clock, s": behind,
+            "delay behind the clock, s": behind,
             "samples skipped": self._skipped,
-            "behind the reference, s": delay,
-            "reference points too late": reference.late,
-            "streams broken off": reference.starved,
-            "reference messages refused": self._refused,
+            "delay behind the reference, s": delay,
+            "late reference points": reference.late,
+            "interrupted streams": reference.starved,
+            "refused reference messages": self._refused,
         }
         return problems, figures
 

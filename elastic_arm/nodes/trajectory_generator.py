@@ -41,11 +41,11 @@ READER_PATIENCE = 3.0
 POINTS = 20  # in a message
 LEAD_NS = NANOSECONDS  # how far ahead of the clock they are streamed
 PARAMETERS = {
-    "trajectory": Setting("", "Trajectory file (YAML, as `elastic-arm excite` writes it)"),
-    "repeat": Setting(1, "How often it is run; 0: until stopped", between=(0, 1_000_000)),
+    "trajectory": Setting("", "Trajectory file (YAML, from `elastic-arm excite`)"),
+    "repeat": Setting(1, "Number of repetitions; 0: until stopped", between=(0, 1_000_000)),
     "rate": Setting(1000.0, "Points per second", between=(10.0, 10_000.0)),
     "approach_speed": Setting(
-        1.0, "Joint speed on the way to the start, rad/s", between=(0.01, 3.0)
+        1.0, "Joint velocity on the way to the start, rad/s", between=(0.01, 3.0)
     ),
 }
 
@@ -115,7 +115,7 @@ class TrajectoryGenerator(ArmNode):
         if not wanted.trajectory:
             raise GraphError(
                 "parameter trajectory is empty",
-                "Make one by `elastic-arm excite --out FILE`, and name it: -p trajectory:=FILE.",
+                "Create one by `elastic-arm excite --out FILE`, and give it: -p trajectory:=FILE.",
             )
         self._trajectory = load_trajectory(Path(wanted.trajectory))
         self._repeat = wanted.repeat
@@ -147,7 +147,8 @@ class TrajectoryGenerator(ArmNode):
             return 0.01
         if not self._publisher.get_subscription_count() and not self.done():
             self.get_logger().warning(
-                f"the arm has gone: nobody reads {self._publisher.topic_name}; waiting for it"
+                f"the arm has disappeared: {self._publisher.topic_name} has no subscriber;"
+                " waiting for the arm"
             )
             self._wait()
             return LONGEST_REST
@@ -173,16 +174,17 @@ class TrajectoryGenerator(ArmNode):
 
     def _wrong_clock(self, message: JointState) -> GraphError | None:
         """Return what is wrong where the arm and this node do not go by the same clock."""
-        remedy = "A simulator that is not in real time publishes /clock."
+        remedy = "A simulator that does not run in real time publishes /clock."
         stamp = message.header.stamp.sec + message.header.stamp.nanosec / NANOSECONDS
         now = self.get_clock().now().nanoseconds / NANOSECONDS
         # as a clock of the arm's own reads until it is heard; a start reckoned from there would be
         # over
         if not now:
-            return GraphError(f"use_sim_time is set, and nobody publishes {topics.CLOCK}", remedy)
+            return GraphError(f"use_sim_time is set, but {topics.CLOCK} has no publisher", remedy)
         if abs(now - stamp) > LARGEST_OFFSET:
             return GraphError(
-                f"the arm's clock is {stamp - now:+.0f} s off: give both use_sim_time, or neither",
+                f"the arm's clock differs by {stamp - now:+.0f} s: set use_sim_time for both,"
+                " or for neither",
                 remedy,
             )
         return None
@@ -191,7 +193,7 @@ class TrajectoryGenerator(ArmNode):
         """Return what is wrong where a message does not say where each joint stands."""
         said = f"{graph.resolved(self, topics.MOTOR_STATES)} holds"
         joints = len(message.name)
-        remedy = "Look at it with `ros2 topic echo`: the motion begins where the arm stands."
+        remedy = "Check it with `ros2 topic echo`: the motion starts at the position of the arm."
         if len(message.position) != joints:
             return GraphError(
                 f"{said} {len(message.position)} positions for {joints} joints", remedy
@@ -217,8 +219,8 @@ class TrajectoryGenerator(ArmNode):
         if sorted(names) != sorted(self._names) or len(names) != self._trajectory.n:
             moved = ", ".join(self._trajectory.joints) or f"{self._trajectory.n} joints"
             raise GraphError(
-                f"the trajectory moves {moved}; the arm has {', '.join(self._names)}",
-                "Make one for this arm with `elastic-arm excite`.",
+                f"the trajectory has the joints {moved}; the arm has {', '.join(self._names)}",
+                "Create one for this arm with `elastic-arm excite`.",
             )
         position = self._position[[self._names.index(name) for name in names]]
         self._names = list(names)
@@ -235,8 +237,8 @@ class TrajectoryGenerator(ArmNode):
         # On the grid of the clock, so that an arm stepping on the same grid needs no interpolation.
         self._start_ns = -(-(now + HEAD_START_NS) // self._step_ns) * self._step_ns
         self.get_logger().info(
-            f"streaming {self._plan.duration:.1f} s, {self._plan.approach:.1f} s of it the way"
-            " there"
+            f"streaming {self._plan.duration:.1f} s, including {self._plan.approach:.1f} s"
+            " to reach the start"
         )
 
     def _settled(self) -> bool:
@@ -291,12 +293,12 @@ class TrajectoryGenerator(ArmNode):
     def _status(self) -> tuple[list[str], dict[str, Any]]:
         problems = []
         if not self._publisher.get_subscription_count():
-            problems.append(f"nobody reads {self._publisher.topic_name}")
+            problems.append(f"{self._publisher.topic_name} has no subscriber")
         elif not self._names:
             problems.append(f"no arm on {graph.resolved(self, topics.MOTOR_STATES)}")
         streamed = self._sent * self._step_ns / NANOSECONDS
         total = self._plan.duration if self._plan else 0.0
-        return problems, {"streamed, s": streamed, "in all, s": total}
+        return problems, {"streamed, s": streamed, "total duration, s": total}
 
 
 if __name__ == "__main__":

@@ -121,12 +121,12 @@ def layout_of(data: memoryview, type_name: str, types: Typesdict | None = None) 
     try:
         walker.message(type_name, "")
     except RecursionError:
-        raise RecordingError(f"types of which {type_name} is made hold each other") from None
+        raise RecordingError(f"the types of {type_name} refer to each other in a cycle") from None
     except (struct.error, KeyError, UnicodeDecodeError) as error:
         raise RecordingError(f"a message does not fit its type {type_name} ({error})") from None
     if walker.at > len(data):
         raise RecordingError(
-            f"a message is shorter ({len(data)} bytes) than its type {type_name} wants"
+            f"a message is shorter ({len(data)} bytes) than its type {type_name} requires"
         )
     return walker.layout
 
@@ -170,7 +170,8 @@ class Layouts:
             or self._walked > limits.LAYOUT_FIELDS
         ):
             problem = (
-                f"its messages differ in more than {limits.LAYOUTS} ways in their names and lengths"
+                f"its messages have more than {limits.LAYOUTS} different combinations of names"
+                " and lengths"
             )
             raise RecordingError(
                 problem, "Stop publishers that change the names or the number of joints."
@@ -228,7 +229,7 @@ class _Walker:
                 self.message(inner, f"{path}.{index}.")
         elif inner[0] == "string":
             if count > limits.COLUMNS:
-                raise struct.error(f"{path} has {count} texts, {limits.COLUMNS} are the limit")
+                raise struct.error(f"{path} has {count} texts; the limit is {limits.COLUMNS}")
             self.count(count)
             spans = [self.string() for _ in range(count)]
             self.layout.fixed += spans

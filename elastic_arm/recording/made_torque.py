@@ -85,9 +85,9 @@ def with_made_torque(recording: Recording, robot: Robot) -> Recording:
     motor = cut["motor"] if side is recording.motor else Side(stamps)
     whose = listed(recording.joints, [name in made for name in recording.joints])
     note = (
-        f"no torque was recorded: those of {whose} are what the described controllers make of"
-        " commands and positions, and what is found of torques, masses and friction has the scale"
-        " of their gains"
+        "no torque was recorded: the described controllers give the torques of"
+        f" {whose} from commands and positions, and estimates of torques, masses and"
+        " friction scale with their gains"
     )
     return replace(
         recording,

@@ -88,8 +88,8 @@ def types_of(topic: Topic) -> Typesdict:
 
 # What makes ROS messages, or tables, of messages in other languages.
 _AS_JSON = (
-    "Export them as JSON Lines and import these: mcap cat --json FILE > a.jsonl; elastic-arm bag"
-    " import a.jsonl."
+    "Export them as JSON Lines and import the result: mcap cat --json FILE >"
+    " a.jsonl; elastic-arm bag import a.jsonl."
 )
 _FOREIGN = dict.fromkeys(("protobuf", "jsonschema", "flatbuffer", "omgidl"), _AS_JSON)
 _FOREIGN["ros1msg"] = (
@@ -111,9 +111,9 @@ def parse_definition(type_name: str, encoding: str, text: str) -> Typesdict:
     reason = ""
     try:
         if not re.fullmatch(_NAME, type_name):
-            reason = "that is no name of a type"
+            reason = "that is not a valid type name"
         elif len(text) > limits.DEFINITION_BYTES:
-            reason = f"it has {len(text)} characters, {limits.DEFINITION_BYTES} are the limit"
+            reason = f"it has {len(text)} characters; the limit is {limits.DEFINITION_BYTES}"
         elif encoding == "ros2msg":
             found = get_types_from_msg(_plain_msg(text), type_name)
         elif encoding in ("ros2idl", ""):
@@ -139,7 +139,7 @@ def _plain_msg(text: str) -> str:
         elif member := _MEMBER.match(line):
             lines += [] if member[3] else [f"{member[1]} {member[2]}"]
         elif not (_SEPARATOR.fullmatch(line) or line.lstrip()[:1] in ("", "#", "@")):
-            raise ValueError(f"{line.strip()[:60]!r} is no field")
+            raise ValueError(f"{line.strip()[:60]!r} is not a field")
     _check_count(len(lines))
     return "\n".join([*lines, ""])
 
@@ -151,11 +151,11 @@ def _plain_idl(text: str) -> str:
         "", _SPOKEN.sub(lambda found: '""' if found[0][0] == '"' else " ", kept)
     )
     if found := _EXPRESSION.search(plain):
-        raise ValueError(f"{plain[found.start() :][:20]!r} stands in it")
+        raise ValueError(f"{plain[found.start() :][:20]!r} is in it")
     _check_count(plain.count(";") + plain.count(","))
     return plain
 
 
 def _check_count(fields: int) -> None:
     if fields > limits.DEFINITION_FIELDS:
-        raise ValueError(f"it has more than {limits.DEFINITION_FIELDS} fields, which are the limit")
+        raise ValueError(f"it has more than {limits.DEFINITION_FIELDS} fields, the limit")

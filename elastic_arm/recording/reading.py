@@ -107,12 +107,12 @@ def read_recording(
     channels
         A channel map or its file, for bags that use other names, units or signs.
     joints
-        The joints wanted, in robot-description order; by default all, in the order of the URDF in
-        the bag, or else of the numbers in their names.
+        The requested joints in robot-description order; by default all, in the order of the URDF in
+        the bag, or otherwise of the numbers in their names.
     arrival
-        Take the times at which messages were recorded for their stamps.
+        Use the times at which messages were recorded as their stamps.
     namespace
-        Of the arm, where the bag holds several; a channel map names whole topics instead.
+        Namespace of the arm if the bag contains several; a channel map uses full topic names.
 
     Raises
     ------
@@ -141,10 +141,10 @@ def contents(
     """
     paths = [path] if isinstance(path, str | Path) else list(path)
     if not paths:
-        raise RecordingError("no bag was given", "Name at least one.")
+        raise RecordingError("no bag was given", "Give at least one.")
     if channels is not None and namespace is not None:
         raise RecordingError(
-            "a channel map and a namespace are given", "Name whole topics in the map."
+            "both a channel map and a namespace are given", "Use full topic names in the map."
         )
     bags = [open_bag(each) for each in paths]
     if wanted is None:
@@ -220,7 +220,8 @@ def choose_namespace(bags: Sequence[Bag], wanted: str | None = None) -> str:
         if len(found) > 1 and "" not in found:
             source = ", ".join(str(bag.path) for bag in bags)
             raise RecordingError(
-                f"{source} holds {len(found)} arms: {', '.join(found)}", "Choose one: --namespace."
+                f"{source} contains {len(found)} arms: {', '.join(found)}",
+                "Choose one: --namespace.",
             )
         return found[0] if found else ""
     namespace = f"/{wanted.strip('/')}".rstrip("/")
@@ -228,7 +229,8 @@ def choose_namespace(bags: Sequence[Bag], wanted: str | None = None) -> str:
         source = ", ".join(str(bag.path) for bag in bags)
         held = ", ".join(name or "/" for name in found) or "none"
         raise RecordingError(
-            f"{source} holds no arm in the namespace {namespace or '/'}", f"There are: {held}."
+            f"{source} contains no arm in the namespace {namespace or '/'}",
+            f"The namespaces are: {held}.",
         )
     return namespace
 
@@ -301,9 +303,8 @@ def _contract_recording(
             or "no messages at all"
         )
         raise RecordingError(
-            f"neither {JOINT_STATES} nor {MOTOR_STATES} was recorded; the bag holds {listed}",
-            "Record one of them, or name in a channel map (--channels) the topics that hold the"
-            " joints.",
+            f"neither {JOINT_STATES} nor {MOTOR_STATES} was recorded; the bag contains {listed}",
+            "Record one of them, or give the topics of the joints in a channel map (--channels).",
         )
     joints = _joints(states, wanted, content.robot_description)
     sides = {
@@ -316,8 +317,8 @@ def _contract_recording(
     if called != joints:
         found.append(
             note(
-                f"{', '.join(joints)} are {', '.join(called)} by their names without what all of"
-                " them share"
+                f"{', '.join(joints)} match {', '.join(called)} after removing the common part"
+                " of the names"
             )
         )
     return Recording(
@@ -346,8 +347,8 @@ def _place_torques(
     ):
         found.append(
             note(
-                f"{JOINT_STATES}.effort was taken as the motor torque, as {MOTOR_STATES} was not"
-                " recorded"
+                f"{JOINT_STATES}.effort is interpreted as the motor torque because"
+                f" {MOTOR_STATES} was not recorded"
             )
         )
         motor = Side(link.stamp_ns, effort=link.effort)
@@ -378,14 +379,16 @@ def _joints(
     names = list(dict.fromkeys(name for series in states for name in series.names()))
     if not names:
         raise RecordingError(
-            f"{states[0].topic} names no joints", "The publisher must fill the field name."
+            f"{states[0].topic} contains no joint names",
+            "The publisher has to fill the field name.",
         )
     if wanted is not None:
         matched = matched_names(wanted, names)
         if matched is None:
             missing = [name for name in wanted if name not in names]
             raise RecordingError(
-                f"not recorded: joint {', '.join(missing)}; there are {', '.join(names)}",
+                f"not recorded: joint {', '.join(missing)}; the recorded joints are"
+                f" {', '.join(names)}",
                 "Give the description of the recorded arm (--robot), or map its names in a channel"
                 " map (--channels).",
             )
@@ -437,13 +440,9 @@ def _side(
             lambda piece: not any(set(names) <= set(piece.names) for _, names in parts)
         )
         absent = [joint for joint in joints if joint not in others.names()]
-        which = (
-            f"without {', '.join(absent)}"
-            if len(absent) < len(joints)
-            else "that hold other joints"
-        )
+        which = f"without {', '.join(absent)}" if len(absent) < len(joints) else "of other joints"
         last = float(others.log_ns.max() - series.log_ns.min()) * 1e-9
-        words = f"messages on {series.topic} {which} were left out, the last after {last:.1f} s"
+        words = f"messages on {series.topic} {which} were skipped, the last after {last:.1f} s"
         found.append(note(f"{series.count - used} {words}"))
     for part, names in parts:
         part = part.fullest(paths.values(), found)
@@ -453,8 +452,7 @@ def _side(
             side = own
             continue
         words = (
-            f"{series.topic} holds messages of {', '.join(names)} apart from the others: they are"
-            " joined"
+            f"{series.topic} contains separate messages for {', '.join(names)}, which are merged"
         )
         found.append(note(words))
         own = checked(own.holding(), series.topic, joints)
@@ -477,7 +475,7 @@ def _side(
         elif not there.all():
             without = ", ".join(joint for joint, one in zip(joints, there, strict=True) if not one)
             found.append(
-                note(f"{series.topic}.{paths[name]} is not there for {without}", "absent_channel")
+                note(f"{series.topic}.{paths[name]} is missing for {without}", "absent_channel")
             )
     return checked(side, series.topic, joints)
 
@@ -513,5 +511,5 @@ def _reference(series: Series | None, joints: tuple[str, ...], found: list[Findi
         check_times(side.stamp_ns + ahead, REFERENCE)
         return replace(side, stamp_ns=side.stamp_ns + ahead)
     except RecordingError as error:
-        found.append(note(f"{REFERENCE} was left out: {error.problem}"))
+        found.append(note(f"{REFERENCE} was skipped: {error.problem}"))
         return None

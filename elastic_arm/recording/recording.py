@@ -39,21 +39,20 @@ class Recording:
     robot_description
         URDF text, None where not recorded.
     source
-        Where it came from: the file or folder, or "simulation".
+        The source: a file or folder, or "simulation".
     notes
-        What a reader had to assume or mend.
+        Assumptions and corrections of the reader.
     clock
-        What stamps mean where the user knows it, "regular" or "stamps"; None where the motion
-        decides.
+        Meaning of the stamps if the user knows it, "regular" or "stamps"; None if inferred from
+        the motion.
     currents
         The torque channels, of "joint_torque" and "motor_torque", that are motor currents times a
         torque constant.
     made_by
-        Joint -> controller that made its motor torque of command and state; the reference then is
-        as the drives take it. Empty where torques were measured.
+        Joint -> controller from which its motor torque was computed; the reference is then the
+        input of the drives. Empty if torques were measured.
     read_ns
-        (M,) stamps at which torques were read that are recorded more often; None where every sample
-        was.
+        (M,) stamps at which torques were read if they are recorded more often; None otherwise.
     """
 
     joints: tuple[str, ...]
@@ -100,7 +99,7 @@ class Recording:
         return {name: side for name, side in named.items() if side is not None}
 
     def measured(self) -> dict[str, Side]:
-        """Return those of the arm itself, by name: not what it was to follow."""
+        """Return the measured sides by name, without the reference."""
         return {name: side for name, side in self.sides().items() if name != "reference"}
 
     @property
@@ -121,7 +120,7 @@ class Recording:
         try:
             for side_name, side in self.measured().items():
                 if not (side.stamp_ns[1:] > side.stamp_ns[:-1]).all():
-                    problem = f"the stamps of {side_name} do not advance"
+                    problem = f"the stamps of {side_name} do not increase"
                     raise RecordingError(problem, "Give every stamp once, in order.")
             samples = replace(join(self.link, self.motor, self.clock), clock=self.clock)
             if self.read_ns is not None:
@@ -135,13 +134,13 @@ class Recording:
             ) from None
 
     def moved(self, by_ns: int) -> Recording:
-        """Return it at later times."""
+        """Return the recording shifted in time."""
         sides: dict[str, Any] = {
             k: replace(side, stamp_ns=side.stamp_ns + by_ns) for k, side in self.sides().items()
         }
         words = (
-            f"{self.source}: the clock was set back: later stamps are taken for {by_ns * 1e-9:.4g}"
-            " s later"
+            f"{self.source}: the clock was set back: later stamps are shifted by"
+            f" {by_ns * 1e-9:.4g} s"
         )
         return replace(self, **sides, notes=(*self.notes, words))
 
@@ -156,7 +155,7 @@ class Recording:
 
     @staticmethod
     def joined(parts: Sequence[Recording]) -> Recording:
-        """Return parts of one recording, in order, with the channels that all have."""
+        """Return consecutive parts of one recording as one, with their common channels."""
         if len(parts) == 1:
             return parts[0]
         together: dict[str, Any] = {}
@@ -180,7 +179,10 @@ class Recording:
             )
         if tuple(joints) == self.joints:
             return self
-        other = f"{', '.join(called)} are {', '.join(joints)} by their names without what all share"
+        other = (
+            f"{', '.join(called)} match {', '.join(joints)} after removing the common part"
+            " of the names"
+        )
         notes = self.notes if called == list(joints) else (*self.notes, other)
         columns = [self.joints.index(name) for name in called]
         cut: dict[str, Any] = {}
@@ -205,7 +207,7 @@ class Recording:
         measured = [side for side in self.measured().values() if len(side)]
         if not measured:
             raise RecordingError(
-                f"{self.source or 'the recording'} holds no samples of the arm",
+                f"{self.source or 'the recording'} contains no samples of the arm",
                 "Record /joint_states or /motor_states, or both.",
             )
         return measured
@@ -219,7 +221,7 @@ def recordings_of(given: object, name: str = "recordings") -> list[Recording]:
     found: list[Recording] = []
     for one in several:
         require_kind(
-            one, Recording, name, RecordingError, "Give what read_recording or simulate returns."
+            one, Recording, name, RecordingError, "Give the result of read_recording or simulate."
         )
         found.append(one)
     return found

@@ -96,8 +96,9 @@ class Series:
         if left:
             missing = ", ".join(joint for joint in joints if joint in left)
             raise RecordingError(
-                f"no message on {self.topic} names {missing}; there are {', '.join(self.names())}",
-                "Name the joints of the arm: give its robot description, or a channel map"
+                f"no message on {self.topic} contains {missing}; the joints are"
+                f" {', '.join(self.names())}",
+                "Give the joints of the arm by its robot description or a channel map"
                 " (--channels).",
             )
         return found
@@ -115,7 +116,7 @@ class Series:
             f"{self.count - full.count} of {self.count} messages on {self.topic} leave"
             f" {', '.join(partly)} empty"
         )
-        message = f"{words}, which others fill: a second publisher? They are left out"
+        message = f"{words}, which others fill: a second publisher? They are skipped"
         found.append(Finding("warning", "second_publisher", message, topic=self.topic))
         return full
 
@@ -154,14 +155,14 @@ class Series:
         two = table[order[other]]
         differ = ~((one == two) | (np.isnan(one) & np.isnan(two))).all(axis=1)
         at = moment(stamp_ns, int(order[other[0]]))
-        words = f"{self.topic} repeats a stamp {len(other)} times, first that of {at}"
+        words = f"{self.topic} repeats {len(other)} stamps, first that of {at}"
         if differ.any():
             message = (
-                f"{words}, {differ.sum()} times with other numbers (two publishers?): the first of"
-                " each is taken"
+                f"{words}, {differ.sum()} of them with different numbers (two publishers?):"
+                " the first message of each is used"
             )
         else:
-            message = f"{words}, with the same numbers: one of each is taken"
+            message = f"{words}, with the same numbers: one message of each is used"
         kept = np.sort(order[first])
         severity = "warning" if differ.any() else "note"
         return stamp_ns[kept], rows[kept], Finding(severity, "duplicate", message, topic=self.topic)  # type: ignore[arg-type]
@@ -240,7 +241,7 @@ class Series:
     def _named(self, piece: Piece, path: str, wanted: tuple[str, ...]) -> Array:
         if not piece.has(path):
             raise RecordingError(
-                f"{self.topic}: field {path} is empty{_at(piece)}, and filled elsewhere",
+                f"{self.topic}: field {path} is empty{_at(piece)}, but not elsewhere",
                 "Two sources seem to publish on this topic; stop one and record again.",
             )
         values = piece.values[path]
@@ -248,7 +249,7 @@ class Series:
             raise RecordingError(
                 f"{self.topic}: field {path} has {values.shape[1]} values for {len(piece.names)}"
                 f" joints{_at(piece)}",
-                "The publisher must fill a field for all joints or for none.",
+                "The publisher has to fill a field for all joints or for none.",
             )
         if piece.names == wanted:
             return values
@@ -257,10 +258,10 @@ class Series:
         missing = [name for name in wanted if name not in places]
         if missing:
             raise RecordingError(
-                f"{self.topic}: joint {', '.join(missing)} is missing{_at(piece)}; there are"
-                f" {', '.join(piece.names)}",
-                "Name the joints wanted in a channel map (--channels), or record again with all"
-                " joints.",
+                f"{self.topic}: joint {', '.join(missing)} is missing{_at(piece)}; the joints"
+                f" are {', '.join(piece.names)}",
+                "Give the required joints in a channel map (--channels), or record again with"
+                " all joints.",
             )
         return values[:, [places[name] for name in wanted]]
 
@@ -331,9 +332,9 @@ class Decoder:
                 f"{file.path}, {self.topic}: {error.problem}", error.remedy
             ) from None
         except MemoryError:
-            message = f"{file.path}, {self.topic}: its messages do not fit into the memory"
+            message = f"{file.path}, {self.topic}: its messages do not fit into memory"
             raise RecordingError(
-                message, "Record fewer topics or shorter runs, or read it on a larger machine."
+                message, "Record fewer topics or shorter runs, or use a machine with more memory."
             ) from None
         self._count += len(rows)
 
@@ -387,8 +388,8 @@ class _DecodedColumns:
                 continue
             if numbers.count > limits.COLUMNS:
                 raise RecordingError(
-                    f"field {path} holds {numbers.count} numbers, {limits.COLUMNS} are the limit",
-                    "Record a topic with one number a joint.",
+                    f"field {path} contains {numbers.count} numbers; the limit is {limits.COLUMNS}",
+                    "Record a topic with one number per joint.",
                 )
             self.values[path] = np.empty((capacity, numbers.count), numbers.dtype)
 

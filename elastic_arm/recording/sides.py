@@ -66,7 +66,7 @@ class Side:
         return len(self.stamp_ns)
 
     def holding(self) -> Side:
-        """Return it without channels that no joint has."""
+        """Return a copy without channels that no joint has."""
         there = {
             name: values for name, values in self.channels().items() if joints_with(values).any()
         }
@@ -113,7 +113,7 @@ def _real(name: str, values: object) -> Array:
     except (TypeError, ValueError):
         pass
     raise RecordingError(
-        f"{name} holds what are no real numbers", "Give an array of floats, (N, n)."
+        f"{name} contains values that are not real numbers", "Give an array of floats, (N, n)."
     )
 
 
@@ -128,12 +128,13 @@ def _checked_stamps(values: object) -> Stamps:
     whole = whole or (found.dtype.kind in "uf" and bool(np.all(np.abs(found) < _LATEST)))
     if found.ndim != 1 or not whole:
         raise RecordingError(
-            "stamp_ns holds what are no nanoseconds in a row", "Give an array of int64, (N,)."
+            "stamp_ns contains values that are not a row of nanoseconds",
+            "Give an array of int64, (N,).",
         )
     stamps = found.astype(np.int64, copy=False)
     if found.dtype.kind == "f" and np.any(stamps != found):
         raise RecordingError(
-            "stamp_ns holds fractions, as times in seconds do",
+            "stamp_ns contains fractions, as times in seconds do",
             "Give whole nanoseconds: np.round(1e9 * t).astype(int).",
         )
     return stamps

@@ -42,7 +42,7 @@ def without_standstill(recording: Recording) -> Recording:
 def standing_note(source: str, rest: float, whole: float) -> str:
     """Return in words how much of a recording is left out, s."""
     where = source or "the recording"
-    return f"{where}: {rest:.0f} of {whole:.0f} s are left out, as the arm stands still there"
+    return f"{where}: {rest:.0f} of {whole:.0f} s of standstill are excluded"
 
 
 def moving_spans(recording: Recording) -> Stamps:

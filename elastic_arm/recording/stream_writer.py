@@ -40,7 +40,8 @@ class StreamWriter(AbstractContextManager["StreamWriter"]):
         self.path = Path(path)
         if os.path.exists(self.path):  # of a name that is too long Path.exists raises
             raise RecordingError(
-                f"{self.path} exists already", "Choose another name; nothing is overwritten."
+                f"{self.path} already exists",
+                "Choose another name; existing files are never overwritten.",
             )
         self._sink = McapSink(self.path / f"{self.path.name}_0.mcap", compression)
         self._flush_every = flush_every

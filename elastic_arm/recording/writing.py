@@ -101,16 +101,15 @@ def write_recording(
     Parameters
     ----------
     path
-        Folder to make; must not exist.
+        Folder to create; must not exist.
     recording
-        What to write; log times are the stamps.
+        The recording; log times equal the stamps.
     compression
         "none", "lz4" or "zstd".
     further
-        What to write besides: topic -> a side of the same joints, as sensor_msgs/JointState.
+        Additional topics: topic -> a side of the same joints, as sensor_msgs/JointState.
     drawn
-        The arm that viewers are to show: its URDF takes the place of the recording's, and `/tf`
-        moves its links.
+        The arm for viewers: its URDF replaces that of the recording, and `/tf` moves its links.
 
     Returns
     -------
@@ -120,22 +119,22 @@ def write_recording(
     Raises
     ------
     RecordingError
-        If the folder exists or cannot be written, or the recording is empty or something else.
+        If the folder exists or cannot be written, or the recording is empty or has another type.
     """
     recordings_of(recording, "recording")
     if not isinstance(path, str | Path):
         raise RecordingError(
-            f"path is of type {type(path).__name__}", "Give the name of a folder to make."
+            f"path is of type {type(path).__name__}", "Give the name of the folder to create."
         )
     folder = Path(path)
     streams = _streams(recording, further) if drawn is None else _drawn(drawn, recording, further)
     if not any(len(stream.stamp_ns) for stream in streams):
-        raise RecordingError("the recording holds no samples", "Nothing was written.")
+        raise RecordingError("the recording contains no samples", "Nothing was written.")
     first_ns = min(int(stream.stamp_ns[0]) for stream in streams if len(stream.stamp_ns))
     if first_ns < 0:
         problem = (
-            f"the recording begins at {first_ns * 1e-9:.6g} s, before time zero, and a bag has no"
-            " such stamps"
+            f"the recording starts at {first_ns * 1e-9:.6g} s, before time zero, which"
+            " stamps of a bag cannot represent"
         )
         raise RecordingError(problem, "Add a constant to all times.")
     last_ns = max(int(stream.stamp_ns[-1]) for stream in streams if len(stream.stamp_ns))
@@ -147,7 +146,7 @@ def write_recording(
         raise RecordingError(problem, "Subtract a constant from all times.")
     if os.path.exists(folder):  # of a name that is too long Path.exists raises
         raise RecordingError(
-            f"{folder} exists already", "Choose another name; nothing is overwritten."
+            f"{folder} already exists", "Choose another name; existing files are never overwritten."
         )
     sink = McapSink(folder / f"{folder.name}_0.mcap", compression)
     try:
@@ -176,7 +175,7 @@ def finish_bag(sink: McapSink, currents: Sequence[str] = ()) -> None:
     sink.finish()
     text = yaml.safe_dump({METADATA_KEY: information}, sort_keys=False)
     write_result(
-        sink.path.parent / METADATA, text, RecordingError, "Free space, then check --repair."
+        sink.path.parent / METADATA, text, RecordingError, "Free space, then run check --repair."
     )
 
 

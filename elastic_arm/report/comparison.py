@@ -17,30 +17,30 @@ UNITS = {
 
 def sections(found: SimulationComparison) -> list[Section]:
     """Return the sections, most important first."""
-    header = ["effect", "where", "in", "in the real recording", "in the simulated one"]
+    header = ["effect", "where", "in", "in the real recording", "in the simulated recording"]
     rows = found.rows()
     effects = [
         Text(
-            "Effects of either recording that the model lacks, with size and probability in each of"
-            " them."
+            "Effects that the model lacks for either recording, with size and probability in each."
         ),
-        Table(header, rows) if rows else Text("The model lacks no effect of either recording."),
+        Table(header, rows)
+        if rows
+        else Text("No effect is missing in the model for either recording."),
     ]
     return [
         Section(
-            f"Compared with {found.simulated or 'the simulated recording'}: which effect is in"
-            " which",
+            f"Compared with {found.simulated or 'the simulated recording'}: effects by recording",
             effects,
         ),
-        Section("Compared channel by channel, without a model", _differences(found.difference)),
+        Section("Comparison by channel, without a model", _differences(found.difference)),
     ]
 
 
 def _differences(found: RecordingDifference) -> list[Text | Table | Figure]:
     how = Text(
         f"Real minus simulated, over {found.t[-1] - found.t[0]:.3g} s, aligned by"
-        f" {found.aligned_by} positions ({1e3 * found.offset:.3f} ms). Share: of the real channel's"
-        " standard deviation."
+        f" {found.aligned_by} positions ({1e3 * found.offset:.3f} ms). Share: relative to"
+        " the standard deviation of the real channel."
     )
     tables: list[Table] = []
     for one in found.channels:
@@ -59,7 +59,7 @@ def _differences(found: RecordingDifference) -> list[Text | Table | Figure]:
             f"largest, {unit}",
             f"mean, {unit}",
             "share",
-            "real later by, ms",
+            "delay of the real channel, ms",
         ]
         tables.append(Table(header, rows, one.channel, digits=3))
     return [how, *tables, Figure(drawn(found), "Real minus simulated.")]

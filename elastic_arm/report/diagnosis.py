@@ -11,6 +11,7 @@ from elastic_arm.diagnosis.context import DiagnosisContext
 from elastic_arm.diagnosis.next_motion import DECISIVE
 from elastic_arm.diagnosis.result import SEPARATING, Cause, Diagnosis, Imperfection
 from elastic_arm.diagnosis.words import (
+    REPEATED_MOTION,
     alone_text,
     cause_size,
     change_text,
@@ -49,11 +50,11 @@ DETERMINED = 0.7  # of the prior's standard deviation: the recording halves its 
 SHOWN = 4  # causes that get figures of their own
 EQUATION = {
     "link": (
-        "joint torque sensor against what moves and carries the link",
+        "joint torque sensor against the torque that moves and supports the link",
         "tau_J − [M q″ + S theta″ + c + c1 + g]",
     ),
     "drive": (
-        "joint torque sensor against the twist of the drive",
+        "joint torque sensor against the torsion of the drive",
         "tau_J − [K (theta − q) + D (theta′ − q′)]",
     ),
     "motor": (
@@ -62,7 +63,10 @@ EQUATION = {
     ),
 }
 # Of the motor side, where it is the only one: no sensor parts the motor from its link.
-WHOLE = ("motor torque against what moves and carries motor and link", "tau_m − [all terms of (1)]")
+WHOLE = (
+    "motor torque against the torque that moves and supports motor and link",
+    "tau_m − [all terms of (1)]",
+)
 
 
 def write_gap_report(
@@ -85,16 +89,16 @@ def write_gap_report(
 def sections(found: Diagnosis) -> list[Section]:
     """Return the sections of the report, most important first."""
     context = found.context
-    shown = [Section("Verdict", _verdict(found)), Section("Where the gap lies", _where(found))]
+    shown = [Section("Verdict", _verdict(found)), Section("Location of the gap", _where(found))]
     if context is not None:
         shown += [
             Section(figures.title(c), _cause(found, c, k, context))
             for k, c in enumerate(found.causes[:SHOWN])
         ]
         if found.unexplained:
-            shown.append(Section("What is not explained", _unexplained(found, context)))
+            shown.append(Section("Unexplained residuals", _unexplained(found, context)))
     if found.proposal is not None:
-        shown.append(Section("What to move next", _next(found)))
+        shown.append(Section("Next motion to record", _next(found)))
     sizes = Section(
         "Before and after" if found.causes else "The residuals", _sizes(found, context), folded=True
     )
@@ -102,10 +106,10 @@ def sections(found: Diagnosis) -> list[Section]:
     if determined := _determined(found):
         shown.append(Section("Numbers of arm and sensors", _numbers(determined), folded=True))
     if found.prediction is not None:
-        shown.append(Section("How far ahead the model sees", _prediction(found), folded=True))
+        shown.append(Section("Prediction horizon", _prediction(found), folded=True))
     if context is not None:
-        shown.append(Section("What the residuals follow", [_regimes(found, context)], folded=True))
-    shown.append(Section("What this rests on", _grounds(found), folded=True))
+        shown.append(Section("Regimes of the residuals", [_regimes(found, context)], folded=True))
+    shown.append(Section("Basis of this diagnosis", _grounds(found), folded=True))
     return shown
 
 
@@ -128,7 +132,7 @@ def _verdict(found: Diagnosis) -> list[Block]:
              Written(probability_text(c.confidence))]
             for c in found.causes
         ]  # fmt: skip
-        header = ["cause", "where", "shows on", "size", "share of the gap", "probability"]
+        header = ["cause", "where", "visible on", "size", "share of the gap", "probability"]
         blocks.append(Table(header, rows))
     if found.closed_loop:
         blocks.append(_closed_loop(found))
@@ -147,8 +151,10 @@ def _verdict(found: Diagnosis) -> list[Block]:
             )
         others += [[name, faint, "", ""]] if faint else []
     if others:
-        header = ["instead of", "it may be", "probability", "told apart by"]
-        blocks.append(Table(header, others, "This recording does not separate these for certain"))
+        header = ["named cause", "alternative", "probability", "separated by"]
+        blocks.append(
+            Table(header, others, "This recording does not separate these with certainty")
+        )
     return blocks
 
 
@@ -161,11 +167,11 @@ def _closed_loop(found: Diagnosis) -> Table:
         rows.append(
             [joint, f"{1e3 * one.described:.4g}", f"{1e3 * one.corrected:.4g}", refused, unit]
         )
-    header = ["joint", "description", "as written", "as found, refused", "unit"]
+    header = ["joint", "description", "as written", "all corrections, rejected", "unit"]
     return Table(
         header,
         rows,
-        "Errors of angles in MuJoCo under the commands of the recordings that judge, rms",
+        "Errors of angles in MuJoCo under the commands of the judging recordings, RMS",
     )
 
 
@@ -173,22 +179,21 @@ def _where(found: Diagnosis) -> list[Block]:
     sides = figures.shown_sides(found)
     equations = {1: "one equation", 2: "two equations", 3: "three equations"}[len(sides)]
     text = (
-        f"Each joint has {equations}, and a residual each: what was measured minus what the model"
-        " gives. The map shows it over the noise of the sensors, on validation data between 0 and"
-        f" {found.band:.3g} Hz: 1× is noise alone, red is a gap."
+        f"Each joint has {equations} with one residual each: the measured value minus the"
+        " value of the model. The map shows the residual relative to the noise of the sensors,"
+        f" on validation data between 0 and {found.band:.3g} Hz: 1× is noise only, red is a"
+        " gap."
     )
     rows = [[side, *(WHOLE if sides == ("motor",) else EQUATION[side])] for side in sides]
     blocks: list[Block] = [Text(text)]
     if found.causes and found.shrink is not None:
         low, high = found.shrink_interval or (np.nan, np.nan)
-        taken = (
-            f"take {percent(found.shrink)} off the gap (95 % interval {percent(low)} to"
-            f" {percent(high)})"
-        )
-        taken = "make the gap as a whole larger" if taken.startswith("take -") else taken
+        share = percent(found.shrink)
+        taken = f"reduce the gap by {share} (95 % interval {percent(low)} to {percent(high)})"
+        taken = "increase the total gap" if share.startswith("-") else taken
         what = (
-            f"All causes together {taken}, as power over the sensors' noise, on the recordings that"
-            " judge."
+            f"All causes together {taken}, measured as power above the sensor noise on the judging"
+            " recordings."
         )
         blocks.append(Text(what))
     return [
@@ -206,13 +211,13 @@ def _cause(found: Diagnosis, cause: Cause, k: int, context: DiagnosisContext) ->
         found.joints[row % len(found.joints)],
     )
     caption = (
-        f"{joint}, {side} side, on validation data. Grey: residual of the model as it is. Orange:"
-        " what this cause adds. Blue: what is left with this cause alone added. Drag to zoom,"
-        " double-click for the whole."
+        f"{joint}, {side} side, on validation data. Grey: residual of the uncorrected model."
+        " Orange: contribution of this cause. Blue: residual after adding only this cause."
+        " Drag to zoom, double-click to reset."
     )
     return [
         Text(f"{effect.description} Law: {effect.formula}."),
-        Text(f"How it shows: {effect.signature}"),
+        Text(f"Signature: {effect.signature}"),
         *figures.residual_blocks(
             found, context, row, context.alone[k], cause.effect, effect.regime
         ),
@@ -226,10 +231,10 @@ def _unexplained(found: Diagnosis, context: DiagnosisContext) -> list[Block]:
     sides, n = context.validate.layout.sides, len(found.joints)
     row = sides.index(first.side) * n + found.joints.index(first.joint)
     added = "all causes together" if found.causes else None
-    caption = f"{first.joint}, {first.side} side: where most is left."
+    caption = f"{first.joint}, {first.side} side: the place with the largest remaining residual."
     return [
-        Text("No effect of the catalogue explains what is left here.", "warn"),
-        Table(["joint", "side", "follows", f"left, {found.units.over('Nm')}"], rows, digits=3),
+        Text("No effect of the catalogue explains the remaining residuals.", "warn"),
+        Table(["joint", "side", "regime", f"remaining, {found.units.over('Nm')}"], rows, digits=3),
         *map(Text, event_notes(found.events)),
         Text(caption),
         *figures.residual_blocks(found, context, row, context.after, added),
@@ -247,8 +252,8 @@ def _determined(found: Diagnosis) -> list[Imperfection]:
 
 def _numbers(determined: Sequence[Imperfection]) -> list[Block]:
     text = (
-        "Numbers of the description and of the sensors that the recording determines, together with"
-        " the causes."
+        "Numbers of the description and of the sensors that the recording determines together"
+        " with the causes."
     )
     rows = [
         [
@@ -267,7 +272,7 @@ def _numbers(determined: Sequence[Imperfection]) -> list[Block]:
 
 def _number(one: Imperfection) -> str:
     what = one.what.replace("_", " ")
-    return what if one.recording is None else f"{what}, {one.recording} less the first recording"
+    return what if one.recording is None else f"{what}, {one.recording} minus the first recording"
 
 
 def _sizes(found: Diagnosis, context: DiagnosisContext | None) -> list[Block]:
@@ -293,8 +298,8 @@ def _sizes(found: Diagnosis, context: DiagnosisContext | None) -> list[Block]:
     if context is None:
         return [table]
     how = Text(
-        "On the longest stretch of validation data. Drag over a plot to zoom, double-click for the"
-        " whole."
+        "On the longest interval of validation data. Drag over a plot to zoom, double-click"
+        " to reset."
     )
     return [table, how, *figures.before_and_after(found, context)]
 
@@ -302,11 +307,11 @@ def _sizes(found: Diagnosis, context: DiagnosisContext | None) -> list[Block]:
 def _prediction(found: Diagnosis) -> list[Block]:
     prediction = found.prediction
     if prediction is None or prediction.before is None or prediction.after is None:
-        return [Text(f"Not measured: {prediction.reason if prediction else ''}.", "warn")]
+        return [Text(f"Not available: {prediction.reason if prediction else ''}.", "warn")]
     text = (
-        f"From {prediction.starts} instants of the validation data the arm is put into its measured"
-        " state and driven by the measured motor torque in simulation. The root mean square of"
-        " predicted minus measured angle shows how far ahead the model can be trusted."
+        f"The simulation starts at {prediction.starts} times of the validation data from the"
+        " measured state and is driven by the measured motor torque. The root mean square of"
+        " predicted minus measured angle shows over which horizon the model can be trusted."
     )
     acting = any(cause.acts for cause in found.causes)
     shown = (
@@ -345,23 +350,22 @@ def _next(found: Diagnosis) -> list[Block]:
          log_likelihood_text(p.here), log_likelihood_text(p.expected), "yes" if p.decides else "no"]
         for p in proposal.pairs
     ]  # fmt: skip
-    header = ["cause", "alternative", "this recording", "proposed motion", "expected to decide"]
+    header = ["cause", "alternative", "this recording", "proposed motion", "expected to separate"]
     caption = (
-        f"Log-likelihood by which a recording discriminates between the two; from {DECISIVE:g} on"
-        " it decides"
+        f"Log-likelihood ratio between the two; from {DECISIVE:g} the recording separates them"
     )
     table = Table(header, rows, caption)
     notes: list[Block] = [Text(f"Limits: {'; '.join(proposal.notes)}.")] if proposal.notes else []
     if proposal.trajectory is None or not proposal.worthwhile:
         text = (
-            "No motion within the limits was found that is expected to tell these apart: another"
+            "No motion within the limits was found that is expected to separate these: another"
             " sensor is needed."
         )
         return [Text(text, "warn"), table, *notes]
     text = (
         f"Record this motion of {proposal.trajectory.duration:g} s, the best of"
-        f" {proposal.candidates} judged, and diagnose it: {SEPARATING}, for `elastic-arm simulate"
-        " --trajectory` and the trajectory node."
+        f" {proposal.candidates} candidates, and diagnose it: {SEPARATING}, for `elastic-arm"
+        " simulate --trajectory` and the trajectory node."
     )
     return [Text(text), table, Figure(figures.motion(proposal.trajectory, found)), *notes]
 
@@ -375,7 +379,9 @@ def _regimes(found: Diagnosis, context: DiagnosisContext) -> Table:
     ]
     header = ["joint", "side", *(name.replace("_", " ") for name in names)]
     return Table(
-        header, rows, "Share of a residual's power, before, that follows each; shares overlap"
+        header,
+        rows,
+        "Share of the power of a residual, before, that each regime explains; shares overlap",
     )
 
 
@@ -384,18 +390,18 @@ def _grounds(found: Diagnosis) -> list[Block]:
     judged = ", ".join(found.validate) or "the last third"
     if found.context is not None and found.context.held_back:
         text = (
-            f"Causes are chosen with all of {fitted}, their sizes by the first two thirds; the last"
-            " third judges."
+            f"Causes are selected on all of {fitted}, their sizes are estimated on the first two"
+            " thirds, and the last third is used for validation."
         )
     else:
         text = (
-            f"Causes are chosen with all recordings, their sizes are those of {fitted}; the gap is"
-            f" that of {judged}."
+            f"Causes are selected on all recordings, their sizes are estimated on {fitted}, and"
+            f" the gap is measured on {judged}."
         )
     return [
         Text(text),
         Text(f"Trust in the description: {trust_text(found.trust)}."),
-        *(Text(note, "warn" if "not an independent" in note else "plain") for note in found.notes),
+        *(Text(note, "warn" if note == REPEATED_MOTION else "plain") for note in found.notes),
     ]
 
 

@@ -47,9 +47,9 @@ def shown_sides(found: Diagnosis) -> tuple[str, ...]:
 def gap_map(found: Diagnosis) -> MplFigure:
     """Draw joints by sides, before and after: residual over its noise."""
     sides = shown_sides(found)
-    shown = {"the model as it is": found.before}
+    shown = {"uncorrected model": found.before}
     if found.causes:
-        shown["with the causes added"] = found.after
+        shown["with all causes"] = found.after
     size_of_map = (0.6 + (1.5 + len(sides)) * len(shown), 1.3 + 0.5 * len(found.joints))
     with drawing(1, len(shown), size=size_of_map) as (figure, axes):
         for ax, (name, size) in zip(axes[0], shown.items(), strict=True):
@@ -128,7 +128,10 @@ def residual_blocks(
         clouds[0].set_ylabel(unit("Nm"))
     signals = {"residual before": (before, BEFORE)}
     if cause is not None and added is not None:
-        signals |= {cause.replace("_", " "): (added, CAUSE), "left with it added": (rest, AFTER)}
+        signals |= {
+            cause.replace("_", " "): (added, CAUSE),
+            "residual after adding it": (rest, AFTER),
+        }
     return [Plot(t, signals, unit("Nm")), Figure(figure)]
 
 
@@ -212,7 +215,7 @@ def horizons(prediction: Prediction, joints: Sequence[str], unit: str) -> MplFig
                         ax.loglog(ms, values, dash, **style_of, label=f"{side} angle, {word}")
             ax.set_xticks(ms, [f"{v:g}" for v in ms])
             ax.minorticks_off()
-            ax.set_xlabel("ahead [ms]")
+            ax.set_xlabel("horizon [ms]")
         axes[0, 0].set_ylabel(f"prediction error [{unit}]")
         axes[0, -1].legend(fontsize=7)
     return figure

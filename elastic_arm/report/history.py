@@ -25,19 +25,14 @@ def write_history_report(
         for one in numbers
         if one.step is not None
     ]
-    rest = "Nothing else changed" if steps else "Nothing changed"
-    sections = [
-        Section("What changed", [*steps, Text(f"{rest} beyond what the recordings tell.", "good")])
-    ]
+    rest = "No other changes" if steps else "No changes"
+    sections = [Section("Changes", [*steps, Text(f"{rest} detected.", "good")])]
     for one in numbers:
         sized = one.sized
-        caption = (
-            "Bars: 95 % intervals. Not the same in all recordings:"
-            f" {probability_text(one.changed)}."
-        )
+        caption = f"Bars: 95 % intervals. Probability of a change: {probability_text(one.changed)}."
         title = effect_at(sized.effect.replace("_", " "), sized.joint)
         sections.append(Section(title, [Figure(drawn(one, dates), caption)]))
-    table = Table(["recording", "begins, UTC"], list(zip(found.identify, dates, strict=True)))
+    table = Table(["recording", "start, UTC"], list(zip(found.identify, dates, strict=True)))
     sections.append(Section("Recordings", [table, *map(Text, found.notes)], folded=True))
     return write_report(path, "History", sections, subtitle=f"{found.robot}, {found.model}")
 

@@ -19,10 +19,10 @@ from elastic_arm.report.style import BLUE, GREEN, GREY, ORANGE, VERMILION, draw_
 COLOURS = {"well": GREEN, "poorly": ORANGE, "not": VERMILION}
 VERDICTS = {
     "well": f"well determined, up to {WELL:.0%}",
-    "poorly": f"poorly, up to {POORLY:.0%}",
-    "not": "not at all",
+    "poorly": f"poorly determined, up to {POORLY:.0%}",
+    "not": "not determined",
 }
-GAPS = " Gaps: where a joint sticks, any torque within its dry friction is right."
+GAPS = " Gaps: while a joint sticks, the torque is undetermined within its dry friction."
 
 
 def identifiability(result: Identification) -> MplFigure:
@@ -43,7 +43,7 @@ def identifiability(result: Identification) -> MplFigure:
         ax.set_xscale("log")
         for limit in (WELL, POORLY):
             ax.axvline(limit, color=GREY, lw=1.0, ls="--")
-        ax.set_xlabel("standard deviation over the natural size of the parameter")
+        ax.set_xlabel("standard deviation relative to the usual size of the parameter")
         ax.set_ylim(-0.8, len(chosen) - 0.2)
         keys = [Patch(color=colour, label=VERDICTS[verdict]) for verdict, colour in COLOURS.items()]
         figure.legend(handles=keys, loc="outside upper center", ncols=len(keys))
@@ -122,28 +122,33 @@ def sections(
     result: Identification, equations: BaseRegression | None = None, motion: Motion | None = None
 ) -> Sequence[Section]:
     """Return the report: verdict first, then parameters, fit and validation."""
-    said: list[Section] = [Section("What the recording determines", _verdict(result))]
+    said: list[Section] = [Section("Information in the recording", _verdict(result))]
     laws, combinations = (
         [e for e in result.estimates if e.is_friction is law] for law in (True, False)
     )
     if laws:
-        said.append(Section("Friction and other laws", [_parameters(laws)]))
+        said.append(Section("Friction and other effects", [_parameters(laws)]))
     said.append(
-        Section("Base parameters", [_parameters(combinations, "All that the equations can see.")])
+        Section(
+            "Base parameters",
+            [_parameters(combinations, "All parameter combinations that the equations determine.")],
+        )
     )
     full = Table(
         ("parameter", "in full"), [[e.short, e.name] for e in combinations if e.name != e.short]
     )
     said.append(Section("Base parameters in full", [full], folded=True))
-    caption = "Dashed: from where on a parameter counts as poorly determined, and as not at all."
+    caption = (
+        "Dashed: limits above which a parameter counts as poorly determined and as not determined."
+    )
     said.append(
         Section(
-            "How well each is determined", [Figure(identifiability(result), caption)], folded=True
+            "Accuracy of each parameter", [Figure(identifiability(result), caption)], folded=True
         )
     )
     if equations is not None and motion is not None:
-        predicted = "Torques as measured and as the two arms predict them."
-        left = "What the identified arm leaves, in the band of the filter."
+        predicted = "Measured torques and predictions of both arms."
+        left = "Residuals of the identified arm, in the band of the filter."
         gaps = "" if motion.stuck is None else GAPS
         drawn = [
             Figure(torques(equations, motion, result), predicted + gaps),
@@ -153,7 +158,7 @@ def sections(
     else:
         said.append(Section("Fit", [_noise(result)]))
     if result.validation:
-        said.append(Section("Validation on recordings no fit has seen", [_validation(result)]))
+        said.append(Section("Validation on held-out recordings", [_validation(result)]))
     return said
 
 
@@ -164,20 +169,22 @@ def _verdict(result: Identification) -> list[Block]:
         reasons = "; ".join(result.excitation["reasons"])
         blocks.append(
             Text(
-                f"Known before any fit, from the motion alone: the excitation is poor. {reasons}.",
+                f"Before the fit, the motion alone shows that the excitation is poor: {reasons}.",
                 "bad",
             )
         )
     blocks += [
-        Text(f"Left open by the data: {direction}", "warn") for direction in result.undetermined
+        Text(f"Not determined by the data: {direction}", "warn")
+        for direction in result.undetermined
     ]
     blocks += [Text(sentence(note)) for note in result.notes]
     if result.consistency is not None:
         blocks.append(
             Text(
-                "All parameters were filled in so that every body is physically possible, trusting"
-                f" the nominal arm to {result.consistency['trust']:.0%} (the value under which the"
-                " recording is most probable)."
+                "All parameters were completed such that every body is physically possible, with a"
+                f" trust of {result.consistency['trust']:.0%} in the nominal arm (the value with"
+                " the"
+                " highest likelihood)."
             )
         )
     return blocks

@@ -17,27 +17,27 @@ def sections(found: Sequence[Replay]) -> list[Section]:
     """Return the sections, most important first."""
     first = found[0]
     how = Text(
-        f"The arm is driven by the recorded motor torque for {first.window:g} s from each of"
-        f" {first.windows} starts, in MuJoCo itself. Torque: what was recorded, against MuJoCo's"
-        " inverse dynamics of the recorded motion."
+        f"In MuJoCo, the recorded motor torque drives the arm for {first.window:g} s from each"
+        f" of {first.windows} starting points. Torque: the recorded torque compared with"
+        " MuJoCo's inverse dynamics of the recorded motion."
     )
     units = first.units
     tables = [
         _table(found, "position", 1e3, units.over("mrad")),
         _table(found, "velocity", 1e3, units.over("mrad/s")),
         _table(found, "torque", 1.0, units.over("Nm")),
-        _table(found, "correlation", 1.0, "of needed and recorded torque"),
-        _table(found, "lag", 1e3, "ms by which the recorded torque is later"),
+        _table(found, "correlation", 1.0, "of required and recorded torque"),
+        _table(found, "lag", 1e3, "ms by which the recorded torque lags"),
     ]
     shown = [
-        Section("How far each model is from the recording", [how, *tables]),
+        Section("Errors of each model", [how, *tables]),
         Section(
             "Positions, recorded and replayed",
-            [Figure(positions(found), "Windows begin on the recording.")],
+            [Figure(positions(found), "Each window starts from the recorded state.")],
         ),
         Section(
-            "Torques, recorded and needed",
-            [Figure(torques(found), "Needed: by MuJoCo's inverse dynamics.")],
+            "Torques, recorded and required",
+            [Figure(torques(found), "Required: by MuJoCo's inverse dynamics.")],
         ),
     ]
     if any(one.closed_loop is not None for one in found):

@@ -77,8 +77,8 @@ class Joint:
             check_number(self.armature, "armature")
             require(
                 self.transmission is None,
-                "there are an armature and a transmission",
-                "The rotor of the transmission holds this inertia: leave armature out",
+                "both an armature and a transmission are given",
+                "The rotor of the transmission already contains this inertia: omit armature",
             )
         object.__setattr__(self, "before", checked_placement(self.before, "before"))
         object.__setattr__(self, "after", checked_placement(self.after, "after"))
@@ -131,14 +131,13 @@ class Robot:
             require(
                 belt != 0 and harmonic != 0 and abs(belt * harmonic - r_tot) <= 1e-9 * abs(r_tot),
                 f"total_ratios_studied[{r_tot:g}] is split into {belt:g} x {harmonic:g}",
-                "Give [belt, harmonic drive], neither zero, whose product is the total ratio",
+                "Give [belt, harmonic drive], both nonzero, with this total ratio as their product",
             )
         require(len(self.joints) > 0, f"robot {self.name} has no joints", "Give it at least one")
         require(
             len(self.joints) <= MOST_JOINTS,
-            f"robot {self.name} has {len(self.joints)} joints in a row, {MOST_JOINTS} are the"
-            " limit",
-            "Name the part that is the arm by its first and last link: --chain base:tip",
+            f"robot {self.name} has {len(self.joints)} joints in a row; the limit is {MOST_JOINTS}",
+            "Select the arm by its first and last link: --chain base:tip",
         )
         _check_unique(self.joint_names, "joint")
         _check_unique(("base", *self.link_names), "link")
@@ -188,10 +187,8 @@ class Robot:
         return self.base_mass + sum(j.link.mass for j in self.joints) + sum(parts)
 
     def carriers(self, i: int) -> tuple[str, str]:
-        """Return the two bodies on which transmission i (from 0) can ride.
-
-        The one before its joint, and its link.
-        """
+        """Return the two bodies that can carry transmission i (from 0): the one before its joint
+        and its link."""
         return ("base", *self.link_names)[i], self.link_names[i]
 
     def with_(self, **changes: Any) -> Self:
@@ -206,11 +203,13 @@ class Robot:
         return self.with_(joints=joints)
 
     def with_armatures(self) -> Self:
-        """Return a copy whose models hold motor inertias, from zero if none is stated.
+        """Return a copy whose models include motor inertia, initially zero, if the description
+        states none.
 
-        A description of links alone, like a URDF, has no motor inertia. Geared motors have as much
-        as the links that they move (it counts by the square of the ratio), and all torque that they
-        make has passed it. A single joint has none beside its link's: no motion separates the two.
+        A description of only links, like a URDF, has no motor inertia. The inertia of geared
+        motors at the joint is comparable to that of the links, as it is multiplied by the square
+        of the ratio. An arm with a single joint gets none, because no motion separates it from
+        the inertia of the link.
         """
         if self.n == 1 or self.elastic or all(joint.armature for joint in self.joints):
             return self
@@ -228,7 +227,7 @@ class Robot:
         known = ", ".join(f"{r:g}" for r in self.total_ratios_studied) or "none"
         require(
             r_tot in self.total_ratios_studied,
-            f"total ratio {r_tot:g} is not among those robot {self.name} describes ({known})",
+            f"robot {self.name} does not describe the total ratio {r_tot:g} ({known})",
             "Use one of these, or add it under total_ratios_studied",
         )
         belt, harmonic = self.total_ratios_studied[r_tot]
@@ -245,7 +244,7 @@ def _check_unique(names: Sequence[str], what: str) -> None:
         require(
             names.count(name) == 1,
             f"two {what}s are named {name!r}",
-            f"Give every {what} a name of its own",
+            f"Give every {what} a unique name",
         )
 
 
@@ -265,10 +264,11 @@ def _check_carriers(joint: Joint, allowed: tuple[str, str]) -> None:
         require(
             component.carrier in allowed,
             f"{joint.name}.{what}.carrier is {component.carrier!r}",
-            f"A transmission rides on a body at its joint: {allowed[0]} or {allowed[1]}",
+            f"A transmission component has to be on a body at its joint: {allowed[0]} or"
+            f" {allowed[1]}",
         )
 
 
 def require_robot(given: object) -> None:
     """Refuse, by a RobotError, what is no robot where a user's program hands it in."""
-    require_kind(given, Robot, "robot", RobotError, "Give what load_robot returns.")
+    require_kind(given, Robot, "robot", RobotError, "Give the result of load_robot.")

@@ -57,19 +57,19 @@ def load_robot(
     ----------
     path
         An arm file (``.yaml``, ``.yml``), a ``.urdf``, an MJCF (``.xml``), or an overlay: YAML that
-        names a ``urdf`` and adds what a URDF cannot hold (``transmissions`` and ``limits`` by
-        joint). The nominal three-joint arm when None.
+        names a ``urdf`` and adds ``transmissions`` and ``limits`` by joint. The nominal
+        three-joint arm if None.
     chain
-        The arm's first and last link as ``base:tip``, for a URDF or MJCF that holds more than the
-        arm.
+        First and last link of the arm as ``base:tip``, for a URDF or MJCF that contains more than
+        the arm.
     at
-        Where joints outside the chain of an MJCF are held: a keyframe, or ``joint=value,…``.
+        Positions of fixed joints outside the chain of an MJCF: a keyframe, or ``joint=value,…``.
 
     Raises
     ------
     RobotError
-        If it cannot be read, or describes no arm that can exist; names file, field, reason and
-        remedy.
+        If it cannot be read, or describes a physically impossible arm; names file, field, reason
+        and remedy.
     """
     if not isinstance(path, str | Path | None):
         raise RobotError(
@@ -82,21 +82,19 @@ def load_robot(
 
         return read_mjcf(path, ends, at)
     if at is not None:
-        raise RobotError(
-            f"{path}: at {at} goes with an MJCF alone", "Leave it out, or give the MJCF."
-        )
+        raise RobotError(f"{path}: at {at} applies only to an MJCF", "Omit it, or give the MJCF.")
     if path.suffix.lower() in (".urdf", ".xml", ".sdf", ".world"):
         return read_urdf(path, ends)
     if path.suffix.lower() == ".xacro":
         urdf = f"{path.name.split('.')[0]}.urdf"
         raise RobotError(
-            f"{path} is a xacro, of which a URDF is made",
-            f"Run: xacro {path} > {urdf}, and give that.",
+            f"{path} is a xacro and has to be converted to a URDF",
+            f"Run: xacro {path} > {urdf}, and give the result.",
         )
     if chain is not None:
         raise RobotError(
-            f"{path}: chain {chain} goes with a URDF or MJCF alone",
-            "Leave it out, or give that file.",
+            f"{path}: chain {chain} applies only to a URDF or MJCF",
+            "Omit it, or give such a file.",
         )
     content = read_fields(path, RobotError, REMEDY)
     try:
@@ -201,7 +199,9 @@ def parse_chain(text: str) -> Chain:
     """Return the names of base and tip."""
     first, colon, last = text.partition(":")
     if not (first and colon and last):
-        raise RobotError(f"chain is {text!r}", "Give the arm's first and last link as base:tip.")
+        raise RobotError(
+            f"chain is {text!r}", "Give the first and last link of the arm as base:tip."
+        )
     return first, last
 
 
@@ -209,9 +209,7 @@ def _base(entry: BaseEntry) -> tuple[DH | None, np.ndarray]:
     row = (entry.a, entry.d, entry.alpha, entry.offset)
     if entry.placement is not None:
         if any(number is not None for number in row):
-            raise RobotError(
-                "placement: is there, and so is one of a, d, alpha, offset", "Keep one of them"
-            )
+            raise RobotError("placement: conflicts with a, d, alpha or offset", "Keep one of them")
         return None, np.array(entry.placement)
     dh = DH(*(0.0 if number is None else number for number in row))
     return dh, dh.placement
@@ -226,7 +224,7 @@ def _joint(entry: JointEntry, link_name: str) -> Joint:
     placed = entry.before is not None or entry.after is not None
     if (entry.dh is not None) == placed:
         raise RobotError(
-            "dh: is there, and so is before or after" if placed else "dh: missing field",
+            "dh: conflicts with before or after" if placed else "dh: missing field",
             "Place the joint by a dh row, or by the 4x4 matrices before and after",
         )
     rest: dict[str, Any] = {
@@ -258,8 +256,8 @@ def _transmission(entry: TransmissionEntry) -> Transmission | None:
         return None
     if missing:
         raise RobotError(
-            f"{', '.join(missing)}: missing field (there is {given[0]})",
-            "Describe the whole transmission, or leave all of it out",
+            f"{', '.join(missing)}: missing field ({given[0]} is present)",
+            "Describe the whole transmission, or omit it",
         )
     parts: dict[str, Any] = {name: getattr(entry, name) for name in _TRANSMISSION_FIELDS}
     for name, part in parts.items():

@@ -45,11 +45,11 @@ def checked_array(values: Any, shape: tuple[int, ...], what: str) -> np.ndarray:
         raise RobotError(f"{what} has shape {array.shape}", f"Give an array of shape {shape}")
     if not np.isfinite(array).all():
         raise RobotError(
-            f"{what} holds a number that is not finite: {values!r}", "Give finite numbers"
+            f"{what} contains a number that is not finite: {values!r}", "Give finite numbers"
         )
     largest = float(np.abs(array).max(initial=0.0))
     require(
-        largest <= _LARGEST, f"{what} holds {largest:g}, which is of no arm", "Look at its unit"
+        largest <= _LARGEST, f"{what} contains {largest:g}, which is implausible", "Check its unit"
     )
     array.setflags(write=False)
     return array
@@ -84,7 +84,7 @@ def check_number(value: float, what: str, *, positive: bool = False) -> None:
             "Give zero or a positive number",
         )
     sized = value == 0.0 or _SMALLEST <= value <= _LARGEST
-    require(sized, f"{what} is {value:g}, which is of no arm", "Look at its unit")
+    require(sized, f"{what} is {value:g}, which is implausible", "Check its unit")
 
 
 def snap(matrix: np.ndarray) -> np.ndarray:
@@ -148,7 +148,7 @@ class Inertia:
         require(
             bool(np.array_equal(self.inertia, self.inertia.T)),
             "inertia is not symmetric",
-            "Give xy once, as yx too",
+            "Give xy only once, not also as yx",
         )
         moments = np.linalg.eigvalsh(self.inertia)
         tolerance = _INERTIA_TOLERANCE * max(float(np.trace(self.inertia)), 0.0)
@@ -161,8 +161,8 @@ class Inertia:
         require(
             moments[0] + moments[1] >= moments[2] - tolerance,
             f"inertia violates the triangle inequality: its principal moments are {text} kg m^2",
-            "No moment may exceed the sum of the other two; check that it is about the centre of"
-            " mass",
+            "No moment may exceed the sum of the other two; check that it refers to the"
+            " centre of mass",
         )
         require(
             self.mass > 0.0 or not (self.inertia.any() or self.com.any()),
@@ -254,12 +254,13 @@ class Transmission:
             require(
                 bool(np.isfinite(ratio)) and ratio != 0.0,
                 f"{what} is {ratio:g}, but a transmission ratio cannot be zero or infinite",
-                "Give turns of the input for one turn of the output; 1 where there is no such"
-                " stage",
+                "Give input turns per output turn; 1 without such a stage",
             )
             sized = 1.0 / _RATIO <= abs(ratio) <= _RATIO
             require(
-                sized, f"{what} is {ratio:g}, which is of no transmission", "Give that of one stage"
+                sized,
+                f"{what} is {ratio:g}, which is implausible for a transmission",
+                "Give the ratio of one stage",
             )
 
     @property
@@ -313,8 +314,9 @@ class Limits:
 
 # What to do where no torque was recorded.
 CONTROLLED = (
-    "or record commands and positions, and state in the arm file what makes torques of them: "
-    "`controller: {joint_1: {kp: 30, kd: 0.5}}`, Nm/rad and Nm s/rad (docs/servo_arm.md)"
+    "or record commands and positions, and describe the controllers that compute"
+    " torques from them: `controller: {joint_1: {kp: 30, kd: 0.5}}`, Nm/rad and Nm"
+    " s/rad (docs/servo_arm.md)"
 )
 
 
@@ -362,8 +364,8 @@ class JointController:
             check_number(self.torque, "torque", positive=True)
         require(
             self.mode != "velocity" or self.kp == 0.0,
-            "a controller of velocity has a kp",
-            "Give its gains as kd and ki, or take the mode both",
+            "a velocity controller has a kp",
+            "Give its gains as kd and ki, or use the mode both",
         )
 
     @property

@@ -63,9 +63,7 @@ PACE = Range("velocity limit", "m/s", 1e-4, 20.0, "another unit?", "mm/s taken a
 TORQUE = Range("torque limit", "Nm", 1e-3, 1e5, "kNm taken as Nm?", "Nmm taken as Nm?")
 FORCE = Range("force limit", "N", 1e-2, 1e6, "kN taken as N?", "another unit?")
 MASS = Range("mass", "kg", 1e-5, 1500.0, "tonnes taken as kg?", "grams taken as kg?")
-LENGTH = Range(
-    "distance to the joint before it", "m", 0.0, 10.0, "", "millimetres taken as metres?"
-)
+LENGTH = Range("distance to the previous joint", "m", 0.0, 10.0, "", "millimetres taken as metres?")
 CENTRE = Range("centre of mass", "m", 0.0, 10.0, "", "millimetres taken as metres?")
 ARMATURE = Range(
     "armature",
@@ -172,9 +170,11 @@ def _inertia(whose: str, mass: float, moments: np.ndarray, robot: Robot) -> str 
     said = f"{whose}: inertia of {largest:.4g} kg m² at {mass:.4g} kg"
     if radius > 2.0 * longest:
         return (
-            f"{said} is of a body {2.0 * radius:.3g} m wide, and no link is longer than"
+            f"{said} implies a width of {2.0 * radius:.3g} m, but no link is longer than"
             f" {longest - 0.5:.3g} m: g m² or kg mm² taken as kg m²?"
         )
     if largest < PLACEHOLDER * least:
-        return f"{said} is of no body: a ball of osmium has {least:.3g} kg m²: another unit?"
+        return (
+            f"{said} is implausibly small: a sphere of osmium has {least:.3g} kg m²: another unit?"
+        )
     return None

@@ -21,7 +21,7 @@ def save_robot(robot: Robot, path: str | Path) -> None:
         If the file cannot be written.
     """
     text = yaml_text(robot_to_dict(robot), default_flow_style=None)
-    write_result(path, text, RobotError, "Give a folder you may write to")
+    write_result(path, text, RobotError, "Give a writable folder")
 
 
 def robot_to_dict(robot: Robot) -> dict[str, Any]:

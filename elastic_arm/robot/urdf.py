@@ -84,11 +84,14 @@ class _Reading:
             joint, onward = self._joint(element, carried)
             joints.append(joint)
         if not joints:
-            raise RobotError("no joint moves", "Describe at least one revolute or prismatic joint")
+            raise RobotError(
+                "the URDF contains no moving joint",
+                "Describe at least one revolute or prismatic joint",
+            )
         self._note_unused()
         if joints[-1].link.mass == 0.0:
             raise RobotError(
-                f"link {joints[-1].link_name!r} and what is fixed to it have no mass",
+                f"link {joints[-1].link_name!r} and the bodies fixed to it have no mass",
                 "Give the last link an <inertial>, or make its joint fixed",
             )
         name = self._element.get("name") or "robot"
@@ -157,9 +160,9 @@ class _Reading:
         if len(onward) > 1:
             names = ", ".join(repr(element.get("name")) for element, _ in onward)
             raise RobotError(
-                f"the chain branches: joints {names} move from one body",
-                "Name the arm's first and last link (chain base:tip), or make the joints of the"
-                " other branches fixed",
+                f"the chain branches: joints {names} move relative to the same body",
+                "Give the arm's first and last link (chain base:tip), or make the joints of"
+                " the other branches fixed",
             )
         return onward[0] if onward else None
 
@@ -171,18 +174,16 @@ class _Reading:
         kind = element.get("type")
         if kind not in MOVING:
             raise RobotError(
-                f"joint {name!r} is {kind or 'of no type'}",
-                "Only revolute, continuous, prismatic and fixed joints are handled: make it fixed"
-                " or take it out",
+                f"joint {name!r} is {kind or 'without type'}",
+                "Only revolute, continuous, prismatic and fixed joints are supported: make it"
+                " fixed or remove it",
             )
         if element.find("mimic") is not None:
-            raise RobotError(
-                f"joint {name!r} mimics another", "Make it fixed or take its branch out"
-            )
+            raise RobotError(f"joint {name!r} mimics another", "Make it fixed or remove its branch")
         turn = placed(z_onto(self._axis(element, name)))
         body, onward = self._rigid(child, np.eye(4))
         if body.mass == 0.0 and onward:
-            self._notes.append(f"link {child!r} has no inertial: it counts as massless")
+            self._notes.append(f"link {child!r} has no inertial and is treated as massless")
         before = carried @ self._origin(element, f"joint {name!r}") @ turn
         with located(f"joint {name!r}: "):
             inertia, ratio = self._motors.get(name, (None, 1.0))
@@ -213,13 +214,15 @@ class _Reading:
                 return Inertia(mass)
             if mass == 0.0:
                 if tensor.any():
-                    self._notes.append(f"{where} has an inertia and no mass: it counts as massless")
+                    self._notes.append(
+                        f"{where} has an inertia but no mass and is treated as massless"
+                    )
                 return Inertia(0.0)
             nearest, off = nearest_tensor(tensor)
             if 0.0 < off <= ROUNDED:
                 self._notes.append(
-                    f"{where}: no body has its inertia, by {off:.1%}: the nearest possible one is"
-                    " taken"
+                    f"{where}: its inertia is physically impossible, by {off:.1%}: the nearest"
+                    " possible inertia is used"
                 )
                 tensor = nearest
             return moved(Inertia(mass, inertia=tensor), placement @ origin)
@@ -237,11 +240,11 @@ class _Reading:
         if element.get("type") == "continuous":
             self._notes.append(f"joint {name!r} is continuous: it has no position limits")
         elif not bounded:
-            self._notes.append(f"joint {name!r} states no range: its position limits are unknown")
+            self._notes.append(f"joint {name!r} has no range: its position limits are unknown")
         for key in ("velocity", "effort"):
             if given.get(key) == 0.0:
                 self._notes.append(
-                    f"joint {name!r} states the {key} limit 0: it is taken as unknown"
+                    f"joint {name!r} has the {key} limit 0, which is treated as unknown"
                 )
         return Limits(
             position_min=lower if bounded else None,
@@ -261,7 +264,7 @@ class _Reading:
         if largest < 1e-9:
             raise RobotError(
                 f"joint {name!r} has the axis 0 0 0",
-                "Give the direction it turns about or slides along",
+                "Give the axis of rotation or translation",
             )
         direction = direction / largest  # whose square may be beyond all numbers
         return direction / np.linalg.norm(direction)
@@ -269,7 +272,7 @@ class _Reading:
     def _origin(self, element: ET.Element, where: str) -> Array:
         origins = element.findall("origin")
         if len(origins) > 1:
-            self._notes.append(f"{where} has {len(origins)} origins: the first counts")
+            self._notes.append(f"{where} has {len(origins)} origins: the first one is used")
         if not origins:
             return np.eye(4)
         position, written = (
@@ -278,13 +281,15 @@ class _Reading:
         angles = right_angles(written)
         if not np.allclose(angles, written, rtol=0.0, atol=1e-10):
             self._notes.append(
-                f"{where}: rpy {origins[0].get('rpy')} is taken as exact right angles"
+                f"{where}: rpy {origins[0].get('rpy')} is interpreted as exact right angles"
             )
         return placed(rotation(*angles), position)
 
     def _note_unused(self) -> None:
         if self._motors:
-            self._notes.append("<transmission> states no stiffness: the joints are taken as rigid")
+            self._notes.append(
+                "<transmission> contains no stiffness: the joints are treated as rigid"
+            )
         for name, (inertia, ratio) in self._motors.items():
             words = ""
             if name not in self._used:
@@ -292,18 +297,17 @@ class _Reading:
                 words = (
                     ""
                     if name in self._tree.joints
-                    else "it is left out, as the file has no such joint"
+                    else "it is ignored, as the file has no such joint"
                 )
             elif inertia is not None:
-                words = f"rotor inertia {inertia:g} kg m² by a ratio of {ratio:g} is its armature"
-            elif ratio == 0.0:
                 words = (
-                    "it couples several joints and is left out; `coupling` of a channel map states"
-                    " that"
+                    f"rotor inertia {inertia:g} kg m² with a ratio of {ratio:g} gives its armature"
                 )
+            elif ratio == 0.0:
+                words = "it couples several joints and is ignored; use `coupling` in a channel map"
             elif ratio != 1.0:
                 words = (
-                    f"its reduction of {ratio:g} is left out, as no rotor inertia is stated"
+                    f"its reduction of {ratio:g} is ignored, as there is no rotor inertia"
                     " (drake:rotor_inertia)"
                 )
             if words:

@@ -25,17 +25,17 @@ def parse(text: str | bytes) -> ET.Element:
     except (ET.ParseError, LookupError, ValueError) as error:
         # The last two for encodings that nobody knows, and for text that is none of the encoding it
         # claims.
-        raise RobotError(f"is no XML ({error})", "Give a URDF file") from error
+        raise RobotError(f"is not valid XML ({error})", "Give a URDF file") from error
     if tree.tag != "robot":
         remedy = "Give a URDF file" + (
-            "; pysdf's sdf2urdf.py makes one of an SDF" if tree.tag == "sdf" else ""
+            "; pysdf's sdf2urdf.py converts an SDF" if tree.tag == "sdf" else ""
         )
-        raise RobotError(f"is no URDF: its root element is <{tree.tag}>, not <robot>", remedy)
+        raise RobotError(f"is not a URDF: its root element is <{tree.tag}>, not <robot>", remedy)
     if any(
         isinstance(e.tag, str) and e.tag.startswith(tuple(f"{{{ns}}}" for ns in _XACRO))
         for e in tree.iter()
     ):
-        raise RobotError("holds xacro macros", "Expand them first: xacro FILE > arm.urdf")
+        raise RobotError("contains xacro macros", "Expand them first: xacro FILE > arm.urdf")
     return tree
 
 
@@ -47,9 +47,7 @@ def by_name(tree: ET.Element, tag: str) -> dict[str, ET.Element]:
         if not name:
             raise RobotError(f"a {tag} has no name", f"Name every {tag}")
         if name in found:
-            raise RobotError(
-                f"two {tag}s are named {name!r}", f"Give every {tag} a name of its own"
-            )
+            raise RobotError(f"two {tag}s are named {name!r}", f"Give every {tag} a unique name")
         found[name] = element
     return found
 
@@ -113,9 +111,9 @@ def _one(statements: list[tuple[str, float]], joint: str) -> float | None:
         # A sign is which way a motor turns, and no part of what it weighs.
         if abs(abs(also) - abs(value)) > _DIGITS * max(abs(also), abs(value)):
             raise RobotError(
-                f"joint {joint!r} has two numbers for one: {first} is {value:g}, {other} is"
-                f" {also:g}",
-                "State it once, or the same number everywhere",
+                f"joint {joint!r} has two values for one number: {first} is {value:g}, {other}"
+                f" is {also:g}",
+                "State it once, or with the same value everywhere",
             )
     return value
 
@@ -127,9 +125,7 @@ def agreed(element: ET.Element, tag: str, where: str) -> ET.Element | None:
     """
     children = element.findall(tag)
     if any(_content(child) != _content(children[0]) for child in children[1:]):
-        raise RobotError(
-            f"{where} has {len(children)} different <{tag}>", "Keep the one that is right"
-        )
+        raise RobotError(f"{where} has {len(children)} different <{tag}>", "Keep the correct one")
     return children[0] if children else None
 
 
@@ -153,7 +149,7 @@ def child_of(element: ET.Element, tag: str, where: str) -> ET.Element:
     if child is None:
         raise RobotError(
             f"{where} has no <{tag}>",
-            f"Give it one, as the URDF specification demands of <{element.tag}>",
+            f"Add it, as the URDF specification requires it for <{element.tag}>",
         )
     return child
 
@@ -162,7 +158,7 @@ def attribute(element: ET.Element, key: str, where: str) -> str:
     """Return an attribute that must be there."""
     value = element.get(key)
     if value is None:
-        raise RobotError(f"{where}: <{element.tag}> has no {key}", "Give it")
+        raise RobotError(f"{where}: <{element.tag}> has no {key}", "Add it")
     return value
 
 

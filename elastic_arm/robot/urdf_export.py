@@ -35,7 +35,8 @@ def to_urdf(robot: Robot) -> str:
     tree = ET.Element("robot", name=robot.name)
     tree.append(
         ET.Comment(
-            " Rigid links: motors and gears are part of what carries them, elasticity is left out "
+            " Rigid links: motors and gears are part of the links that carry them,"
+            " elasticity is ignored "
         )
     )
     for name, rgba in _COLOURS.items():

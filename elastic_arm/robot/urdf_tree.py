@@ -25,14 +25,14 @@ class UrdfTree:
         self.parent_joint: dict[str, str] = {}
         if len(self.links) > MOST_LINKS:
             raise RobotError(
-                f"there are {len(self.links)} links, {MOST_LINKS} are the limit",
-                "Leave out the scenery",
+                f"the file has {len(self.links)} links; the limit is {MOST_LINKS}",
+                "Remove the environment",
             )
         self._connect()
         self.root = self._only_root()
         if (deepest := max(map(len, map(self.path_to, self.links)))) > DEEPEST:
             raise RobotError(
-                f"{deepest} joints in a row, {DEEPEST} are the limit", "Join links that are fixed"
+                f"{deepest} joints in a row; the limit is {DEEPEST}", "Merge fixed links"
             )
         self.first = self.root
         self.held: set[str] = set()
@@ -81,15 +81,15 @@ class UrdfTree:
         if self.held:
             mass = self.mass_of({link for joint in self.held for link in self.links_from(joint)})
             notes.append(
-                f"joints {', '.join(sorted(self.held))} mimic one another, as a gripper's do: they"
-                f" are fixed at zero, and their links ({mass:.3g} kg) are part of what they"
-                " stand on"
+                f"joints {', '.join(sorted(self.held))} mimic one another like those of a"
+                f" gripper: they are fixed at zero, and their links ({mass:.3g} kg) are part of"
+                " the link that carries them"
             )
         if self.left_out:
             links = {link for joint in self.left_out for link in self.links_from(joint)}
             notes.append(
-                f"links {', '.join(sorted(links))} ({self.mass_of(links):.3g} kg) are no part of"
-                " the chain"
+                f"links {', '.join(sorted(links))} ({self.mass_of(links):.3g} kg) are not part"
+                " of the chain"
             )
         return notes
 
@@ -100,14 +100,14 @@ class UrdfTree:
             for link in (parent, child):
                 if link not in self.links:
                     raise RobotError(
-                        f"joint {name!r} names the link {link!r}, which is not there",
-                        "Mend the name",
+                        f"joint {name!r} refers to the link {link!r}, which does not exist",
+                        "Correct the name",
                     )
             if child in self.parent_joint:
                 raise RobotError(
                     f"link {child!r} is the child of joints {self.parent_joint[child]!r} and"
                     f" {name!r}",
-                    "A serial arm has no loops: take one of the joints out",
+                    "A serial arm has no loops: remove one of the joints",
                 )
             self.parent_joint[child] = name
             self.children[parent].append(element)
@@ -117,7 +117,7 @@ class UrdfTree:
         if len(roots) != 1:
             which = ", ".join(roots) or "none"
             raise RobotError(
-                f"there must be one root link, but there are {len(roots)} ({which})",
+                f"there must be one root link, but the file has {len(roots)} ({which})",
                 "Connect the links",
             )
         reached = {
@@ -174,13 +174,14 @@ class UrdfTree:
         for link in chain:
             if link not in self.links:
                 raise RobotError(
-                    f"chain {first}:{last}: there is no link {link!r}", "Name two links of the URDF"
+                    f"chain {first}:{last}: unknown link {link!r}", "Give two links of the URDF"
                 )
         path = self.path_to(last)
         begin = self.path_to(first)
         if path[: len(begin)] != begin or len(path) == len(begin):
             raise RobotError(
-                f"chain {first}:{last}: {last!r} does not stand on {first!r}", "Name base and tip"
+                f"chain {first}:{last}: {last!r} is not a descendant of {first!r}",
+                "Give base and tip in this order",
             )
         on_path = set(path[len(begin) :])
         links = [first]

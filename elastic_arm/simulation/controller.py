@@ -65,7 +65,7 @@ class Controller:
             if values.shape != (n,) or np.isnan(values).any() or (values < 0).any():
                 raise SimulationError(
                     f"{name} of the controller is {getattr(self, name)!r}",
-                    f"Give {n} numbers, zero or more.",
+                    f"Give {n} numbers, zero or positive.",
                 )
             object.__setattr__(self, name, values)
         if not np.isfinite(np.array([self.kp, self.kd, self.ki, self.delay])).all():
@@ -73,7 +73,9 @@ class Controller:
                 "a gain or delay of the controller is infinite", "Give finite numbers."
             )
         if self.commands != 1 and (self.commands < 1 or self.commands % 2):
-            raise SimulationError(f"{self.commands} commands a sample", "Give 1 or an even number.")
+            raise SimulationError(
+                f"{self.commands} commands per sample", "Give 1 or an even number."
+            )
 
     def commanded(self, q: Array, dq: Array, ddq: Array, rate: float) -> Array:
         """Return what the drives are given over samples (N, n) at a rate (Hz).

@@ -41,8 +41,9 @@ def equilibrium(system: System, theta: Array, speed: Array) -> tuple[Array, Arra
         worst = int(np.abs(load).argmax())
         raise SimulationError(
             "no static equilibrium was found with the motors at"
-            f" {np.array2string(theta, precision=3)} rad: most is to be held at"
-            f" {system.equations.robot.joint_names[free[worst] % n]}, {np.abs(load[worst]):.3g} Nm",
+            f" {np.array2string(theta, precision=3)} rad: the largest remaining torque is"
+            f" {np.abs(load[worst]):.3g} Nm at"
+            f" {system.equations.robot.joint_names[free[worst] % n]}",
             "Check stiffness, masses and the effects' parameters.",
         )
     return found[0], found[1][motor]

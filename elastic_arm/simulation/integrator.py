@@ -83,7 +83,7 @@ def make_integrator(system: System, name: str | None = None) -> Integrator:
     """Return the integrator "c" or "casadi"; the faster that this machine has when None."""
     if name not in (None, "c", "casadi"):
         raise SimulationError(
-            f"there is no engine {name!r}", "Choose c or casadi, or None for the faster one."
+            f"unknown engine {name!r}", "Choose c or casadi, or None for the faster one."
         )
     if name is None:
         return _faster_integrator(system)

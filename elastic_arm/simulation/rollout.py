@@ -36,20 +36,18 @@ def simulate(
     rng: np.random.Generator | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Recording:
-    """Let an arm follow a trajectory, and record it.
+    """Simulate an arm that follows a trajectory, and record it.
 
-    The arm starts where and as fast as the trajectory does, its links hanging in their drives. The
-    recording holds what the sensors read, the reference, and the description of the nominal arm:
-    nothing of the truth.
+    The arm starts with the position and velocity of the trajectory, with its drives deflected by
+    gravity. The recording contains the sensor readings, the reference and the description of the
+    nominal arm, but no true values.
 
     Parameters
     ----------
     robot
-        The true arm; the settings' `nominal`, if given, is what the controller and the recording
-        know instead.
+        The true arm; controller and recording use `nominal` of the settings instead, if given.
     trajectory
-        Reference of the motor side: what `load_trajectory` reads, or
-        `excitation.random_trajectories` makes.
+        Reference of the motor side, from `load_trajectory` or `excitation.random_trajectories`.
     settings
         Model, effects, sensors, controller, sample rate.
     duration
@@ -57,23 +55,23 @@ def simulate(
     rng
         Source of all noise.
     progress
-        Called with the samples done and their total, about every second of motion.
+        Called with the number of completed samples and their total, about every second of motion.
 
     Raises
     ------
     SimulationError
-        If the motion leaves the finite numbers, or the settings make no sense.
+        If the simulation diverges, or the settings are invalid.
     EffectError
         If an effect cannot act on this arm.
     RobotError
-        If `robot` is something else.
+        If `robot` has another type.
     """
     require_robot(robot)
     if not hasattr(trajectory, "evaluate"):
         kind = type(trajectory).__name__
         raise SimulationError(
-            f"trajectory is of type {kind}, which is no motion",
-            "Give what load_trajectory returns.",
+            f"trajectory is of type {kind}, which is not a motion",
+            "Give the result of load_trajectory.",
         )
     require_kind(
         settings, SimulationSettings, "settings", SimulationError, "Give SimulationSettings(…)."
@@ -89,7 +87,7 @@ def simulate(
     if seconds * rate > MOST_SAMPLES:
         raise SimulationError(
             f"{seconds:g} s at {rate:g} Hz are more than {MOST_SAMPLES} samples",
-            "Simulate a shorter motion, or fewer samples a second.",
+            "Simulate a shorter motion, or fewer samples per second.",
         )
     t = np.arange(round(seconds * rate) + 1) / rate
     q, dq, ddq = trajectory.evaluate(t)

@@ -306,8 +306,8 @@ class Simulator:
         joint = self.robot.joint_names[int(speeds.argmax()) % n]
         time = (self._samples + len(solution.y)) / self.rate
         raise SimulationError(
-            f"the motion left the finite numbers {time:.3f} s after the start, first at {joint}",
-            "Take more substeps, weaker gains of the controller, or check the effects: "
+            f"simulation diverged (NaN or infinity) {time:.3f} s after the start, first at {joint}",
+            "Use more substeps or weaker controller gains, or check the effects: "
             + (", ".join(str(a) for a in self.effects) or "there are none")
             + ".",
         )
@@ -337,7 +337,8 @@ def check_same_joints(robot: Robot, nominal: Robot) -> None:
         raise SimulationError(
             f"the true arm {robot.name} has {robot.n} joints, the nominal arm {nominal.name} has"
             f" {nominal.n}",
-            "Describe the same joints twice: the true arm, and what the controller believes of it.",
+            "Describe the same joints twice: in the true arm and in the nominal arm of"
+            " the controller.",
         )
 
 
@@ -346,6 +347,6 @@ def _check_steps(rate: float, substeps: int) -> None:
         raise SimulationError(f"the sample rate is {rate!r} Hz", "Give a positive number.")
     if substeps < 2 or substeps % 2:
         raise SimulationError(
-            f"{substeps} substeps a sample",
-            "Give an even number: a torque sample is a mean of two half intervals.",
+            f"{substeps} substeps per sample",
+            "Give an even number: a torque sample is the mean of two half intervals.",
         )

@@ -71,8 +71,8 @@ def test_describe_tells_joints_and_base_parameters() -> None:
 KEPT: dict[
     str, tuple[str, list[object], str]
 ] = {  # what is there, and what the refusal to overwrite it names
-    "describe": ("arm.urdf", ["--urdf", "{}/arm.urdf"], "exists already"),
-    "excite": ("motion.yaml", ["--out", "{}/motion.yaml"], "exists already"),
+    "describe": ("arm.urdf", ["--urdf", "{}/arm.urdf"], "already exists"),
+    "excite": ("motion.yaml", ["--out", "{}/motion.yaml"], "already exists"),
     "identify": ("robot.yaml", ["bags/excitation", "--out", "{}"], "robot.yaml"),
     "diagnose": ("report.html", ["bags/excitation", "--out", "{}"], "report.html"),
     "paper": ("claims.csv", ["--out", "{}"], "claims.csv"),
@@ -99,7 +99,7 @@ def test_a_file_is_overwritten_with_force(tmp_path: Path) -> None:
 
 def test_no_recording_is_overwritten(tmp_path: Path, bag: Path, motion: Path) -> None:
     """`simulate` and `bag import` refuse a bag that exists; there is no force."""
-    assert "no recording is overwritten" in refusal(
+    assert "recordings are never overwritten" in refusal(
         "simulate", "--trajectory", motion, "--out", bag
     )
     np.savez(tmp_path / "a.npz", t=np.arange(3.0))
@@ -107,7 +107,7 @@ def test_no_recording_is_overwritten(tmp_path: Path, bag: Path, motion: Path) ->
     said = refusal(
         "bag", "import", tmp_path / "a.npz", "--map", tmp_path / "map.yaml", "--out", bag
     )
-    assert "no recording is overwritten" in said
+    assert "recordings are never overwritten" in said
 
 
 COMMANDS: dict[str, list[object]] = {
@@ -137,7 +137,7 @@ def test_a_challenge_needs_a_folder_not_a_file(tmp_path: Path) -> None:
     """`challenge create FILE` is refused in words before anything is drawn."""
     (tmp_path / "file").write_text("mine")
     said = refusal("challenge", "create", tmp_path / "file")
-    assert f"{tmp_path / 'file'} is a file, not a folder. Name another place for FOLDER." in said
+    assert f"{tmp_path / 'file'} is a file, not a folder. Choose another path for FOLDER." in said
 
 
 # --- words for what makes no sense
@@ -153,7 +153,7 @@ USAGE: dict[str, tuple[str, str]] = {
     "bag check": ("missing argument", "bag check"),
     "bag import a --map m --out b --compression zip": ("one of none, lz4, zstd", "bag import"),
     "challenge create folder --ratio 3": (
-        "invalid value for --ratio: '3' is no range",
+        "invalid value for --ratio: '3' is not a range",
         "challenge create",
     ),
 }
@@ -206,7 +206,7 @@ UNUSABLE: dict[str, str] = {  # a command but for --out -> what its refusal name
     "simulate --sensors perfect": "exact",
     "simulate --trajectory nowhere.yaml": "nowhere.yaml",
     "simulate --effect friction:joint_1:torque=1": "Did you mean",
-    "simulate --effect payload:mass=-5": "or more.",
+    "simulate --effect payload:mass=-5": "at least 0 kg",
     "excite --harmonics 0": "harmonics",
     "excite --harmonics 100000": "harmonics",
     "excite --criterion beauty": "beauty",
@@ -228,7 +228,7 @@ def test_what_makes_no_sense_is_refused_and_nothing_is_begun(tmp_path: Path, com
 
 
 EFFECTS_OF_FILES = {
-    "there is no effect 'columb_fr": {"effect": "columb_friction"},
+    "unknown effect 'columb_fr": {"effect": "columb_friction"},
     "coulomb_friction lacks its parameter torque": {
         "effect": "coulomb_friction",
         "joint": "joint_1",

@@ -104,7 +104,7 @@ def test_a_simulated_axis_has_forces_and_lengths(folder: Path) -> None:
     told = run("simulate", "--robot", axis, *words)
     assert (
         "peak tau_m, N " in told
-        and "off the reference, mm" in told
+        and "tracking error, mm" in told
         and "offset 3 N" in told
         and "Nm" not in told
     )

@@ -54,7 +54,7 @@ def disk(tmp_path: Path) -> Iterator[Path]:
     ("state", "reasons"),
     [
         ("full", ["No space left on device"]),
-        ("read-only", ["may not be written", "Read-only file system"]),
+        ("read-only", ["is not writable", "Read-only file system"]),
     ],
 )
 @pytest.mark.parametrize("command", COMMANDS)

@@ -79,7 +79,7 @@ def test_a_folder_that_others_may_write_to_is_not_used(
     assert not list(cache.iterdir())
     taken = cache_folder()
     assert taken != cache and taken.stat().st_mode & 0o777 == 0o700
-    assert f"{cache} belongs to another user, or others may write to it" in caplog.text
+    assert f"{cache} belongs to another user, or is writable by others" in caplog.text
     assert "Remove it, or set" in caplog.text and "chmod" not in caplog.text
 
 
@@ -132,7 +132,7 @@ def test_a_cache_that_others_could_exchange_is_not_used(
     with caplog.at_level(logging.WARNING):
         assert compiler.build(SOURCE).answer() == 42
     assert not list(folder.iterdir())
-    assert f"{folder} is reached by way of {folder if 'link' in way else between}" in caplog.text
+    assert f"{folder} is reached through {folder if 'link' in way else between}" in caplog.text
 
 
 def test_a_folder_with_the_sticky_bit_may_hold_the_cache(cache: Path) -> None:
@@ -197,7 +197,7 @@ def test_a_cache_that_cannot_be_used_costs_time_only(
         with caplog.at_level(logging.WARNING):
             assert compiler.build(SOURCE).answer() == 42
             assert compiler.build(f"{SOURCE} int other;").answer() == 42
-        assert caplog.text.count("kernels are compiled anew") == 1
+        assert caplog.text.count("kernels are compiled again") == 1
 
 
 def test_without_any_folder_the_simulation_is_slow_and_goes_on(
@@ -213,7 +213,7 @@ def test_without_any_folder_the_simulation_is_slow_and_goes_on(
     effects = [parse(f"coulomb_friction:joint_{k}:torque=3,side=motor", robot) for k in (2, 3)]
     with caplog.at_level(logging.WARNING):
         assert Simulator(robot, SimulationSettings(effects=effects)).integrator.name == "casadi"
-    assert "there is no place for compiled code" in caplog.text
+    assert "there is no folder for compiled code" in caplog.text
 
 
 @pytest.mark.parametrize("asked", ["'", "cc \\"])
@@ -222,5 +222,7 @@ def test_a_cc_that_no_shell_could_read_is_named(
 ) -> None:
     """An open quotation or a last backslash is an error of the user's, with what to do about it."""
     monkeypatch.setenv("CC", asked)
-    with pytest.raises(KernelError, match=r"CC=.* is no command .*Set CC to a working C compiler"):
+    with pytest.raises(
+        KernelError, match=r"CC=.* is not a command .*Set CC to a working C compiler"
+    ):
         compiler.find_compiler()

@@ -208,6 +208,6 @@ def test_without_a_controller_the_error_names_the_block_to_write(nominal: MjcfAr
         joints=tuple(replace(joint, controller=None) for joint in nominal.robot.joints)
     )
     with pytest.raises(
-        DiagnosisError, match=r"holds no torque.*`controller: \{joint_1: \{kp: 30, kd: 0.5\}\}`"
+        DiagnosisError, match=r"contains no torque.*`controller: \{joint_1: \{kp: 30, kd: 0.5\}\}`"
     ):
         diagnose([recorded(servo_arm(), 50.0, 12)], Question(bare))

@@ -31,7 +31,7 @@ def compared(folder: Path, real: Recording, simulated: Recording) -> tuple[dict[
     ]
     result = CliRunner().invoke(app, [str(word) for word in words])
     assert result.exit_code == 0, result.output
-    assert "which effect is in which" in (folder / "out" / "report.html").read_text()
+    assert "effects by recording" in (folder / "out" / "report.html").read_text()
     return json.loads((folder / "out" / "comparison.json").read_text()), result.stdout
 
 
@@ -52,6 +52,6 @@ def test_an_effect_of_one_recording_is_told_from_one_of_both(tmp_path: Path) -> 
     assert len(where) == 3
     (payload,) = (e for e in found["effects"] if e["effect"] == "payload")  # type: ignore[attr-defined]
     assert payload["agrees"]
-    assert "coulomb friction, joint_2: in the real one alone" in " ".join(printed.split())
+    assert "coulomb friction, joint_2: in the real recording only" in " ".join(printed.split())
     torque = found["channels"]["tau_m"]["joint_2"]  # type: ignore[index]
     assert 10.0 < torque["rms"] < 16.0

@@ -34,7 +34,7 @@ def test_a_zero_beyond_what_loads_can_wind_is_taken_out_of_each_recording() -> N
         assert one.link is not None and true.link is not None
         assert one.link.position is not None and true.link.position is not None
         np.testing.assert_allclose(one.link.position, true.link.position, atol=2e-5)
-        assert "link encoder of joint_2 is not the same" in one.notes[0] and len(one.notes) == 1
+        assert "link encoder of joint_2 differs between" in one.notes[0] and len(one.notes) == 1
 
 
 def test_a_common_zero_and_one_that_a_load_could_explain_stay() -> None:

@@ -214,16 +214,16 @@ def test_a_bag_that_cannot_be_read_is_left_out_and_named(tmp_path: Path) -> None
     (tmp_path / "torn" / "torn_0.mcap").write_bytes(b"")
     options = ["--with", "coulomb_friction:joint_2", "--out", str(tmp_path / "history")]
     result = CliRunner().invoke(app, ["history", *bags, *options])
-    assert result.exit_code == 0 and "left out: " in result.stderr and "torn" in result.stderr, (
+    assert result.exit_code == 0 and "skipped: " in result.stderr and "torn" in result.stderr, (
         result.output
     )
     told = json.loads((tmp_path / "history" / "history.json").read_text())
     assert {Path(one["recording"]).name for one in told["recordings"]} == {"march", "april"}
-    assert any(note.startswith("left out: ") for note in told["notes"])
+    assert any(note.startswith("skipped: ") for note in told["notes"])
     assert CliRunner().invoke(app, ["history", *bags[1:], *options, "--force"]).exit_code == 2
 
 
 def test_a_folder_without_bags_is_refused(tmp_path: Path) -> None:
     """In one line that says what to name."""
     result = CliRunner().invoke(app, ["history", str(tmp_path)])
-    assert result.exit_code == 2 and "holds no .mcap or .db3 file" in result.stderr
+    assert result.exit_code == 2 and "contains no .mcap or .db3 file" in result.stderr

@@ -81,7 +81,7 @@ def test_poor_excitation_of_one_run_is_said_before_the_fit(on_one_speed: Identif
     """Run 1 alone, one sinusoid at one speed, is called poor from its motion alone."""
     assert on_one_speed.excitation["poor"]
     assert any(
-        "base parameters get standard deviations above" in reason
+        "base parameters have standard deviations above" in reason
         for reason in on_one_speed.excitation["reasons"]
     )
 

@@ -77,6 +77,6 @@ def test_the_joint_without_a_torque_is_named_and_has_no_residual(found: Diagnosi
     """Residuals are those of two joints; what is known of the third stays as it is, and nothing
     drives a prediction."""
     assert {joint for joint, _ in found.before.rmse} == set(ROBOT.joint_names) - {BARE}
-    assert any(note.startswith(f"{BARE}: without a torque") for note in found.notes)
-    assert any("not seen" in note and BARE in note for note in found.notes)
+    assert any(note.startswith(f"{BARE}: no torque was recorded") for note in found.notes)
+    assert any("not visible" in note and BARE in note for note in found.notes)
     assert all(np.isfinite(list(found.before.rmse.values())))

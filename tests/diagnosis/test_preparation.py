@@ -179,6 +179,6 @@ def test_velocities_that_are_differences_of_positions_are_left_out_with_one_note
     notes = [note for note in prepared.notes if "velocities" in note]
     assert len(notes) == len({recording.source for recording in recordings})
     assert all(
-        "link and motor velocities are differences of the positions: left out" in note
+        "link and motor velocities are differences of the positions and are not used" in note
         for note in notes
     )

@@ -169,7 +169,7 @@ def test_tables_are_csv_files_and_a_notebook_shows_the_verdict(tmp_path: Path) -
         files["causes.csv"][1] == "coulomb_friction,joint_2,motor,0.7,0.5,torque,6,0.123456789,Nm"
     )
     assert (
-        "Joint 2 loses 6 Nm of dry friction" in found._repr_html_()
+        "Joint 2 has dry friction of 6 Nm" in found._repr_html_()
         and found.plot()._repr_png_()[1:4] == b"PNG"
     )
 
@@ -183,7 +183,7 @@ def test_a_data_frame_is_a_table(library: Any, monkeypatch: pytest.MonkeyPatch) 
     )
     monkeypatch.setattr("elastic_arm.errors.find_spec", lambda name: name)
     assert diagnosis(cause()).to_dataframe("gap", library)["rmse_before"] == [0.4]
-    with pytest.raises(OutputError, match="there is no table 'nope'"):
+    with pytest.raises(OutputError, match="unknown table 'nope'"):
         diagnosis(cause()).to_dataframe("nope")
     monkeypatch.setattr("elastic_arm.errors.find_spec", lambda name: None)
     with pytest.raises(MissingExtraError, match=f"pip install {library}"):
@@ -195,9 +195,8 @@ def test_what_a_description_states_goes_from_its_number_to_the_one_found() -> No
     one = replace(cause(), stated={"torque": 60.0, "side": "motor"})
     written = replace(one, stated={"torque": 60.0}).to_dict()
     assert (written["from"], written["to"]) == ({"torque": 60.0}, {"torque": 6.0})
-    assert (
-        "loses 6 Nm of dry friction, where the description states torque 60 Nm"
-        in cause_sentence(one, "mod3")
+    assert "has dry friction of 6 Nm, where the description states torque 60 Nm" in cause_sentence(
+        one, "mod3"
     )
     assert cause_size(one) == "torque 60 → 6.00 ± 0.12 Nm"
 
@@ -257,11 +256,10 @@ def test_a_cause_is_a_plain_sentence() -> None:
     name."""
     alone = replace(cause(), alternatives=())
     assert (
-        cause_sentence(alone, "mod3")
-        == "Joint 2 loses 6 Nm of dry friction, which the model lacks."
+        cause_sentence(alone, "mod3") == "Joint 2 has dry friction of 6 Nm, which the model lacks."
     )
     assert (
-        "(or viscous_friction on joint_2: this recording does not separate them)"
+        "(or viscous_friction on joint_2: the recording does not separate them)"
         in cause_sentence(cause(), "mod3")
     )
     gain = cause("joint_torque_gain:joint_1:gain=1.15", gain=ParameterEstimate(1.15, 0.01, "1"))
@@ -275,7 +273,7 @@ def test_a_cause_is_a_plain_sentence() -> None:
     assert cause_sentence(slight, "mod3") == "Joint 1 records 1.002 times its joint torque."
     coupling = replace(cause("inertia_coupling"), parameters={}, alternatives=())
     assert cause_sentence(coupling, "mod2").endswith(
-        "on the links that carry them, which mod2 lacks (mod3 has it)."
+        "on the links that carry them, which mod2 lacks (it is part of mod3)."
     )
     play = cause("backlash:joint_1:half_gap=2e-5", half_gap=ParameterEstimate(2e-5, 1e-6, "rad"))
     assert cause_sentence(play, "mod3").startswith("Joint 1 has 20 µrad of play to either side")
@@ -293,9 +291,13 @@ def test_a_size_within_its_deviation_of_none_is_not_said_as_known(std: float, wo
     that it is open."""
     one = cause("thermal_friction:joint_2:change=0.06", change=ParameterEstimate(0.06, std, "1"))
     told = cause_sentence(one, "mod3")
-    assert words in told and ("that it is there, and not its size" in told) == (std > 0.06)
+    assert words in told and ("the recording shows its presence but not its size" in told) == (
+        std > 0.06
+    )
     stated = replace(cause(torque=ParameterEstimate(0.1, 0.3, "Nm")), stated={"torque": 60.0})
-    assert "loses 0.1 Nm of" in cause_sentence(stated, "mod3")  # 200 deviations from what is stated
+    assert "has dry friction of 0.1 Nm" in cause_sentence(
+        stated, "mod3"
+    )  # 200 deviations from what is stated
     sizes = {
         "mass": ParameterEstimate(1.0, 0.1, "kg"),
         "position": ParameterEstimate([0.06, 0.0, 0.0], [0.3] * 3, "m"),
@@ -326,13 +328,13 @@ def test_the_summary_says_what_the_arm_has_and_how_right_the_model_is_then() -> 
     that is gone."""
     first, last = summary(diagnosis(cause()))
     assert (
-        first.startswith("explained: Joint 2 loses 6 Nm of dry friction")
+        first.startswith("explained: Joint 2 has dry friction of 6 Nm")
         and "error on another motion" in last
     )
     assert "0.4 Nm at joint_2 (motor side, noise 0.1 Nm), where it exceeds the noise most;" in last
-    assert last.endswith("90.0 % of the gap is gone.")
+    assert last.endswith("the gap shrinks by 90.0 %.")
     assert summary(replace(diagnosis(cause()), shrink=-147.69))[-1].endswith(
-        "makes the gap as a whole larger."
+        "the correction increases the total gap."
     )
     inertia = Imperfection("rotor_inertia", "joint_2", "kg m^2", 1.2, 0.01, 2.0, ordinary=True)
     _, then, named = summary(replace(diagnosis(cause()), imperfections=(inertia,)))
@@ -345,7 +347,7 @@ def test_the_summary_says_what_the_arm_has_and_how_right_the_model_is_then() -> 
         replace(diagnosis(), verdict="none", shrink_by_place={("joint_2", "motor"): 0.9})
     )
     assert off.endswith(
-        "of the sensors, with numbers of the arm and its sensors no further off than is usual."
+        "of the sensors, with only ordinary deviations of the numbers of arm and sensors."
     )
     (alone,) = summary(replace(diagnosis(), verdict="none", shrink_by_place={}))
     assert alone == "none: recording and model agree within the noise of the sensors."
@@ -438,12 +440,12 @@ def test_a_joint_that_moves_worse_is_said_first_and_not_explained(tmp_path: Path
     found = commanded.with_closed_loop(errors, ("joint_2", "joint_3"))
     first, second, *_ = summary(found)
     assert found.verdict == "unknown" and first.startswith(
-        "unknown: With all that was found the arm errs more"
+        "unknown: With all corrections, the errors under the recorded commands increase"
     )
-    assert "joint_2 by 102 mrad instead of 30.8 mrad" in first
-    assert "joint_3 in no simulator" in first
+    assert "joint_2 to 102 mrad (30.8 mrad with the description)" in first
+    assert "joint_3 without limit (no simulator accepts these numbers)" in first
     assert "The correction of joint_2 and joint_3 is not written" in first
-    assert second.startswith("Joint 2 loses 6 Nm of dry friction, which the model lacks")
+    assert second.startswith("Joint 2 has dry friction of 6 Nm, which the model lacks")
     written = found.to_dict()
     assert written["closed_loop"]["joint_1"] == {
         "described": 0.03,
@@ -482,6 +484,6 @@ def test_errors_that_no_joint_has_are_no_reason() -> None:
     assert found.verdict == "explained"
     assert (
         last
-        == "Under the recorded commands the description errs by 30 mrad at joint_1, what is written"
-        " by 3 mrad."
+        == "Under the recorded commands the description has an error of 30 mrad at joint_1, the"
+        " written correction 3 mrad."
     )

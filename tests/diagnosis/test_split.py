@@ -40,7 +40,7 @@ def test_a_validation_recording_is_taken_whole() -> None:
 def test_what_is_fitted_may_not_judge() -> None:
     """A part of the same recording repeats its noise, which no other recording does."""
     first = recording(12.0, 1)
-    with pytest.raises(DiagnosisError, match="bag_1 is also what is fitted"):
+    with pytest.raises(DiagnosisError, match="bag_1 is also a fitted recording"):
         split([first], [first.between(3.0, 9.0)])
 
 
@@ -56,7 +56,7 @@ def test_coarse_currents_that_repeat_do_not_make_a_recording_the_same() -> None:
         for one in (recording(12.0, 1), recording(8.0, 2))
     )
     assert split([first], [second]) == ([first], [second])
-    with pytest.raises(DiagnosisError, match="also what is fitted"):
+    with pytest.raises(DiagnosisError, match="also a fitted recording"):
         split([first], [first.between(3.0, 9.0)])
 
 

@@ -111,7 +111,7 @@ def test_without_a_controller_the_effect_is_refused_with_the_block_to_write() ->
     robot = load_robot(None)
     with pytest.raises(
         EffectError,
-        match=r"no controller of joint_1.*`controller: \{joint_1: \{kp: 30, kd: 0.5\}\}`",
+        match=r"no controller for joint_1.*`controller: \{joint_1: \{kp: 30, kd: 0.5\}\}`",
     ):
         Simulator(
             robot, SimulationSettings(effects=[parse("position_gain:joint_1:gain=1.2", robot)])

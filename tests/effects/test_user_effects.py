@@ -89,25 +89,25 @@ def test_a_users_file_is_in_the_catalogue_and_an_arm_file_may_name_it(tmp_path: 
     carrying = arm.with_(effects=(instance.to_dict(),))
     assert robot_effects(carrying, catalogue) == (instance,)
     assert "magnet" not in Catalogue.default()
-    with pytest.raises(EffectError, match="no effect 'magnet'"):
+    with pytest.raises(EffectError, match="unknown effect 'magnet'"):
         robot_effects(carrying)
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("x = 1", "holds no EFFECT"),
-        ("EFFECT = 3", "no Effect"),
+        ("x = 1", "contains no EFFECT"),
+        ("EFFECT = 3", "not an Effect"),
         ("x = (\n", r"line 1: .*never closed"),
         ("\nimport nowhere_at_all", "line 2: ModuleNotFoundError"),
-        (OWN.format(id="payload"), "'payload' is taken"),
+        (OWN.format(id="payload"), "'payload' belongs to another"),
         (
             OWN.format(id="magnet").replace("0.0, 10.0", "10.0, 0.0"),
             r"line \d+: parameter pull: its range is 10 to 0",
         ),
         (
             OWN.format(id="magnet").replace('p["pull"]', 'p["push"]'),
-            r"line \d+: KeyError: 'push'.*p holds pull",
+            r"line \d+: KeyError: 'push'.*p contains pull",
         ),
         (
             OWN.format(id="magnet").replace("link=", "lnk="),
@@ -115,7 +115,7 @@ def test_a_users_file_is_in_the_catalogue_and_an_arm_file_may_name_it(tmp_path: 
         ),
         (
             OWN.format(id="magnet").replace("motion.at(i, link=", "("),
-            "law of magnet returns no Contribution",
+            "law of magnet does not return a Contribution",
         ),
         (None, "no such file"),
     ],
@@ -162,15 +162,15 @@ def test_an_installed_package_adds_its_effect(monkeypatch: pytest.MonkeyPatch) -
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"id": "no id"}, "is no id"),
+        ({"id": "not a valid id"}, "is not a valid id"),
         ({"formula": ""}, "formula is empty"),
-        ({"sides": ("axle",)}, "sides holds 'axle'"),
+        ({"sides": ("axle",)}, "sides contains 'axle'"),
         ({"sides": ()}, "in no equation"),
-        ({"regime": "sometimes"}, "regime holds 'sometimes'"),
-        ({"lacked_by": ("mod4",)}, "lacked_by holds 'mod4'"),
-        ({"magnitude": ("weight",)}, "magnitude holds 'weight'"),
-        ({"states": ("size",)}, "two things"),
-        ({"choices": (Choice("size", ("a", "b"), "a"),)}, "two things"),
+        ({"regime": "sometimes"}, "regime contains 'sometimes'"),
+        ({"lacked_by": ("mod4",)}, "lacked_by contains 'mod4'"),
+        ({"magnitude": ("weight",)}, "magnitude contains 'weight'"),
+        ({"states": ("size",)}, "two meanings"),
+        ({"choices": (Choice("size", ("a", "b"), "a"),)}, "two meanings"),
         (
             {"parameters": (Parameter("phase", "rad", -3.0, 3.0, role=Role.PHASE),)},
             "needs exactly one amplitude",

@@ -66,7 +66,7 @@ def test_late_stamps_of_regular_samples_are_not(std: float, velocity: bool) -> N
     regular, irregular = jittered(std)
     clock = Clock.of(recorded(regular, irregular, velocity=velocity))
     assert clock.mode == "regular"
-    assert "taken regularly" in clock.note
+    assert "regular sample times are used" in clock.note
 
 
 @pytest.mark.parametrize("late", [1e-3, 2.5e-3])
@@ -106,7 +106,7 @@ def test_the_users_word_overrules_the_evidence() -> None:
     """A demanded clock is taken, and noted."""
     _, irregular = jittered(3e-4)
     clock = Clock.of(replace(recorded(irregular, irregular), clock="regular"))
-    assert clock.mode == "regular" and "demanded" in clock.note
+    assert clock.mode == "regular" and "as requested" in clock.note
 
 
 def test_regular_stamps_need_no_word() -> None:

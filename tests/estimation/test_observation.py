@@ -95,7 +95,7 @@ def test_recordings_that_no_residual_can_be_made_of_are_refused() -> None:
     silent = replace(
         whole, link=replace(whole.link, effort=None), motor=replace(whole.motor, effort=None)
     )
-    with pytest.raises(DiagnosisError, match="holds no torque"):
+    with pytest.raises(DiagnosisError, match="contains no torque"):
         observe(silent)
     with pytest.raises(DiagnosisError, match="too short"):
         observe(whole.between(0.0, 1.5))

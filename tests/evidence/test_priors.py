@@ -44,7 +44,7 @@ def test_a_file_changes_what_it_names_and_nothing_else(tmp_path: Path) -> None:
             "sensors.motor_torque_gain: is yes or no, not a number",
         ),
         ("mass: .inf", "mass: inf is not a finite number"),
-        ("[1, 2]", "holds no fields"),
+        ("[1, 2]", "contains no fields"),
     ],
 )
 def test_what_is_no_prior_is_refused_in_one_line(tmp_path: Path, text: str, problem: str) -> None:

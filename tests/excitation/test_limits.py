@@ -95,8 +95,7 @@ def test_links_keep_a_margin_to_the_floor() -> None:
     assert default.margin == MARGIN == 0.02
     use = default.use(_hold(np.pi), model)
     assert (
-        not use.kept
-        and "a link comes within 10.0 mm of the floor, the margin is 20 mm" in use.worst()
+        not use.kept and "a link is within 10.0 mm of the floor; the margin is 20 mm" in use.worst()
     )
     close = MotionLimits.of(robot, workspace=low, margin=0.005)
     assert close.use(_hold(np.pi), model).floor == pytest.approx(0.01)
@@ -124,7 +123,7 @@ def test_links_keep_a_margin_to_each_other() -> None:
 @pytest.mark.parametrize("margin", [-0.01, float("nan"), float("inf")])
 def test_a_margin_that_is_no_length_is_refused(margin: float) -> None:
     """Negative, infinite and undefined margins raise an error that names the margin."""
-    with pytest.raises(ExcitationError, match="the margin of safety is"):
+    with pytest.raises(ExcitationError, match="the safety margin is"):
         MotionLimits.of(planar_arm(1), margin=margin)
 
 

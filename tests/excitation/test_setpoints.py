@@ -74,7 +74,7 @@ def test_a_goal_is_a_message_whose_quintics_are_the_motion(tmp_path: Path) -> No
 @pytest.mark.parametrize("rate", [0.0, -1.0, float("nan")])
 def test_a_rate_that_is_none_is_refused(tmp_path: Path, rate: float) -> None:
     """Set-points at no rate are refused in one line."""
-    with pytest.raises(ExcitationError, match="Ask for some"):
+    with pytest.raises(ExcitationError, match="Request at least one"):
         write_csv(tmp_path / "motion.csv", motion(), JOINTS, rate)
 
 

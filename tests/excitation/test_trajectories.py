@@ -67,14 +67,14 @@ def test_a_saved_trajectory_loads_to_the_same_motion(tmp_path: Path) -> None:
         ("a", [[], [], []], "no harmonics"),
         ("a", [[1.0, 2.0]], "a is (1, 2)"),
         ("q0", [0.0, "x", 0.0], "q0 is not made of numbers"),
-        ("b", [[float("nan")] * 4] * 3, "b holds a number that is not finite"),
+        ("b", [[float("nan")] * 4] * 3, "b contains a number that is not finite"),
         ("omega", 0.0, "omega is 0"),
         ("ramp", -1.0, "ramp is -1"),
         ("ramp", 50.0, "leaves no time"),
         ("joints", ["one"], "1 joint names"),
         ("speed", 3, "unknown field speed"),
         ("omega", None, "misses omega"),
-        ("schema", "other", "is no trajectory file"),
+        ("schema", "other", "is not a trajectory file"),
     ],
 )
 def test_a_wrong_trajectory_file_is_refused_by_field(

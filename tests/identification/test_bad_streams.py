@@ -109,7 +109,9 @@ def test_a_smoother_is_not_chosen_by_a_handful_of_samples(count: int) -> None:
     """The filter that estimates the noise has not settled by then: refused in words, without a
     number made up."""
     few = at(3000, 3000 + count)
-    with pytest.raises(IdentificationError, match=f"{count} samples in a row are too few"):
+    with pytest.raises(
+        IdentificationError, match=f"{count} consecutive samples are not sufficient"
+    ):
         design_smoother(Clock(1000.0).place(few), 3)
     with pytest.raises(IdentificationError, match="gaps after every few samples"):
         design_smoother([], 3)

@@ -227,7 +227,7 @@ def test_a_second_of_motion_is_called_too_short(model: Model) -> None:
     second = part(record(model, np.random.default_rng(0)), slice(0, 1000))
     judged = fed(model, second, []).excitation()
     assert judged.poor
-    assert "too short to judge the errors by" in judged.reasons[0]
+    assert "too short to estimate the errors" in judged.reasons[0]
 
 
 def test_result_survives_its_json_file(model: Model, samples: Samples, tmp_path: Path) -> None:
@@ -243,19 +243,19 @@ def test_result_survives_its_json_file(model: Model, samples: Samples, tmp_path:
 def test_a_file_that_is_no_identification_is_refused(tmp_path: Path) -> None:
     """Another JSON file is refused with the schema that is expected."""
     (tmp_path / "other.json").write_text("{}")
-    with pytest.raises(IdentificationError, match="is no identification"):
+    with pytest.raises(IdentificationError, match="is not an identification"):
         Identification.load(tmp_path / "other.json")
     (tmp_path / "part.json").write_text(
         '{"schema": "elastic_arm/identification/1", "estimates": []}'
     )
-    with pytest.raises(IdentificationError, match="no whole identification"):
+    with pytest.raises(IdentificationError, match="not a complete identification"):
         Identification.load(tmp_path / "part.json")
 
 
 def test_an_arm_at_rest_is_refused(samples: Samples) -> None:
     """A recording in which nothing moves identifies nothing, and says so before it fits noise."""
     still = replace(samples, q=0.0 * samples.q, theta=0.0 * samples.theta)
-    with pytest.raises(IdentificationError, match="holds no motion"):
+    with pytest.raises(IdentificationError, match="contains no motion"):
         identify(recorded(still), load_robot(None))
 
 

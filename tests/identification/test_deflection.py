@@ -83,7 +83,7 @@ def test_a_damping_that_the_recording_does_not_hold_stays_with_the_description(a
     )
     damping = next(e for e in result.estimates if e.name == "joint_1.D")
     assert (damping.value, damping.verdict) == (nominal.joints[0].transmission.damping, "not")
-    assert any("joint_1.D" in note and "as in the description" in note for note in result.notes)
+    assert any("joint_1.D" in note and "described values are kept" in note for note in result.notes)
 
 
 def test_lag_and_offset_of_a_link_encoder_are_not_read_as_compliance(arm: Robot) -> None:

@@ -86,18 +86,18 @@ def test_a_recording_that_is_too_short_is_named_with_what_it_needs() -> None:
         short(SimpleNamespace(columns=["coulomb_friction"]))  # type: ignore[arg-type]
     assert f"runs/short is {seconds:.2f} s long" in raised.value.problem
     assert (
-        f"needs more than {2.0 * need:.2f} s, as laws beyond the model pass it twice"
+        f"needs more than {2.0 * need:.2f} s, as effects in addition to the model pass it twice"
         in raised.value.problem
     )
     assert (
-        f"Record longer, or identify without laws (--with), for which {need:.2f} s"
+        f"Record longer, or identify without effects (--with), for which {need:.2f} s"
         in raised.value.remedy
     )
     assert len(next(short().motions)) > 0
     end = round(0.5 * need * RATE)
     gaps = samples(swinging(2.0 * seconds), lost=slice(end, round(2.0 * seconds * RATE) - end))
     with pytest.raises(
-        IdentificationError, match="the recording has 2 pieces between gaps, the longest"
+        IdentificationError, match="the recording has 2 intervals between gaps, the longest"
     ):
         DerivativeStage(gaps)()
 

@@ -56,9 +56,7 @@ def test_a_base_off_level_is_identified_though_nobody_asked(robot: Robot) -> Non
     sizes = {e.name.rpartition(".")[2]: e for e in found.estimates if e.name.startswith(TILT)}
     for name, true in (("x", 0.02), ("y", -0.015)):
         assert abs(sizes[name].value - true) < 4 * sizes[name].std < 0.02
-    assert any(
-        "identified without being asked for" in note and TILT in note for note in found.notes
-    )
+    assert any("also identified, as they differ" in note and TILT in note for note in found.notes)
     assert found.identified is not None
     assert TILT in {entry["effect"] for entry in found.identified.effects}
 
@@ -76,8 +74,8 @@ def test_what_a_short_recording_does_not_show_is_held_to_what_is_ordinary(robot:
     for joint, size in zip(robot.joint_names, torque, strict=True):
         assert abs(sizes.get(f"motor_torque_offset:{joint}.offset", 0.0)) < 2 * ZERO * size
     assert all(abs(sizes.get(f"{TILT}:{robot.name}.{axis}", 0.0)) < 2 * LEVEL for axis in "xy")
-    assert not any("without being asked for" in note for note in found.notes)
-    assert any("kept within what is usual" in note for note in found.notes)
+    assert not any("as they differ from zero" in note for note in found.notes)
+    assert any("constrained to their usual size" in note for note in found.notes)
 
 
 def test_what_the_recordings_show_to_be_none_is_left_out(robot: Robot) -> None:
@@ -236,5 +234,5 @@ def test_an_arm_mounted_otherwise_has_no_zeros_that_nobody_asked_for(robot: Robo
     turn[:3, :3] = turned(np.pi / 2, 0.0)
     described = upright.with_(base_placement=turn @ upright.base_placement, base_dh=None)
     found = identify(recorded(upright, []), described, IdentificationSettings(consistent=False))
-    assert any("mounted otherwise" in note for note in found.notes)
+    assert any("mounted differently" in note for note in found.notes)
     assert {e.name.partition(":")[0] for e in found.estimates if ":" in e.name} == {TILT}

@@ -70,7 +70,7 @@ def test_an_arm_that_hangs_from_a_ceiling_is_told_from_one_on_the_floor() -> Non
     mounting = found(-DOWN)
     assert mounting is not None
     assert mounting.shown == pytest.approx(-DOWN, abs=0.2)
-    assert "torques of the wrong sign look the same" in mounting.note
+    assert "torques of the wrong sign have the same effect" in mounting.note
 
 
 @pytest.mark.parametrize("wrong", [0.8, 1.2])
@@ -161,7 +161,7 @@ def test_an_arm_described_on_its_side_is_identified_as_it_stands() -> None:
     turn[:3, :3] = turned(np.pi / 2, 0.0)
     described = robot.with_(base_placement=turn @ robot.base_placement)
     found, upright = identify(recording, described), identify(recording, robot)
-    assert any("mounted otherwise" in note for note in found.notes)
-    assert not any("mounted otherwise" in note for note in upright.notes)
+    assert any("mounted differently" in note for note in found.notes)
+    assert not any("mounted differently" in note for note in upright.notes)
     for equation, errors in upright.noise.items():
         assert found.noise[equation] == pytest.approx(errors, rel=0.05)

@@ -104,7 +104,7 @@ def test_a_fit_as_good_as_a_right_description_is_not_called_worse(seed: int) -> 
     """What is left between the two is within the deviations of the fit: the description is said to
     be as good."""
     notes = found(pendulum(1.0), swung(seed), swung(seed + 1)).notes
-    assert any("as well as the description" in note for note in notes)
+    assert any("as well as the fit" in note for note in notes)
     assert not any("worse" in note or "do not use" in note for note in notes)
 
 
@@ -127,7 +127,7 @@ def test_a_held_torque_counts_when_it_is_read(every: int) -> None:
     for law, true in (("viscous", VISCOUS), ("coulomb", DRY)):
         fitted = of_law(result, law)
         assert abs(fitted.value - true) < 3.0 * fitted.std < 0.3 * true
-    assert any(f"a new value comes every {every} samples" in note for note in result.notes)
+    assert any(f"it changes every {every} samples" in note for note in result.notes)
     causes = {
         c.effect: c.parameters for c in diagnose(runs[:1], Question(pendulum(0.0)), runs[1:]).causes
     }
@@ -159,11 +159,11 @@ def test_an_elastic_joint_described_as_rigid_is_named_with_its_frequency() -> No
     """A resonance of 6 Hz: joint, ratio to the noise and frequency are said; of a rigid joint
     nothing is."""
     arm, elastic, rigid = two_masses()
-    (note,) = [note for note in found(arm, elastic).notes if "the fit leaves" in note]
-    assert note.startswith("j: the fit leaves") and "may be elastic" in note
+    (note,) = [note for note in found(arm, elastic).notes if "the residual is" in note]
+    assert note.startswith("j: the residual is") and "may be elastic" in note
     assert float(re.search(r"([\d.e+]+) times the noise", note)[1]) > 50
     assert float(re.search(r"near ([\d.]+) Hz", note)[1]) == pytest.approx(6.0, rel=0.1)
-    assert not any("the fit leaves" in note for note in found(arm, rigid).notes)
+    assert not any("the residual is" in note for note in found(arm, rigid).notes)
 
 
 def test_a_torque_of_another_motion_is_no_elastic_joint() -> None:
@@ -173,7 +173,7 @@ def test_a_torque_of_another_motion_is_no_elastic_joint() -> None:
         moved = swung(seed)
         slow = lfilter([0.02], [1.0, -0.98], np.random.default_rng(seed).normal(0.0, 30.0, len(T)))
         wrong = replace(moved, motor=replace(moved.motor, effort=slow[:, None]))
-        (note,) = [note for note in found(pendulum(0.0), wrong).notes if "the fit leaves" in note]
+        (note,) = [note for note in found(pendulum(0.0), wrong).notes if "the residual is" in note]
         assert "elastic" not in note
 
 
@@ -197,7 +197,7 @@ def test_motion_in_one_direction_tells_no_zero_from_dry_friction(
     """Neither is called well determined, and the reason is said; a motion that reverses has
     neither."""
     one_way = found(pendulum(1.0), swung(1, steady=steady, zero=0.5), laws=laws)
-    assert any("j turned in one direction only" in note for note in one_way.notes)
+    assert any("j turned in only one direction" in note for note in one_way.notes)
     assert {e.verdict for e in one_way.estimates if "coulomb" in e.name or "offset" in e.name} <= {
         "poorly",
         "not",

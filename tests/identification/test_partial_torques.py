@@ -56,10 +56,10 @@ def test_the_equation_of_a_joint_without_a_torque_is_left_out(side: str) -> None
     torques = {"link": "joint", "motor": "motor"}[side]
     assert set(result.noise[torques]) == set(FRICTION) - {BARE}
     assert not [e.name for e in result.estimates if e.name.startswith(f"coulomb_friction:{BARE}")]
-    assert any(note.startswith(f"{BARE}: without a torque") for note in result.notes) == (
+    assert any(note.startswith(f"{BARE}: no torque was recorded") for note in result.notes) == (
         side == "link"
     )
-    assert any(note.startswith(f"coulomb_friction:{BARE}: left out") for note in result.notes)
+    assert any(note.startswith(f"coulomb_friction:{BARE}: excluded") for note in result.notes)
     assert all(np.isfinite([e.value, e.std]).all() for e in result.estimates)
 
 

@@ -79,7 +79,7 @@ def test_a_fit_worse_than_the_description_is_pulled_towards_it_and_said_to_be(
     )
     assert np.all(found < 2.0 * nominal)
     if misled.identified is None:
-        assert any("no robot.yaml" in note for note in misled.notes)
+        assert any("robot.yaml is not written" in note for note in misled.notes)
     else:
         consistent = np.array(list(by_arm["consistent"]["motor"].values()))
         assert np.mean(np.log(consistent / nominal)) <= 0.0
@@ -115,10 +115,7 @@ def test_no_joint_of_the_arm_file_is_predicted_worse_than_by_the_description(
         for joint, rms in by_arm["nominal"]["motor"].items()
     }
     assert max(ratios.values()) < 0.2
-    assert any(
-        "robot.yaml has the laws of joint_3 as the description has them" in note
-        for note in found.notes
-    )
+    assert any("robot.yaml keeps the described effects of joint_3" in note for note in found.notes)
 
 
 def test_a_recording_that_determines_its_parameters_needs_no_prior(

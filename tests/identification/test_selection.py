@@ -55,7 +55,7 @@ def test_the_zero_of_a_torque_is_found_without_being_asked_for(
     laws = parse_laws(FRICTION, arm)
     found = identify(with_torque(arm, samples, torque), arm, IdentificationSettings(effects=laws))
     assert zeros_of(found)["motor_torque_offset:joint_3.offset"] == pytest.approx(4.0, rel=0.03)
-    assert any("without being asked for" in note and "joint_3" in note for note in found.notes)
+    assert any("as they differ from zero" in note and "joint_3" in note for note in found.notes)
     assert found.identified is not None
     assert ("motor_torque_offset", "joint_3") in {
         (e["effect"], e.get("joint")) for e in found.identified.effects
@@ -75,7 +75,7 @@ def test_equations_that_close_to_rounding_decide_nothing(arm: Robot) -> None:
             arm,
             IdentificationSettings(effects=laws, consistent=False),
         )
-    assert any("turns over within 0.005 rad/s" in note for note in found.notes), found.notes
+    assert any("reverses within 0.005 rad/s" in note for note in found.notes), found.notes
 
 
 def test_speeds_of_joints_that_slide_are_in_metres(arm: Robot) -> None:

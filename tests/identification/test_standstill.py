@@ -61,4 +61,4 @@ def test_identify_finds_as_much_in_a_recording_that_stands_mostly() -> None:
     assert friction.verdict == "well" and friction.value == pytest.approx(
         TRUE, abs=3.0 * friction.std
     )
-    assert any("stands still" in note for note in found.notes)
+    assert any("standstill" in note for note in found.notes)

@@ -86,6 +86,6 @@ def test_a_held_out_recording_that_cannot_be_used_is_named_before_the_fit(
     monkeypatch.setattr(Trials, "selected", lambda trials: begun.append(trials))
     fitted, short = (simulate(robot, trajectory(seed=3), duration=t, rng=rng) for t in (6.0, 0.03))
     held_out = short if lost == "samples" else replace(fitted, link=None)
-    with pytest.raises(IdentificationError, match=r"^held out .*Record|^one recording holds"):
+    with pytest.raises(IdentificationError, match=r"^held out .*Record|^one recording contains"):
         identify(fitted, robot, validate=[replace(held_out, source="held out")])
     assert not begun

@@ -183,7 +183,9 @@ def test_unphysical_numbers_are_refused(base: Path) -> None:
         0.2, np.zeros(3), 1e-3 * np.eye(3)
     )  # less than the cover that stands on the link
     joints = (replace(robot.joints[0], link=light), *robot.joints[1:])
-    with pytest.raises(RobotError, match="leaves body 'link1' no physical inertia"):
+    with pytest.raises(
+        RobotError, match="leave body 'link1' without a physically possible inertia"
+    ):
         export_mjcf(robot.with_(joints=joints), base, base.parent / "fixed.xml")
     assert not (base.parent / "fixed.xml").exists()
 
@@ -352,7 +354,9 @@ def test_the_format_goes_by_the_ending(
     )
     if found is None:
         assert (
-            result.exit_code == 2 and "ending" in result.stderr and not (tmp_path / name).exists()
+            result.exit_code == 2
+            and "extension" in result.stderr
+            and not (tmp_path / name).exists()
         )
     else:
         root = {"urdf": "<robot", "mjcf": "<mujoco"}[found]
@@ -586,4 +590,4 @@ def test_an_export_is_played_beside_its_base(tmp_path: Path) -> None:
     refused = CliRunner().invoke(
         app, [*map(str, words[:1]), "--out", str(tmp_path / "o.xml"), *map(str, words[5:7])]
     )
-    assert refused.exit_code == 2 and "Give it as --base" in refused.output
+    assert refused.exit_code == 2 and "Give it with --base" in refused.output

@@ -156,7 +156,7 @@ def test_what_is_out_of_tolerance_is_aborted(
         GoalStatus.STATUS_ABORTED,
         Result.PATH_TOLERANCE_VIOLATED,
     )
-    assert "the position of joint_2 is off by" in result.error_string
+    assert "the position of joint_2 deviates by" in result.error_string
     assert states[-1].position[0] < 0.2
     brief = Duration(nanosec=50_000_000)
     again = client.send(to(0.1, 0.1, 0.1), goal_tolerance=tight, goal_time_tolerance=brief)
@@ -174,8 +174,8 @@ def test_unusable_goals_are_refused_with_a_code(client: Client) -> None:
     past.points[0].time_from_start = Duration(nanosec=1)
     cases = {
         Result.INVALID_JOINTS: (to(0.1, names=["joint_9"]), "names joint_9"),
-        Result.INVALID_GOAL: (to(3.0, 0.0, 0.0), "1.5 rad/s is the limit"),
-        Result.OLD_HEADER_TIMESTAMP: (past, "lies in the past"),
+        Result.INVALID_GOAL: (to(3.0, 0.0, 0.0), "beyond the limit of 1.5 rad/s"),
+        Result.OLD_HEADER_TIMESTAMP: (past, "is in the past"),
     }
     for code, (trajectory, words) in cases.items():
         status, result = client.outcome(client.send(trajectory))

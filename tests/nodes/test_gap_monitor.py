@@ -282,7 +282,7 @@ def test_the_friction_of_a_moving_arm_is_named(graph: Graph) -> None:
         "what was diagnosed is the arm's motion"
     )
     assert graph.call(Trigger, "/gap_monitor/reset", Trigger.Request()).success
-    graph.until(lambda: status["seconds kept"] == "0", "all is forgotten")
+    graph.until(lambda: status["buffered time, s"] == "0", "all is forgotten")
     assert monitor.stop() == 0, monitor.output
     assert "Traceback" not in monitor.output
 

@@ -53,7 +53,7 @@ BAD: dict[str, tuple[Callable[[], JointTrajectory], str]] = {
         lambda: message([1.0, 2.0, 3.0], [1.0, 2.0]),
         "has 2 positions for 3 joints in point 1",
     ),
-    "no points": (message, "holds no points"),
+    "no points": (message, "contains no points"),
     "no names": (lambda: message([], names=()), "names no joint"),
     "other names": (lambda: message([1.0, 2.0, 3.0], names=("a", "b", "d")), "names a, b, d"),
     "more names than positions": (
@@ -76,7 +76,7 @@ BAD: dict[str, tuple[Callable[[], JointTrajectory], str]] = {
         lambda: with_field("velocities", [0.0, -1e200, 0.0]),
         "has a value of 1e.200",
     ),
-    "too many points": (lambda: message(*[[1.0, 2.0, 3.0]] * 20_001), "holds 20001 points"),
+    "too many points": (lambda: message(*[[1.0, 2.0, 3.0]] * 20_001), "contains 20001 points"),
     "a name of codes": (
         lambda: message([1.0, 2.0, 3.0], names=("a", "b", "\x1b[31m" * 9999)),
         "names a, b",

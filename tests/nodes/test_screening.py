@@ -105,7 +105,9 @@ def test_the_identifier_reports_what_it_leaves_out(tmp_path: Path, graph: Graph)
     replayer = graph.start(
         "replayer", bag=bag, topics="['/joint_states', '/motor_states']", rate=4.0
     )
-    graph.until(lambda: "1 samples hold absurd numbers" in status.get("said", ""), "it is reported")
+    graph.until(
+        lambda: "1 samples contain implausible numbers" in status.get("said", ""), "it is reported"
+    )
     graph.until(lambda: replayer.process.poll() is not None, "the bag ends")
     assert identifier.stop() == 0
     found = Identification.load(tmp_path / "online" / "identification.json")

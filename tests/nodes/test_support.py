@@ -569,7 +569,7 @@ def test_a_name_that_is_no_text_is_refused_before_ros_sees_it(
     said = capsys.readouterr().err
     assert (
         said.startswith("error: 'bag:=x")
-        and "is no UTF-8 text" in said
+        and "is not valid UTF-8" in said
         and len(said.splitlines()) == 1
     )
 
@@ -587,7 +587,7 @@ def test_arguments_that_ros_does_not_take_are_refused_in_a_line(
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["-p", "topics:=['no topic!']"], "'no topic!' is no name of a topic"),
+        (["-p", "topics:=['no topic!']"], "'no topic!' is not a name of a topic"),
         (["-p", "bag:=" + "n" * 300], "File name too long"),
     ],
 )

@@ -74,7 +74,7 @@ def test_a_folder_of_files_is_one_set_of_arrays(tmp_path: Path) -> None:
     np.testing.assert_array_equal(recording.link.position, q)
     np.testing.assert_array_equal(recording.link.effort, tau)
     (tmp_path / "empty").mkdir()
-    with pytest.raises(RecordingError, match="holds no arrays"):
+    with pytest.raises(RecordingError, match="contains no arrays"):
         load_arrays(tmp_path / "empty")
 
 
@@ -165,7 +165,8 @@ def test_numbers_one_a_line_are_asked_for_their_layout(tmp_path: Path) -> None:
     with pytest.raises(RecordingError) as caught:
         imported(tmp_path / "run", "abc", 100.0, link={"position": {"key": "q"}})
     assert (
-        "If it holds 3 numbers a sample one after the other, add flat: true" in caught.value.remedy
+        "If it contains 3 numbers per sample one after the other, add flat: true"
+        in caught.value.remedy
     )
 
 
@@ -179,8 +180,8 @@ def test_other_words_for_a_field_are_answered_with_its_name(tmp_path: Path) -> N
             100.0,
             link={"position": {"key": "q", "scale": 2.0, "zero": 0.3}},
         )
-    assert "scale: unknown key (it is called factor)" in caught.value.problem
-    assert "zero: unknown key (it is called offset)" in caught.value.problem
+    assert "scale: unknown key (the name is factor)" in caught.value.problem
+    assert "zero: unknown key (the name is offset)" in caught.value.problem
 
 
 @pytest.mark.parametrize(
@@ -189,8 +190,8 @@ def test_other_words_for_a_field_are_answered_with_its_name(tmp_path: Path) -> N
         ("t;q1;tau1\n0;0,1;1\n0,01;0,2;2\n", "line 2: '0,1' has a decimal comma"),
         ("0;0,1;1\n0,01;0,2;2\n", "line 1: '0,1' has a decimal comma"),
         ("t,q\n0,1\n\n1\n", "line 4: 1 columns, where the lines before have 2"),
-        ("t,q\n0,1\n1,abc\n", "q: line 3: 'abc' is no number"),
-        ("t,q\n0,1\n# made by hand\n1,abc\n", "q: line 4: 'abc' is no number"),
+        ("t,q\n0,1\n1,abc\n", "q: line 3: 'abc' is not a number"),
+        ("t,q\n0,1\n# made by hand\n1,abc\n", "q: line 4: 'abc' is not a number"),
         ("", "is empty"),
     ],
 )
@@ -231,7 +232,7 @@ def test_a_row_of_units_blank_cells_and_texts_are_read(tmp_path: Path) -> None:
     run = log(tmp_path, "Time [ms],q,status,moving\nms,deg,-,-\n" + rows)
     np.testing.assert_allclose(run.link.position[:, 0], np.deg2rad([0, 1, 2, 4, 5, 6, 7]))
     np.testing.assert_array_equal(run.link.stamp_ns, np.array([0, 1, 2, 4, 5, 6, 7]) * 1_000_000)
-    assert run.notes == ("1 of 8 rows have holes on the link side and were left out of it",)
+    assert run.notes == ("1 of 8 rows have missing values on the link side and were skipped",)
 
 
 @pytest.mark.parametrize(
@@ -266,8 +267,7 @@ def test_a_share_of_a_torque_is_no_torque(tmp_path: Path, name: str) -> None:
         imported(tmp_path / "run.csv", "a", "t", link=link, motor={"effort": {"key": name}})
     draft = guess_mapping(load_arrays(tmp_path / "run.csv"), ["a"])
     assert (
-        draft.missing == ["motor.effort.factor"]
-        and f"how many Nm are one {word}" in draft.to_yaml()
+        draft.missing == ["motor.effort.factor"] and f"number of Nm per {word}" in draft.to_yaml()
     )
     (tmp_path / "map.yaml").write_text(draft.to_yaml())
     with pytest.raises(RecordingError, match=r"motor\.effort\.factor"):

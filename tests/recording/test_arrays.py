@@ -88,7 +88,7 @@ def test_samples_that_no_bag_could_hold_are_to_be_mended_in_the_file(
     times, angles = np.arange(10) / 300, np.zeros((10, 1))
     (angles if wrong == "number" else times)[5:6] = np.inf if wrong == "number" else 0.0
     np.savez(tmp_path / "a.npz", q=angles, t=times)
-    with pytest.raises(RecordingError, match="Mend these samples in the file") as told:
+    with pytest.raises(RecordingError, match="Correct these samples in the file") as told:
         imported(tmp_path / "a.npz", "a", "t", link={"position": {"key": "q"}})
     assert "--repair" not in str(told.value)
 
@@ -114,16 +114,16 @@ def test_a_force_beside_currents_has_no_constant(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"times": {"key": "time"}}, "no array time; there is t, q, i, junk"),
+        ({"times": {"key": "time"}}, "no array time; the arrays are t, q, i, junk"),
         ({"ignore": []}, "arrays junk are not mapped"),
         ({"joints": ["a", "b", "c"]}, "has 2 values for 3 joints"),
-        ({"joints": ["a", "a"]}, "a name occurs twice"),
+        ({"joints": ["a", "a"]}, "duplicate name"),
         (
             {"link": {"position": {"key": "q", "columns": [0]}}},
-            "q has shape (50, 1); 50 samples of 2 joints",
+            "q has shape (50, 1); expected 50 samples of 2 joints",
         ),
         ({"link": {"position": {"key": "junk"}}, "ignore": ["q"]}, "junk has shape"),
-        ({"times": {}}, "give either key or rate"),
+        ({"times": {}}, "give either a key or a rate"),
         ({"robot_description": "no.urdf"}, "no.urdf: no such file"),
         (
             {"link": {"position": {"key": "q", "unit": "degrees"}}},
@@ -135,7 +135,7 @@ def test_a_force_beside_currents_has_no_constant(tmp_path: Path) -> None:
         ),
         (
             {"link": {"position": {"key": "q", "offset": "zero"}}},
-            "link.position.offset: is 'zero', not a number. Mend",
+            "link.position.offset: is 'zero', not a number. Correct",
         ),
     ],
 )
@@ -173,7 +173,7 @@ def test_bad_arrays_are_refused(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match="cannot be read"):
         import_arrays(tmp_path / "pickle.npz", mapping)
     np.savez(tmp_path / "words.npz", **{**make_arrays(), "q": np.array([["a", "b"]] * 50)})
-    with pytest.raises(RecordingError, match="no table of numbers"):
+    with pytest.raises(RecordingError, match="not a table of numbers"):
         import_arrays(tmp_path / "words.npz", mapping)
     (tmp_path / "a.xlsx").write_bytes(b"")
     with pytest.raises(RecordingError, match=r"none of \.csv, \.txt"):

@@ -181,7 +181,7 @@ CHANNEL = {"topic": "/x"}
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        ({"joints": {}}, "joints: has 0 entries, needs 1 or more"),
+        ({"joints": {}}, "joints: has 0 entries, but needs at least 1"),
         ({"joint": {}}, "joint: unknown key"),
         (
             {"joints": {"a": {"link": {"position": {**CHANNEL, "unit": "degrees"}}}}},
@@ -214,7 +214,7 @@ CHANNEL = {"topic": "/x"}
         ),
         ({"joints": {"a": {"link": {"position": CHANNEL}}, "b": {}}}, "b has no channel"),
         ({"joints": {"a": {"link": [1]}}}, "joints.a.link"),
-        (["a"], "holds no fields"),
+        (["a"], "contains no fields"),
     ],
 )
 def test_wrong_channel_maps_are_refused_by_field(
@@ -233,7 +233,7 @@ def test_wrong_channel_maps_are_refused_by_field(
         ({"topic": "/nowhere"}, "no messages on /nowhere"),
         (
             {"name": "elbow"},
-            "no message on /motor_states names elbow; there are joint_1, joint_2, joint_3",
+            "no message on /motor_states contains elbow; the joints are joint_1, joint_2, joint_3",
         ),
         ({"field": "torque"}, "no numbers in field 'torque'"),
         ({"field": "effort", "index": 7}, "no number 7 in field 'effort'"),
@@ -295,8 +295,8 @@ def test_a_channel_map_has_the_same_coupling() -> None:
 @pytest.mark.parametrize(
     ("coupling", "words"),
     [
-        ({"d": {"a": 1.0}}, "no joint d"),
-        ({"b": {"e": 1.0}}, "no joint e"),
+        ({"d": {"a": 1.0}}, "unknown joint d"),
+        ({"b": {"e": 1.0}}, "unknown joint e"),
         ({"b": {"a": 1.0}}, "cannot move"),
         ({"b": {"b": float("nan")}}, "not finite"),
     ],

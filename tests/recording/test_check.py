@@ -97,7 +97,7 @@ def test_a_channel_that_some_joints_have_is_noted(tmp_path: Path, rng: np.random
     whole.link.position[:, 2], whole.link.velocity[:, 2] = np.nan, np.nan
     report = check_bag(write_recording(tmp_path / "some", whole))
     assert report.ok
-    assert "/joint_states.position is not there for joint_3" in [
+    assert "/joint_states.position is missing for joint_3" in [
         finding.message for finding in report.findings
     ]
     whole.link.velocity[:] = np.nan
@@ -129,7 +129,8 @@ def test_unknown_joints_are_named(tmp_path: Path) -> None:
     """Joints that the robot does not have are named, with those that were recorded."""
     bag = write_foreign(tmp_path / "bag", both(stamps(100)))
     with pytest.raises(
-        RecordingError, match="not recorded: joint elbow; there are joint_1, joint_2, joint_3"
+        RecordingError,
+        match="not recorded: joint elbow; the recorded joints are joint_1, joint_2, joint_3",
     ):
         read_recording(bag, joints=["joint_1", "elbow"])
     arm = random_arm(2, np.random.default_rng(0), elastic=False)
@@ -181,10 +182,10 @@ def test_wrong_type_is_named(tmp_path: Path) -> None:
     ("name", "content", "words"),
     [
         ("x.mcap", b"", "is empty"),
-        ("x.mcap", b"no bag at all", "is no MCAP file"),
+        ("x.mcap", b"no bag at all", "is not an MCAP file"),
         ("x.mcap", None, "does not exist"),
         ("x.db3", b"", "is empty"),
-        ("x.db3", b"no bag at all", "is no SQLite file"),
+        ("x.db3", b"no bag at all", "is not an SQLite file"),
         ("x.db3", b"SQLite format 3\0 and no more", "is damaged"),
     ],
 )

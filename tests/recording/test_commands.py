@@ -36,7 +36,7 @@ def test_lag_and_rates_of_commands_are_stated() -> None:
     seen = found(motion(0.06) + 1e-3 * np.random.default_rng(1).normal(size=(600, 2)), motion())
     assert set(seen) == {"commands"}
     assert (
-        "are 60 ms behind" in seen["commands"]
+        "lag the commands by 60 ms" in seen["commands"]
         and "commands come at 50 Hz, positions at 50 Hz" in seen["commands"]
     )
 

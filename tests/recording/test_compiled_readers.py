@@ -95,7 +95,7 @@ def test_a_reader_that_never_ends_is_ended(file: Path, monkeypatch: pytest.Monke
     monkeypatch.setattr(compiled_readers, "MODULE", "sleep")
     monkeypatch.setattr(compiled_readers, "START_SECONDS", 1)
     monkeypatch.setattr(compiled_readers, "PATIENCE", 1)
-    with pytest.raises(RecordingError, match="takes more than 1 s"):
+    with pytest.raises(RecordingError, match="takes longer than 1 s"):
         load_arrays(file)
 
 

@@ -79,7 +79,7 @@ def test_the_episodes_of_a_lerobot_dataset_are_recordings(tmp_path: Path, versio
         again = read_recording(write_recording(tmp_path / f"bag_{k}", run))
         assert_equal(again, run)
     with pytest.raises(
-        RecordingError, match=r"holds 3 runs\. Give the number of one under rows\.value"
+        RecordingError, match=r"contains 3 runs\. Give the number of one run under rows\.value"
     ):
         import_arrays(root, tmp_path / "map.yaml")
     one = draft.to_yaml().replace(
@@ -88,7 +88,7 @@ def test_the_episodes_of_a_lerobot_dataset_are_recordings(tmp_path: Path, versio
     (tmp_path / "map.yaml").write_text(one)
     assert_equal(import_arrays(root, tmp_path / "map.yaml"), runs["episode_index_1"])
     (tmp_path / "map.yaml").write_text(one.replace("value: 1", "value: 7"))
-    with pytest.raises(RecordingError, match=r"no row has episode_index 7. Take one of 0, 1, 2"):
+    with pytest.raises(RecordingError, match=r"no row has episode_index 7. Choose one of 0, 1, 2"):
         import_arrays(root, tmp_path / "map.yaml")
 
 
@@ -131,7 +131,7 @@ def test_files_that_name_others_are_refused(tmp_path: Path) -> None:
         file.create_virtual_dataset("q", layout)
         file["linked"] = h5py.ExternalLink(str(tmp_path / "source.h5"), "q")
     for name in ("external", "virtual"):
-        with pytest.raises(RecordingError, match="q lies in other files"):
+        with pytest.raises(RecordingError, match="q is in other files"):
             load_arrays(tmp_path / f"{name}.h5")
     with h5py.File(tmp_path / "virtual.h5", "a") as file:
         del file["q"]
@@ -148,13 +148,14 @@ def test_files_that_name_others_are_refused(tmp_path: Path) -> None:
         "times: {key: t}\njoints: [j]\nlink: {position: {key: linked}}"
     )
     with pytest.raises(
-        RecordingError, match=r"linked is no table of numbers, but of str[0-9]*: \['a link to q of "
+        RecordingError,
+        match=r"linked is not a table of numbers, but of str[0-9]*: \['a link to q of ",
     ):
         import_runs(tmp_path / "virtual.h5", tmp_path / "map.yaml")
     (tmp_path / "set").mkdir()
     for k in range(2):
         (tmp_path / "set" / f"episode_{k}.h5").write_bytes((tmp_path / "virtual.h5").read_bytes())
-    with pytest.raises(RecordingError, match="linked is no table of numbers, but of str"):
+    with pytest.raises(RecordingError, match="linked is not a table of numbers, but of str"):
         import_runs(tmp_path / "set", tmp_path / "map.yaml")
 
 
@@ -168,7 +169,7 @@ def test_a_small_file_of_equal_numbers_is_not_unpacked_beyond_the_limit(
     pq.write_table(pa.table({"q": column}), tmp_path / "run.parquet", compression="zstd")
     assert (tmp_path / "run.parquet").stat().st_size < 100_000
     monkeypatch.setenv("ELASTIC_ARM_MAX_UNPACKED_MB", "10")
-    with pytest.raises(RecordingError, match="unpacks to 16000000 bytes, 10000000 are the limit"):
+    with pytest.raises(RecordingError, match="unpacks to 16000000 bytes; the limit is 10000000"):
         load_arrays(tmp_path / "run.parquet")
 
 
@@ -225,7 +226,7 @@ def test_a_bag_as_arrays_and_back_is_the_same_bag(
     second = read_recording(write_recording(tmp_path / "second", again))
     assert_equal(second, first)
     assert second.currents == first.currents and all(
-        "mNm by its name" in note for note in again.notes
+        "mNm according to its name" in note for note in again.notes
     )
 
 
@@ -243,11 +244,11 @@ def test_sides_are_joined_on_request_alone_and_with_a_word(
         f"{len(samples)} samples on one time base of 13 of the link side and 50 of the motor side"
         in said[0]
     )
-    assert any("interpolated" in line for line in said) and "the commands are not in it" in said[-1]
+    assert any("interpolated" in line for line in said) and "without the commands" in said[-1]
 
 
 def test_other_endings_are_refused(tmp_path: Path) -> None:
     """The ending chooses the format."""
-    with pytest.raises(RecordingError, match=r"none of .csv, .npz, .parquet, .h5"):
+    with pytest.raises(RecordingError, match=r"extensions .csv, .npz, .parquet, .h5"):
         export_arrays(two_sided(np.random.default_rng(0), 50), tmp_path / "run.xlsx")
     assert "none of .csv" in refusal("bag", "export", tmp_path, "--out", tmp_path / "run.xlsx")

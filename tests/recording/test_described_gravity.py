@@ -100,7 +100,9 @@ def test_a_joint_of_the_wrong_sign_is_named(side: str, elastic: bool) -> None:
     (finding,) = contradicted_gravity(recorded(robot, side=side, flipped=[1]), robot)
     words = finding.message
     assert finding.code == "gravity_sign"
-    assert words.startswith(f"{side} side: the torque of joint_2 has the other sign than described")
+    assert words.startswith(
+        f"{side} side: the torque of joint_2 has the opposite sign of the description"
+    )
 
 
 def test_the_parts_of_a_recording_are_judged_together() -> None:
@@ -121,7 +123,7 @@ def test_signs_of_all_torques_and_an_arm_upside_down_are_said_together(which: st
         recorded(robot, gravity, speed=0.3, flipped=range(4) if which == "all signs" else ()), robot
     )
     words = finding.message
-    assert "either all torques have the wrong sign" in words and "hangs upside down" in words
+    assert "either all torques have the wrong sign" in words and "is mounted upside down" in words
 
 
 def test_an_arm_on_a_wall_has_no_torques_of_the_wrong_sign() -> None:
@@ -130,7 +132,7 @@ def test_an_arm_on_a_wall_has_no_torques_of_the_wrong_sign() -> None:
     robot = arm()
     recording = recorded(robot, np.array([0.0, 9.81, 0.0]))
     (finding,) = contradicted_gravity(recording, robot)
-    assert finding.code == "mounting" and "where the description has 0 0 -9.81" in finding.message
+    assert finding.code == "mounting" and "but the description has 0 0 -9.81" in finding.message
 
 
 def test_little_is_concluded_from_little() -> None:
@@ -167,7 +169,7 @@ def test_torques_of_a_wrong_unit_are_named_with_their_factor(factor: float, word
     wrong = replace(recording, link=replace(recording.link, effort=factor * recording.link.effort))
     (finding,) = contradicted_gravity(wrong, robot)
     assert finding.code == "gravity_size" and words in finding.message
-    assert "follows the gravity that the description predicts" in finding.message
+    assert "follows the predicted gravity" in finding.message
 
 
 def test_angles_taken_for_degrees_show_in_gravity() -> None:
@@ -248,20 +250,20 @@ def test_mirrored_joints_of_a_noisy_arm_of_six_are_named(wrong: tuple[int, ...])
             "exchanged",
             "all channels of joint_1 and joint_4 seem to be exchanged",
         ),
-        ((3, 2, 1, 0), ONES, "all", "exchanged", "all channels are in the reversed order"),
+        ((3, 2, 1, 0), ONES, "all", "exchanged", "all channels are in reversed joint order"),
         (
             (0, 1, 2, 3),
             (1.0, 1.0, -1.0, 1.0),
             "all",
             "mirrored",
-            "joint_3 turns the other way than described",
+            "joint_3 turns in the opposite direction of the description",
         ),
         (
             (0, 1, 2, 3),
             (1.0, 1.0, -1.0, 1.0),
             "angles",
             "mirrored",
-            "the angle of joint_3 has the other sign",
+            "the angle of joint_3 has the opposite sign",
         ),
     ],
 )
@@ -283,7 +285,7 @@ def test_joints_and_channels_that_were_confused_are_named(
 
 
 @pytest.mark.parametrize(
-    ("left", "words"), [(0.0, "holds no gravity"), (0.3, "holds a part only of the gravity")]
+    ("left", "words"), [(0.0, "contains no gravity"), (0.3, "contains only part of the gravity")]
 )
 def test_torques_without_gravity_are_named_with_the_correlation(left: float, words: str) -> None:
     """Where the compensation of the arm's weight was subtracted, wholly or in part."""
@@ -338,7 +340,7 @@ def test_a_joint_whose_zero_is_elsewhere_is_named_with_the_angle(
 
     (finding,) = found(joint)
     assert finding.code == "other_zero" and f"the zero of joint_{joint + 1}" in finding.message
-    offset, _, std = finding.message.partition("lie ")[2].split()[:3]
+    offset, _, std = finding.message.partition("differ by ")[2].split()[:3]
     assert abs(float(offset) - 0.08) < 4.0 * float(std) < 0.02
     assert found(3) == []
 
@@ -356,5 +358,8 @@ def test_no_arm_is_written_by_channels_that_are_not_what_they_are_taken_for(tmp_
         )
         assert told.exit_code == 0
         assert (tmp_path / f"{name}_o" / "robot.yaml").exists() == (name == "right")
-        said = "no corrected file:" in told.output and "joint_3 turns the other way" in told.output
+        said = (
+            "no corrected file:" in told.output
+            and "joint_3 turns in the opposite direction" in told.output
+        )
         assert said == (name == "wrong")

@@ -61,5 +61,5 @@ def test_other_commands_are_refused() -> None:
     simulated = Recording(
         ("a", "b"), motor=Side(np.round(t * 1e9).astype(np.int64), position=other, effort=other)
     )
-    with pytest.raises(RecordingError, match="do not move alike"):
+    with pytest.raises(RecordingError, match="contain different motions"):
         differences(real, simulated)

@@ -151,7 +151,7 @@ def test_clocks_that_are_apart_are_joined() -> None:
         other.stamp_ns + 10**12,
         np.random.default_rng(0).normal(size=other.position.shape).cumsum(axis=0),
     )
-    assert "not one motion" in cleared(Recording(NAMES, link, reference=strange))[1][0].message
+    assert "no motion" in cleared(Recording(NAMES, link, reference=strange))[1][0].message
 
 
 @pytest.mark.parametrize("late", [0.06, -0.12])
@@ -161,7 +161,7 @@ def test_sides_that_are_apart_by_a_tenth_of_a_second_are_named(late: float) -> N
     link, motor = motion()
     shifted = Side(TIME_NS + round(1e9 * late), link.position, effort=motor.effort)
     found = [one for one in said(Recording(NAMES, link, shifted)) if one.code == "sides_apart"]
-    assert len(found) == 1 and ("behind" in found[0].message) == (late > 0.0)
+    assert len(found) == 1 and (" lag " in found[0].message) == (late > 0.0)
     sizes = [float(size) for size in re.findall(r"([\d.]+)(?= to| ms)", found[0].message)]
     assert sizes == pytest.approx([1e3 * abs(late)] * len(sizes), rel=0.05)
 

@@ -104,7 +104,7 @@ def test_a_torque_that_follows_the_velocity_is_no_velocity() -> None:
     assert not any(
         guess.side == "motor" and guess.channel == "velocity" for guess in draft.channels
     )
-    assert draft.ignored == (("motor", "motor effort too; torque was chosen"),)
+    assert draft.ignored == (("motor", "also a candidate for motor effort; torque was chosen"),)
 
 
 def test_what_is_called_a_velocity_and_is_none_is_left_out_with_the_reason() -> None:
@@ -112,7 +112,7 @@ def test_what_is_called_a_velocity_and_is_none_is_left_out_with_the_reason() -> 
     name."""
     arrays = {"times": T, "pos": Q, "vel": TAU}
     ((key, reason),) = guess_mapping(arrays, JOINTS).ignored
-    assert key == "vel" and "derivative of no position" in reason
+    assert key == "vel" and "not the derivative of any position" in reason
     for left_out in ("times", "pos"):
         rest = {name: values for name, values in arrays.items() if name != left_out}
         assert "velocity" in [guess.channel for guess in guess_mapping(rest, JOINTS).channels]
@@ -131,7 +131,7 @@ def test_one_table_in_two_forms_is_used_once(tmp_path: Path) -> None:
         ("link", "velocity"): "B_rates",
         ("motor", "effort"): "A_cur",
     }
-    assert "as well" not in draft.to_yaml()
+    assert "another candidate" not in draft.to_yaml()
     assert "- B_rates.*    # the same numbers as B_rates" in draft.to_yaml()
 
 
@@ -203,11 +203,11 @@ def test_a_single_axis_has_columns_of_one_name_each() -> None:
 def test_arrays_of_other_joints_or_without_a_sample_are_refused() -> None:
     """Three columns are no arm of seven joints; and numpy has no remark about the mean of
     nothing."""
-    with pytest.raises(RecordingError, match="no array holds positions or torques of 7 joints"):
+    with pytest.raises(RecordingError, match="no array contains positions or torques of 7 joints"):
         guess_mapping({"time": T, "q": Q}, [f"joint_{k}" for k in range(7)])
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        with pytest.raises(RecordingError, match="no array holds"):
+        with pytest.raises(RecordingError, match="no array contains"):
             guess_mapping({"t": np.empty(0), "q": np.empty((0, 2))}, JOINTS)
 
 
@@ -230,10 +230,7 @@ def test_columns_without_a_sensor_are_left_out(tmp_path: Path) -> None:
     (tmp_path / "map.yaml").write_text(draft.to_yaml())
     taken = import_arrays(tmp_path / "run.npz", tmp_path / "map.yaml")
     np.testing.assert_array_equal(np.isnan(taken.link.position).all(axis=0), [False, False, True])
-    assert (
-        "column 2 is constant while its joint moves: no sensor there, and left out"
-        in draft.to_yaml()
-    )
+    assert "column 2 is constant while its joint moves: no sensor, not mapped" in draft.to_yaml()
 
 
 def test_a_torque_by_the_current_comes_before_one_without_a_side() -> None:
@@ -303,7 +300,7 @@ def test_a_number_that_is_missing_makes_no_degrees(tmp_path: Path) -> None:
     }
     (tmp_path / "map.yaml").write_text(draft.to_yaml())
     taken = import_arrays(tmp_path / "run.npz", tmp_path / "map.yaml")
-    assert taken.notes[0] == "2 of 4000 rows have holes on the link side and were left out of it"
+    assert taken.notes[0] == "2 of 4000 rows have missing values on the link side and were skipped"
 
 
 @pytest.mark.parametrize("decimal", [".", ","])
@@ -364,7 +361,7 @@ def test_names_with_and_without_a_prefix_are_those_of_one_arm(
     for taken in (recorded.select(joints), read):
         assert taken.joints == tuple(joints) and taken.link is not None
         np.testing.assert_array_equal(taken.link.position, Q)
-        assert "by their names without what all" in taken.notes[-1]
+        assert "after removing the common part of the names" in taken.notes[-1]
     called = [f"{written}joint{k}" for k in (1, 2, 3)]
     assert matched_names(joints, [*recorded.joints, "gripper"]) == called
     assert matched_names(joints, [f"{arm}_{name}" for name in called for arm in "lr"]) is None

@@ -57,15 +57,15 @@ def with_empty_names(count: int) -> bytes:
 REFUSED: dict[str, tuple[Callable[[], bytes], str]] = {
     "three million empty names": (
         lambda: packed(with_empty_names(3_000_000)),
-        "3000000 texts, 10000 are the limit",
+        "3000000 texts; the limit is 10000",
     ),
     "four million positions": (
         lambda: packed(with_numbers(4_000_000)),
-        "4000000 numbers, 10000 are the limit",
+        "4000000 numbers; the limit is 10000",
     ),
     "records of nine bytes": (
         lambda: file(record(0x80, b"") * 260_000),
-        "records that are no messages",
+        "records other than messages",
     ),
     "such records in a chunk": (
         lambda: mcap(
@@ -73,7 +73,7 @@ REFUSED: dict[str, tuple[Callable[[], bytes], str]] = {
                 zstandard.ZstdCompressor().compress(record(0x80, b"") * 210_000), 1_890_000, "zstd"
             )
         ),
-        "records that are no messages",
+        "records other than messages",
     ),
     "a channel again and again": (
         lambda: file(channel(1, "/t") * 201_000),

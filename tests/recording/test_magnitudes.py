@@ -47,9 +47,9 @@ def test_an_arm_within_its_limits_is_not_blamed(zero: float) -> None:
 def test_degrees_taken_as_radians_are_beyond_all_limits() -> None:
     """The positions of joints with a range, and the velocities of all."""
     position, velocity = beyond_limits(recorded(180 / np.pi), arm())
-    assert position.message.startswith("link position of joint_1, joint_2 is beyond the limits")
+    assert position.message.startswith("link position of joint_1, joint_2 exceeds the limits")
     assert (
-        "divided by 57.3 all are within: check the unit (degrees taken as radians)"
+        "after division by 57.3 all are within: check the unit (degrees taken as radians)"
         in position.message
     )
     assert (
@@ -81,7 +81,7 @@ def test_a_recording_that_can_hardly_be_used_says_so() -> None:
     whole = recorded()
     assert hardly_usable(whole) == []
     (few,) = hardly_usable(replace(whole, link=whole.link.at(slice(5))))
-    assert few.startswith("there are 5 samples only")
+    assert few.startswith("only 5 samples")
     (none,) = hardly_usable(replace(whole, link=replace(whole.link, position=None)))
     assert none.startswith("no position of any joint")
     lacking = whole.link.position * [1.0, np.nan, 1.0]

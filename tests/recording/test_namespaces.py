@@ -49,13 +49,13 @@ def test_of_several_arms_one_is_chosen_by_its_namespace(tmp_path: Path, wanted: 
     alone are read."""
     bag = bag_of(tmp_path, left=1, right=2)
     with pytest.raises(
-        RecordingError, match=r"holds 2 arms: /left, /right\. Choose one: --namespace"
+        RecordingError, match=r"contains 2 arms: /left, /right\. Choose one: --namespace"
     ):
         read_recording(bag)
     recording = read_recording(bag, namespace=wanted)
     np.testing.assert_array_equal(recording.link.position, angles(tmp_path, 1))
     with pytest.raises(
-        RecordingError, match=r"no arm in the namespace /middle\. There are: /left, /right"
+        RecordingError, match=r"no arm in the namespace /middle\. The namespaces are: /left, /right"
     ):
         read_recording(bag, namespace="middle")
 

@@ -49,7 +49,7 @@ def test_messages_out_of_order_are_sorted(tmp_path: Path, block: int) -> None:
     np.testing.assert_array_equal(recording.motor.stamp_ns, TAKEN)  # type: ignore[union-attr]
     np.testing.assert_array_equal(rows(recording)[order], np.arange(COUNT))
     assert codes(bag) == {"out_of_order"}
-    assert any("came after later ones" in note for note in recording.notes)
+    assert any("arrived after later ones" in note for note in recording.notes)
 
 
 @pytest.mark.parametrize("back", [0.5, 0.5003, 0.08, 2.0, 3600.0])
@@ -114,8 +114,7 @@ def test_of_messages_with_one_stamp_one_is_taken(tmp_path: Path) -> None:
         f for f in check_bag(bag).findings if f.code == "duplicate" and f.topic == "/motor_states"
     ]
     assert (
-        finding.severity == "warning"
-        and "repeats a stamp 1 times, first that of 0.076" in finding.message
+        finding.severity == "warning" and "repeats 1 stamps, first that of 0.076" in finding.message
     )
 
 
@@ -163,7 +162,7 @@ def test_half_messages_of_one_arm_are_joined(tmp_path: Path, late_ns: int) -> No
         recording.motor.position, np.tile(seconds[:, None], 3), rtol=0, atol=1e-9
     )
     assert len(seconds) >= COUNT - 1
-    assert check_bag(bag).usable and any("they are joined" in note for note in recording.notes)
+    assert check_bag(bag).usable and any("which are merged" in note for note in recording.notes)
     file = tmp_path / "map.yaml"
     file.write_text(
         "joints:\n"

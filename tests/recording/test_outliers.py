@@ -172,16 +172,17 @@ def test_a_single_sample_within_the_range_of_others_is_said_to_be_off_its_neighb
     )
     words = found.words()
     assert (
-        f"1 sample of the motor effort of b up to {torque[2000, 1]:.3g}, off the curve through its"
-        " neighbours by up to" in words
+        f"1 sample of the motor effort of b up to {torque[2000, 1]:.3g}, with a deviation of up to"
+        in words
+        and "from the curve through its neighbours" in words
     )
     off, kept = (
-        float(words.split("neighbours by up to ")[1].split(",")[0]),
+        float(words.split("with a deviation of up to ")[1].split()[0]),
         float(words.split("within ")[1]),
     )
     assert off > 10.0
     assert kept < 3.0
-    assert "others lie between" not in words
+    assert "others are between" not in words
 
 
 @pytest.mark.parametrize("row", [3, 20_000, 39_996])
@@ -261,7 +262,7 @@ def test_an_encoder_whose_zero_is_set_runs_on(size: float) -> None:
     found = without_outliers(moved(whole, lambda q: q + size * np.outer(T > 9.995, [1.0, 0.0])))
     (note,) = found.notes
     assert (
-        "motor position of a jumps as no joint moves, by" in note
+        "motor position of a jumps in a physically impossible way, by" in note
         and "after sample 999, 9.990000 s" in note
     )
     assert float(note.split(", by ")[1].split()[0]) == pytest.approx(size, abs=5e-3)
@@ -275,7 +276,7 @@ def test_joined_recordings_are_parted() -> None:
     joined = moved(turning(), lambda q: np.vstack([q[:1200], q[400:1200]]), effort=True)
     found = without_outliers(joined)
     assert len(found.notes) == 2 and all(
-        "joined recordings? It is parted there" in note for note in found.notes
+        "concatenated recordings? The recording is split there" in note for note in found.notes
     )
     kept = np.isin(joined.motor.stamp_ns, found.motor.stamp_ns)
     assert 5 < np.count_nonzero(~kept) < 12 and not kept[1200:1206].any()

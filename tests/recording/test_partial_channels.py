@@ -46,7 +46,7 @@ def test_a_bag_keeps_which_joints_have_a_channel(partial: Recording, tmp_path: P
     write_recording(tmp_path / "bag", partial)
     found = read_recording(tmp_path / "bag")
     np.testing.assert_array_equal(found.link.position, partial.link.position)
-    assert any("position is not there for b" in note for note in found.notes)
+    assert any("position is missing for b" in note for note in found.notes)
     assert not find_outliers(found)
 
 
@@ -76,7 +76,7 @@ def test_a_joint_that_appears_later_is_said_to(tmp_path: Path, apart: bool) -> N
     found = read_recording(write_foreign(tmp_path / "bag", messages))
     assert found.motor is not None and len(found.motor) == pytest.approx(300, abs=1)
     said = (
-        "101 samples are left out that these do not cover"
+        "101 samples outside of its time range are skipped"
         if apart
         else "100 messages on /motor_states without joint_3"
     )
@@ -93,7 +93,7 @@ def test_a_mapping_of_arrays_names_the_joints_of_a_channel(
     found = imported(tmp_path / "run.npz", JOINTS, 250.0, link={"position": q}, motor=motor)
     assert np.isnan(found.link.position[:, 1]).all()
     np.testing.assert_allclose(found.link.position[:, [0, 2]], angles[:, [0, 2]] * [1.0, -1.0])
-    with pytest.raises(RecordingError, match="there is no joint d"):
+    with pytest.raises(RecordingError, match="unknown joint d"):
         imported(
             tmp_path / "run.npz",
             JOINTS,

@@ -117,7 +117,7 @@ def test_a_motor_torque_of_the_wrong_sign_is_found() -> None:
     assert not backward(changed(recording, "motor", effort=torque))
     torque[:, 1] *= -1.0
     (words,) = backward(changed(recording, "motor", effort=torque))
-    assert "effort of joint_2 takes energy" in words
+    assert "effort of joint_2 removes energy" in words
     assert not backward(changed(recording, "link", effort=torque))
 
 
@@ -131,7 +131,7 @@ def test_a_motor_torque_of_the_wrong_sign_is_found_beside_the_encoders_of_the_li
     (words,) = backward(
         replace(recording, motor=replace(alone, effort=alone.effort * [1.0, 1.0, -1.0]))
     )
-    assert "effort of joint_3 takes energy" in words
+    assert "effort of joint_3 removes energy" in words
     assert not backward(replace(recording, link=None, motor=replace(alone, effort=-alone.effort)))
 
 
@@ -228,7 +228,7 @@ def test_velocities_beside_stamps_of_a_wrong_unit_are_compared() -> None:
         finding.code == "velocity"
         and "1000 times the derivative of the position" in finding.message
     )
-    assert "the unit of the times: the samples come at 0.5 Hz" in finding.message
+    assert "the unit of the times: the sample rate is 0.5 Hz" in finding.message
 
 
 SLOW_RATE = 200.0

@@ -156,7 +156,7 @@ def test_one_side_alone_is_read_with_its_effort_as_motor_torque(tmp_path: Path) 
     assert samples.tau_J is None
     assert samples.theta is None
     np.testing.assert_allclose(samples.tau_m[:, 0], np.arange(100) + 0.02, rtol=0, atol=1e-12)
-    assert any("taken as the motor torque" in note for note in recording.notes)
+    assert any("interpreted as the motor torque" in note for note in recording.notes)
 
 
 def test_motor_side_alone_is_read(tmp_path: Path) -> None:

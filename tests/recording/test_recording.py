@@ -47,7 +47,7 @@ def test_stamps_that_are_none_are_refused(stamp_ns: object) -> None:
 )
 def test_values_that_are_no_real_numbers_are_refused(values: object) -> None:
     """The imaginary part would be lost."""
-    with pytest.raises(RecordingError, match="no real numbers"):
+    with pytest.raises(RecordingError, match="not real numbers"):
         Side(np.arange(4), position=values)  # type: ignore[arg-type]
 
 

@@ -147,7 +147,7 @@ def test_a_torn_chunk_is_read_up_to_the_tear(
     np.testing.assert_array_equal(torn.motor.position, given.motor.position[: len(torn.motor)])
     assert_equal(read_recording(repair_bag(file, tmp_path / "whole").path), torn)
     file.write_bytes(file.read_bytes()[: chunk.begin - 4])  # within the head of the chunk
-    with pytest.raises(RecordingError, match="holds no messages at all"):
+    with pytest.raises(RecordingError, match="contains no messages at all"):
         read_recording(file)
 
 

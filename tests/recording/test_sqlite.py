@@ -154,7 +154,7 @@ def test_a_torn_file_is_read_up_to_the_tear(tmp_path: Path) -> None:
 def test_a_database_that_is_no_bag_is_refused(tmp_path: Path) -> None:
     """A SQLite file without the tables of a bag is no bag."""
     sqlite3.connect(tmp_path / "x.db3").execute("CREATE TABLE notes (text)").connection.close()
-    with pytest.raises(RecordingError, match="no bag"):
+    with pytest.raises(RecordingError, match="not a bag"):
         read_recording(tmp_path / "x.db3")
 
 

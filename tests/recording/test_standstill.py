@@ -35,7 +35,7 @@ def test_standstill_is_left_out_but_for_some_seconds_around_motion() -> None:
     assert 5.0 + KEPT <= t[hole] + 0.01 < 6.1 + KEPT and 63.9 - KEPT < t[hole + 1] <= 65.0 - KEPT
     assert np.sum(np.diff(t) > 1.5 / RATE) == 1
     assert found.notes[-1].startswith("run: 5") and found.notes[-1].endswith(
-        "as the arm stands still there"
+        "s of standstill are excluded"
     )
 
 

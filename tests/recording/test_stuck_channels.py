@@ -65,7 +65,7 @@ def test_a_torque_at_the_end_of_its_range_is_named_with_its_share(
     (finding,) = found(recording(noise, step, limit=50.0), "clipped")
     assert finding.code == "clipped"
     assert (
-        "motor effort sits at an end of its range while the joint moves: joint_2 for 1"
+        "motor effort stays at one end of its range while the joint moves: joint_2 for 1"
         in finding.message
     )
     assert "% (-50): the drive" in finding.message and "joint_1" not in finding.message
@@ -104,7 +104,7 @@ def test_a_recording_of_one_sample_throughout_holds_no_motion(tmp_path: Path) ->
     report = check_bag(bag)
     assert not report.ok
     (words,) = [f.message for f in report.findings if f.code == "no_motion"]
-    assert "holds no motion" in words and "excite" in words
+    assert "contains no motion" in words and "excite" in words
     moved = np.array(same.position)
     moved[200:, 1] += 0.01
     one = write_recording(
@@ -128,7 +128,7 @@ def test_freezes_are_found_with_their_times() -> None:
             in finding.message
         )
     later = replace(icy, motor=replace(icy.motor, stamp_ns=icy.motor.stamp_ns + 100_000))
-    assert [finding.message.split(" stay")[0] for finding in frozen(later)] == [
+    assert [finding.message.split(" are unchanged")[0] for finding in frozen(later)] == [
         "all channels of the link side"
     ]
     assert frozen(whole) == []
@@ -160,19 +160,19 @@ STUCK = {
         "link",
         "position",
         0.7,
-        "link position stays where it is while the joint moves: joint_2 at 0.7",
+        "link position is constant while the joint moves: joint_2 at 0.7",
     ),
     "a velocity": (
         "link",
         "velocity",
         0.0,
-        "link velocity stays where it is while the joint moves: joint_2 at 0:",
+        "link velocity is constant while the joint moves: joint_2 at 0:",
     ),
     "a torque of zero": (
         "motor",
         "effort",
         0.0,
-        "motor effort stays where it is while the joint moves: joint_2 at 0:",
+        "motor effort is constant while the joint moves: joint_2 at 0:",
     ),
     "the zero below": ("motor", "effort", -0.0, "joint_2 at 0:"),
     "the smallest number": ("motor", "effort", 5e-324, "joint_2 at 4.94e-324:"),
@@ -252,7 +252,7 @@ def test_a_channel_of_any_kind_that_is_held_is_named_with_its_period(
     slow = replace(own, **{channel: every(times, own.channels()[channel])})
     (finding,) = found(replace(whole, **{side: slow}), "held")
     assert (
-        f"{side} {channel} of all joints is held: a new value comes every {times} samples"
+        f"{side} {channel} of all joints is held: it changes every {times} samples"
         in finding.message
     )
     assert f"{RATE / times:.3g} Hz in a recording of 200 Hz" in finding.message
@@ -265,7 +265,7 @@ def test_a_cycle_missed_now_and_then_is_named_with_its_share() -> None:
     effort[50::50] = effort[49:-1:50]
     (finding,) = found(replace(whole, motor=replace(whole.motor, effort=effort)), "held")
     assert (
-        "motor effort of all joints repeats the value before in 1.99 to 2.09 % of the samples"
+        "motor effort of all joints repeats the previous value in 1.99 to 2.09 % of the samples"
         in finding.message
     )
 
@@ -292,7 +292,7 @@ def test_zeros_between_the_values_of_a_channel_are_named() -> None:
     assert found(whole, "zeros") == []
     velocity = whole.link.velocity * (np.arange(COUNT) % 3 == 0)[:, None]
     (finding,) = found(replace(whole, link=replace(whole.link, velocity=velocity)), "zeros")
-    assert "link velocity is zero between values that are none: joint_1 in 6" in finding.message
+    assert "link velocity is zero between nonzero values: joint_1 in 6" in finding.message
 
 
 def test_rounded_noise_is_not_held() -> None:

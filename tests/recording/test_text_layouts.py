@@ -159,7 +159,7 @@ def test_texts_that_are_none_of_these_stay_texts(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match="2 to 3 numbers"):
         load_arrays(file)
     (tmp_path / "a.json").write_text("{}")
-    with pytest.raises(RecordingError, match="holds no table"):
+    with pytest.raises(RecordingError, match="contains no table"):
         load_arrays(tmp_path / "a.json")
 
 

@@ -32,9 +32,7 @@ def test_of_a_rigid_arm_the_encoders_of_the_motors_are_used_and_the_lag_is_state
     """Their zero is no lag; and nothing is left of a link side that no joint needs."""
     found = by_motor_encoders(recorded(), RIGID)
     assert found.link is None
-    assert (
-        "joint_1, joint_2: " in found.notes[-1] and "which are 3 ms behind them" in found.notes[-1]
-    )
+    assert "joint_1, joint_2: " in found.notes[-1] and "which lag them by 3 ms" in found.notes[-1]
 
 
 def test_link_encoders_stay_where_they_are_needed() -> None:
@@ -73,7 +71,7 @@ def test_encoders_that_agree_but_for_the_wind_up_are_not_blamed() -> None:
 def test_a_zero_and_a_ratio_of_encoders_are_named() -> None:
     """An incremental encoder 0.4 rad off, a ratio 0.35 % off: the joint, and by how much."""
     cleared = without_outliers(elastic(0.4))
-    assert any("position of joint_2 are 0.4 rad apart" in note for note in cleared.notes)
+    assert any("position of joint_2 differ by 0.4 rad" in note for note in cleared.notes)
     np.testing.assert_allclose(cleared.motor.position, elastic().motor.position, rtol=0, atol=2e-4)  # type: ignore[union-attr, arg-type]
     (ratio,) = disagreeing(elastic(ratio=1.0035))
     assert ratio.code == "encoder_ratio" and "of joint_2 are 1 times" not in ratio.message

@@ -65,15 +65,13 @@ def test_report_shows_verdict_map_causes_and_prediction_in_a_browser(
     folded = re.findall(r"<details><summary><h2>([^<]*)</h2>", page)
     assert (
         folded[0] == "Before and after"
-        and folded[-1] == "What this rests on"
+        and folded[-1] == "Basis of this diagnosis"
         and "Verdict" not in folded
     )
     titles = re.findall(r"<h2>([^<]*)</h2>", page)
-    assert titles[:2] == ["Verdict", "Where the gap lies"]
+    assert titles[:2] == ["Verdict", "Location of the gap"]
     assert {"coulomb friction, joint_2", "transmission error, joint_1"} < set(titles)
-    assert {"Before and after", "How far ahead the model sees", "What the residuals follow"} < set(
-        titles
-    )
+    assert {"Before and after", "Prediction horizon", "Regimes of the residuals"} < set(titles)
     assert page.index("explained: ") < page.index("<svg")
     # Map, two causes, horizons are drawings; what is over time can be zoomed: two causes, and nine
     # residuals.
@@ -83,7 +81,7 @@ def test_report_shows_verdict_map_causes_and_prediction_in_a_browser(
         "velocity [rad/s]",
         "wave generator angle",
         "frequency [Hz]",
-        "ahead [ms]",
+        "horizon [ms]",
         "Trust in the",
         "time [s]",
         "Nm/√Hz",
@@ -133,8 +131,8 @@ def test_gap_without_an_effect_for_it_is_drawn_as_unexplained(tmp_path: Path) ->
     recordings = [record(motion, FRICTION, seed=k) for k, motion in enumerate(motions())]
     found = diagnose([recordings[0]], Question(ROBOT, effects=()), [recordings[1]])
     page = write_gap_report(tmp_path / "report.html", found).read_text()
-    assert found.verdict == "unknown" and "What is not explained" in page
-    assert "joint_2, motor side: where most is left" in page
+    assert found.verdict == "unknown" and "Unexplained residuals" in page
+    assert "joint_2, motor side: the place with the largest remaining residual" in page
 
 
 def test_arm_with_the_causes_in_it_has_no_gap_left(two_causes: Diagnosis) -> None:
@@ -170,7 +168,7 @@ def test_command_writes_the_motion_that_the_simulator_takes(tmp_path: Path) -> N
     check_residuals(folder / "residuals.csv", tmp_path)
     words = " ".join(told.stdout.split())
     assert (
-        f"told apart by: {SEPARATING}" in words
+        f"separated by: {SEPARATING}" in words
         and "prediction: Driven by the measured torque" in words
     )
     told = run(
@@ -321,7 +319,7 @@ def test_help_says_what_is_written_and_how_it_ends() -> None:
         "report.html",
         "robot.yaml",
         SEPARATING,
-        "Exit status 0",
+        "exit status",
         "--validate",
         "--model",
         "--robot",

@@ -59,7 +59,7 @@ def test_instants_at_which_a_joint_sticks_are_gaps_in_the_figures(fitted: tuple[
         for b in part.blocks
         if isinstance(b, Figure)
     ]
-    assert sum("where a joint sticks" in figure.caption for figure in figures) == 2
+    assert sum("while a joint sticks" in figure.caption for figure in figures) == 2
 
 
 def test_combinations_go_by_their_first_term_and_friction_comes_first(
@@ -77,4 +77,4 @@ def test_combinations_go_by_their_first_term_and_friction_comes_first(
     assert dict(full.rows)["link_2.mx + 5 terms"].startswith(
         "link_2.mx - 0.75 link_2.m - 0.75 link_3.m"
     )
-    assert "the identified one by up to" in result.summary()[1]
+    assert "that of the identified arm up to" in result.summary()[1]

@@ -206,7 +206,7 @@ BAD: dict[str, tuple[Edit, str]] = {
     "unplaced joint": (lambda c: joint(c).pop("dh"), r"joints\[1\]\.dh: missing field"),
     "joint placed twice": (
         lambda c: joint(c).update(before=np.eye(4).tolist()),
-        "so is before or after",
+        "conflicts with before or after",
     ),
     "skew placement": (
         lambda c: (
@@ -217,27 +217,27 @@ BAD: dict[str, tuple[Edit, str]] = {
     ),
     "mass of no arm": (
         lambda c: joint(c)["link"].update(mass=1e200),
-        r"link\.mass is 1e\+200, which is of no arm",
+        r"link\.mass is 1e\+200, which is implausible",
     ),
     "stiffness of no arm": (
         lambda c: joint(c).update(stiffness=1e-300),
-        r"\.stiffness is 1e-300, which is of no arm",
+        r"\.stiffness is 1e-300, which is implausible",
     ),
     "damping of no arm": (
         lambda c: joint(c).update(damping=1e300),
-        r"\.damping is 1e\+300, which is of no arm",
+        r"\.damping is 1e\+300, which is implausible",
     ),
     "ratio of no arm": (
         lambda c: joint(c).update(harmonic_drive_ratio=1e12),
-        r"drive_ratio is 1e\+12, which is of no transmission",
+        r"drive_ratio is 1e\+12, which is implausible for a transmission",
     ),
     "length of no arm": (
         lambda c: joint(c)["dh"].update(a=1e200),
-        r"offset holds 1e\+200, which is of no arm",
+        r"offset contains 1e\+200, which is implausible",
     ),
     "gravity of no arm": (
         lambda c: c.update(gravity=[0, 0, -1e200]),
-        r"gravity holds 1e\+200, which is of no arm",
+        r"gravity contains 1e\+200, which is implausible",
     ),
     "limits crossed": (
         lambda c: joint(c).update(limits={"position_min": 1.0, "position_max": -1.0}),
@@ -275,10 +275,10 @@ def test_a_mixture_of_elastic_and_rigid_joints_is_refused_by_name(
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "holds no fields"),
-        ("- 1\n- 2\n", "holds no fields"),
+        ("", "contains no fields"),
+        ("- 1\n- 2\n", "contains no fields"),
         ("name: [1, 2\n", "line 2"),
-        ("\udcff", "is no text file"),
+        ("\udcff", "is not a text file"),
         (None, r"broken\.yaml: no such file"),
     ],
 )

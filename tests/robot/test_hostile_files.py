@@ -128,7 +128,7 @@ def test_a_path_with_a_nul_within_a_file_is_refused(tmp_path: Path) -> None:
     """An overlay that names a URDF so is refused as any missing file."""
     file = tmp_path / "a.yaml"
     file.write_text('urdf: "a\\0b.urdf"\n')
-    assert "holds a NUL" in quickly(lambda: load_robot(file))
+    assert "contains a NUL" in quickly(lambda: load_robot(file))
 
 
 def chain(count: int, kind: str = "fixed") -> str:

@@ -79,11 +79,11 @@ def test_wrong_units_are_said_and_refused(tmp_path: Path, folder: str, words: li
         ),
         (
             {"link": Inertia(2.0, np.zeros(3), 2e4 * np.eye(3))},
-            "inertia of 2e+04 kg m² at 2 kg is of a body",
+            "inertia of 2e+04 kg m² at 2 kg implies a width",
         ),
         (
             {"link": Inertia(2.0, np.zeros(3), 1e-9 * np.eye(3))},
-            "inertia of 1e-09 kg m² at 2 kg is of no body",
+            "inertia of 1e-09 kg m² at 2 kg is implausibly small",
         ),
         ({"armature": 20480.0}, "armature of 2.048e+04 kg m² is more"),
     ],

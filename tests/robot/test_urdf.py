@@ -227,7 +227,7 @@ def test_continuous_joints_and_unstated_limits_are_said() -> None:
     assert robot.joints[1].limits.velocity is None
     assert robot.joints[1].limits.torque is None
     assert any("'one' is continuous" in note for note in robot.notes)
-    assert any("'two' states the velocity limit 0" in note for note in robot.notes)
+    assert any("'two' has the velocity limit 0" in note for note in robot.notes)
 
 
 def test_a_link_without_inertial_counts_as_massless_and_is_said() -> None:
@@ -288,7 +288,9 @@ def test_an_inertia_that_a_body_just_cannot_have_is_made_one() -> None:
     moments = np.linalg.eigvalsh(robot.joints[0].link.inertia)
     assert moments[2] * (1 + 1e-6) < moments[0] + moments[1] < moments[2] * (1 + 1e-3)
     assert moments == pytest.approx([0.03, 0.04, 0.072], rel=0.05)
-    assert [note for note in robot.notes if "link 'a': no body has its inertia" in note]
+    assert [
+        note for note in robot.notes if "link 'a': its inertia is physically impossible" in note
+    ]
 
 
 def test_what_rests_may_state_any_inertia() -> None:
@@ -356,7 +358,7 @@ def test_a_chain_leaves_out_other_branches_and_keeps_gravity() -> None:
 
 @pytest.mark.parametrize(
     ("chain", "problem"),
-    [(("foot", "no"), "no link 'no'"), (("b", "a"), "'a' does not stand on 'b'")],
+    [(("foot", "no"), "unknown link 'no'"), (("b", "a"), "'a' is not a descendant of 'b'")],
 )
 def test_a_chain_that_is_no_path_is_refused(chain: tuple[str, str], problem: str) -> None:
     """Links that are not there, or not one on the other, make no arm."""
@@ -371,7 +373,7 @@ def test_an_inertia_without_mass_counts_for_nothing() -> None:
     robot = parse_urdf(two_joints().replace(link("a"), link("a", stray)))
     assert robot.joints[0].link.mass == 0.0
     assert not robot.joints[0].link.inertia.any()
-    assert any("'a' has an inertia and no mass" in note for note in robot.notes)
+    assert any("'a' has an inertia but no mass" in note for note in robot.notes)
 
 
 @pytest.mark.skipif(not KINOVA.exists(), reason=f"{KINOVA} is not there")
@@ -412,10 +414,10 @@ REFUSED = {
     "two roots": (two_joints(link("lost")), "2 (foot, lost)"),
     "unknown link": (
         two_joints(joint("three", "b", "nowhere")),
-        "'three' names the link 'nowhere'",
+        "'three' refers to the link 'nowhere'",
     ),
     "twice": (two_joints(link("a")), "two links are named 'a'"),
-    "nothing moves": (urdf(link("foot")), "no joint moves"),
+    "nothing moves": (urdf(link("foot")), "contains no moving joint"),
     "negative mass": (
         two_joints().replace('mass value="2"', 'mass value="-2"', 1),
         "link 'foot': mass is -2",
@@ -433,10 +435,10 @@ REFUSED = {
     ),
     "massless end": (
         two_joints().replace(link("b"), link("b", "")),
-        "link 'b' and what is fixed to it have no mass",
+        "link 'b' and the bodies fixed to it have no mass",
     ),
     "no child": (two_joints().replace('<child link="a"/>', ""), "has no <child>"),
-    "not XML": ("<robot", "is no XML"),
+    "not XML": ("<robot", "is not valid XML"),
     "not URDF": ("<mujoco/>", "its root element is <mujoco>"),
     "xacro": (
         '<robot name="x" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arm/></robot>',
@@ -636,7 +638,7 @@ def test_a_ratio_that_two_tags_state_is_one_number() -> None:
     [
         (
             BOTH.format(80),
-            "'j' has two numbers for one: .*gear_ratio is 100, .*mechanicalReduction is 80",
+            "'j' has two values for one number: .*gear_ratio is 100, .*mechanicalReduction is 80",
         ),
         (BOTH.format(1), "gear_ratio is 100, .*mechanicalReduction is 1"),
         (DRAKE + ROS_2, "gear_ratio is 100, .*mechanical_reduction is 50"),
@@ -705,5 +707,5 @@ def test_transmissions_that_no_joint_has_are_named() -> None:
     )
     robot = parse_urdf(MOTOR.format(DRAKE.replace('name="j"', 'name="jj"')))
     assert robot.joints[0].armature is None and any(
-        "'jj': it is left out" in note for note in robot.notes
+        "'jj': it is ignored" in note for note in robot.notes
     )

@@ -147,7 +147,7 @@ def test_an_effect_acts_in_both_recordings_or_is_refused(tmp_path: Path) -> None
     for motion in drawn.motions:
         change = drawn.run(motion, (fault,)).tau_J - drawn.run(motion, ()).tau_J
         assert np.abs(change).max() > 0.05
-    with pytest.raises(SimulationError, match="changes nothing"):
+    with pytest.raises(SimulationError, match="does not change"):
         draw(requests[1], LABORATORY, np.random.default_rng((0, 1)), catalogues[1])
 
 
@@ -187,11 +187,11 @@ def test_small_campaign_is_made_resumed_answered_and_scored(tmp_path: Path) -> N
         json.dumps(found["levels"])
     )
     page = (tmp_path / "report.html").read_text()
-    assert "Effect by effect" in page and page.count("<svg") >= 2
+    assert "Results by effect" in page and page.count("<svg") >= 2
     with pytest.raises(DiagnosisError, match="another challenge"):
         campaign.create(tmp_path, campaign.ChallengeSettings(seed=4))
     (tmp_path / campaign.SEALED).write_bytes(b"other")
-    with pytest.raises(DiagnosisError, match="not what was sealed"):
+    with pytest.raises(DiagnosisError, match="differs from the file sealed"):
         campaign.open_sealed(tmp_path, digest)
 
 

@@ -49,7 +49,7 @@ def test_workers_of_a_cluster_give_the_same() -> None:
     quickly = importlib.import_module("dask").config.set(
         {"distributed.comm.timeouts.connect": "0.2s"}
     )
-    with quickly, pytest.raises(ElasticArmError, match="no Dask scheduler answers"):
+    with quickly, pytest.raises(ElasticArmError, match="no Dask scheduler responds"):
         ProcessPool(1, "tcp://127.0.0.1:9")
 
 

@@ -61,9 +61,9 @@ class Written:
             return ""
         more = len(told) - NAMED
         return (
-            "The corrected arm has its numbers refined by simulations of the recordings that were"
-            " fitted, within what was found; beyond its deviation each:"
-            f" {listed(told[:NAMED], more)}."
+            "The numbers of the corrected arm are refined by simulations of the fitted"
+            " recordings, starting from the posterior. These change by more than their standard"
+            f" deviation: {listed(told[:NAMED], more)}."
         )
 
 
@@ -98,7 +98,7 @@ class Correction:
     def require_mjcf(self, option: str | None) -> None:
         """Refuse an option, where one is given, if the arm came from no MJCF."""
         if option is not None and not self.mjcf:
-            raise RobotError(f"{option} needs an MJCF", "Give one with --robot model.xml")
+            raise RobotError(f"{option} requires an MJCF", "Give one with --robot model.xml")
 
     def open(self, path: Path) -> MjcfArm:
         """Open the arm in the MJCF that it came from, or in a copy."""

@@ -45,31 +45,31 @@ def format_of(file: Path, asked: Format | None) -> Format:
     }
     possible = by_ending.get(file.suffix.lower(), [] if asked is None else [asked])
     if not possible or (asked is not None and asked not in possible):
-        what = "" if asked is None else f" as {asked.value}"
+        what = "any format" if asked is None else f"the format {asked.value}"
         remedy = (
-            "Name it .urdf (Gazebo makes SDF of it: `gz sdf -p`), .usda, or .xml or .mjcf for an"
-            " MJCF."
+            "Use the extension .urdf (`gz sdf -p` converts it to SDF for Gazebo), .usda, or .xml"
+            " or .mjcf for an MJCF."
         )
-        raise RobotError(f"{file} cannot be written{what} by its ending", remedy)
+        raise RobotError(f"the extension of {file} does not match {what}", remedy)
     return possible[0] if asked is None else asked
 
 
 @reports_errors
 def export(
     robot_file: Annotated[
-        Path, typer.Argument(metavar="ROBOT", help="Arm file, URDF or MJCF: what is written.")
+        Path, typer.Argument(metavar="ROBOT", help="Arm file, URDF or MJCF to export.")
     ],
     file: Annotated[Path, typer.Option("--out", help="File to write.", show_default=False)],
     to: Annotated[
-        Format | None, typer.Option("--to", help="Kind of file; by its ending.", show_default=False)
+        Format | None,
+        typer.Option(
+            "--to", help="Format; by default from the file extension.", show_default=False
+        ),
     ] = None,
     base: Annotated[
         Path | None,
         typer.Option(
-            help=(
-                "Your own file, whose numbers change and whose shape stays; else a new file is"
-                " made."
-            )
+            help=("Your own file, in which only numbers change; without it, a new file is written.")
         ),
     ] = None,
     chain: options.Chain = None,
@@ -78,20 +78,21 @@ def export(
     validate: Annotated[
         list[Path] | None,
         typer.Option(
-            metavar="BAG", help="Commands to play with --base and the MJCF that is written."
+            metavar="BAG",
+            help="Recorded commands for a closed-loop test of --base and the written MJCF.",
         ),
     ] = None,
     json: options.Json = False,
     force: Force = False,
 ) -> None:
-    """Write an arm, such as a diagnosis' robot.yaml, as MJCF, URDF or USD, and list what changes
-    and what is left.
+    """Write an arm, such as robot.yaml from a diagnosis, as MJCF, URDF or USD, and list all changes
+    and omissions.
 
-    With --base your own file is copied and only its numbers change: inertials,
-    armature, damping, friction, gravity, sensor delays. Effects that no number
-    states (Stribeck friction, hysteresis, ripple, …), and numbers that the format
-    has none for, are listed with their size and the torque that is missing:
-    elastic_arm.mujoco.attach adds laws to a model from the same robot.yaml.
+    With --base, your own file is copied and only its numbers change: inertials,
+    armature, damping, friction, gravity, sensor delays. The command lists effects
+    and numbers that the format cannot represent (Stribeck friction, hysteresis,
+    ripple, …) with their size and the missing torque.
+    elastic_arm.mujoco.attach adds their laws to a model from the same robot.yaml.
 
     Examples:
 
@@ -119,7 +120,7 @@ def export(
         }
         done = new[kind](robot, None, file, catalogue=catalogue)
     elif kind is Format.usd:
-        raise RobotError("a USD file is always a new one", "Leave out --base.")
+        raise RobotError("a USD file is always written as a new file", "Omit --base.")
     elif kind is Format.mjcf:
         done = export_mjcf(robot, base, file, chain=ends, at=at, catalogue=catalogue)
     else:
@@ -157,7 +158,7 @@ def _played(
 ) -> dict[str, ClosedLoopError]:
     """Return how the user's model and the file that was written move under recorded commands."""
     if base is None or not is_mjcf(base):
-        raise RobotError("--validate plays an MJCF of yours", "Give it as --base.")
+        raise RobotError("--validate compares with an MJCF of yours", "Give it with --base.")
     ends = None if chain is None else parse_chain(chain)
     before = open_mjcf(base, ends, at)
     after = with_controllers(open_mjcf(done.files[0], ends, at), robot)
@@ -168,7 +169,7 @@ def _played(
     played = [closed_loop(one, judging, late) for one in (before, after)]
     if played[0] is None or played[1] is None:
         raise RobotError(
-            "the bags hold no commands, or the model has no servos", "Leave out --validate."
+            "the bags contain no commands, or the model has no servos", "Omit --validate."
         )
     pairs = zip(
         robot.joint_names, played[0].errors.tolist(), played[1].errors.tolist(), strict=True
@@ -189,7 +190,7 @@ def print_closed_loop(errors: Mapping[str, ClosedLoopError]) -> None:
     rows: dict[str, list[float | None]] = {
         "description": [one.described for one in errors.values()],
         "as written": [one.corrected for one in errors.values()],
-        "as found": [one.refused for one in errors.values()],
+        "all corrections": [one.refused for one in errors.values()],
     }
     for name, values in rows.items():
         if any(value is not None for value in values):
@@ -199,8 +200,8 @@ def print_closed_loop(errors: Mapping[str, ClosedLoopError]) -> None:
             )
     out.print(table)
     out.print(
-        "[dim]errors of angles under the recorded commands, root mean squares over the recordings"
-        " that judge[/]"
+        "[dim]closed loop: root mean square errors of the angles under the recorded commands"
+        " of the validation recordings[/]"
     )
 
 
@@ -221,7 +222,7 @@ def print_export(done: Exported, *, new: bool = False) -> None:
     elif not new:
         out.print("no number of the description changes")
     for words in done.stand_ins:
-        out.print(f"[bold yellow]in its place:[/] {escape(words)}", soft_wrap=True)
+        out.print(f"[bold yellow]approximation:[/] {escape(words)}", soft_wrap=True)
     for one in done.left:
         out.print(
             f"[yellow]not in the file:[/] {escape(left_text(one, done.units))}", soft_wrap=True
@@ -238,7 +239,7 @@ def left_text(one: Left, units: JointUnits) -> str:
         for name, value in one.numbers.items()
     )
     costs = [f"{size:.3g} {units.at(joint, 'Nm')} at {joint}" for joint, size in one.cost.items()]
-    missing = f"; {', '.join(costs)} are missing" if costs else ""
+    missing = f"; missing torque {', '.join(costs)}" if costs else ""
     return (
         f"{one.what} on {one.joint or 'the whole arm'}{f' ({sizes})' if sizes else ''}{missing}:"
         f" {one.reason}"

@@ -33,7 +33,7 @@ def replay_command(
         list[Path], typer.Option("--robot", help="MJCF; may be repeated.", show_default=False)
     ],
     window: Annotated[
-        float, typer.Option(help="s that the arm moves on its own before it is put back.")
+        float, typer.Option(help="Length of a window, s; each starts from the recorded state.")
     ] = WINDOW,
     chain: options.Chain = None,
     at: options.At = None,
@@ -43,12 +43,12 @@ def replay_command(
     json: options.Json = False,
     force: Force = False,
 ) -> None:
-    """Replay a recording in MuJoCo, and measure how far each model is from it.
+    """Replay a recording in MuJoCo, and measure the error of each model.
 
-    Open loop: the arm is driven by the recorded motor torque, and put back to the
-    recorded motion after every window. Torque: what MuJoCo's inverse dynamics
-    needs for the recorded motion. Closed loop, where the model has servos and the
-    reference was recorded: the reference is their input.
+    Open loop: the recorded motor torque drives the arm, which is reset to the
+    recorded state after every window. Torque: compared with the inverse dynamics
+    of the recorded motion in MuJoCo. Closed loop, if the model has servos and the
+    recording has a reference: the servos follow the reference.
 
     Examples:
 
@@ -76,7 +76,7 @@ def open_arm(path: Path, chain: str | None, at: str | None) -> MjcfArm:
     """Open the arm of an MJCF."""
     if os.path.isfile(path) and not is_mjcf(path):
         raise RobotError(
-            f"{path} is no MJCF", "Write one with elastic-arm export ROBOT --to mjcf --out FILE"
+            f"{path} is not an MJCF", "Write one with elastic-arm export ROBOT --to mjcf --out FILE"
         )
     return open_mjcf(path, None if chain is None else parse_chain(chain), at)
 
@@ -136,6 +136,6 @@ def print_replays(found: list[Replay]) -> None:
         out.print(table)
     seconds = found[0].window
     out.print(
-        f"root mean squares over {found[0].windows} windows of {seconds:g} s driven by the recorded"
-        " torque"
+        f"root mean squares over {found[0].windows} windows of {seconds:g} s, driven by the"
+        " recorded torque"
     )

@@ -31,11 +31,11 @@ def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
 EFFECT = Effect(
     id="backlash",
     formula="d replaced by sign(d) max(abs(d) - b, 0) in K d; D acts throughout",
-    description="Play: within the gap the drive transmits damping only.",
+    description="Play: within the gap the drive transmits only damping.",
     plain="has {half_gap} of play to either side in its drive",
     signature=(
-        "Joint torque over deflection is flat in the middle; where the load changes sign the"
-        " residual steps from +K b to -K b and the link rings."
+        "Joint torque over deflection is flat in the middle; where the load changes"
+        " sign, the residual steps from +K b to -K b and the link rings."
     ),
     law=law,
     # A loaded drive lies at one end of its play, and is wound beyond it.
@@ -49,7 +49,7 @@ EFFECT = Effect(
     confusions=(
         Confusion(
             "encoder_offset",
-            "the joint is loaded one way throughout",
+            "the load of the joint always has the same sign",
             "motion in which the joint torque changes sign",
         ),
     ),

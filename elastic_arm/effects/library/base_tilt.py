@@ -31,11 +31,11 @@ TILT = "base_tilt"
 EFFECT = Effect(
     id=TILT,
     formula="base rotated by Rx(a) Ry(b) in the ground frame",
-    description="The arm's base does not stand level, so gravity pulls askew.",
-    plain="stands on a base that leans by {x} about x and {y} about y",
+    description="The base of the arm is not level, so gravity acts in another direction.",
+    plain="has a base that is tilted by {x} about x and {y} about y",
     signature=(
-        "A link residual that depends on the pose alone, on all joints at once, even on a vertical"
-        " first axis."
+        "A link residual at all joints that depends only on the pose, even on a"
+        " vertical first axis."
     ),
     law=law,
     # Beyond, the arm is mounted otherwise, which is looked for first.
@@ -51,7 +51,8 @@ EFFECT = Effect(
         Confusion(
             "link_inertia_mismatch",
             "the first joint hardly turns",
-            "motion that turns the first joint far: a tilt then loads the others differently",
+            "motion with large angles of the first joint, where a tilt loads the others"
+            " differently",
         ),
     ),
 )

@@ -205,8 +205,9 @@ def _driven(moment: Array, t: Array, response: Array) -> Array:
 EFFECT: Effect = StructuralEffect(
     id="bearing_compliance",
     formula="tilts q_ix, q_iy of every joint, bearing stiffness times the scale",
-    description="The joints' bearings give way about x and y; the model holds them rigid.",
-    plain="has bearings that give way, {stiffness_scale} times as stiff as described",
+    description="The bearings of the joints are compliant about x and y; the model treats"
+    " them as rigid.",
+    plain="has compliant bearings, {stiffness_scale} times as stiff as described",
     signature=(
         "Link residuals of all joints that grow with the tilting moments and ring at the bearings'"
         " resonances."

@@ -47,7 +47,7 @@ def _made(
         if motion.r is None:
             raise EffectError(
                 "no commands are known",
-                "Leave out effects of the controller where torques are given.",
+                "Omit controller effects if torques are given.",
             )
         more = law(motion, i, joint.controller, p)
         limits = [one for one in (joint.controller.torque, joint.limits.torque) if one is not None]
@@ -130,14 +130,12 @@ EFFECTS = (
     ControllerEffect(
         "position_gain",
         formula="kp true = gain * stated",
-        description=(
-            "The controller's gain of the error of position is not what the description states."
-        ),
+        description=("The controller's gain for the position error differs from the description."),
         signature=(
-            "The motor residual follows the error of position: command less angle, in motion and at"
-            " rest."
+            "The motor residual follows the position error, command minus angle, in"
+            " motion and at rest."
         ),
-        plain="is controlled with {gain} times the stated kp",
+        plain="has a controller with {gain} times the stated kp",
         law=_made(lambda motion, i, stated, p: (1.0 - p["gain"]) * _of_position(motion, i, stated)),
         parameters=(ratio("gain", 0.3, 3.0, "true / stated kp", above=0.0, draw=(1.6, 2.5)),),
         sides=("motor",),
@@ -147,10 +145,10 @@ EFFECTS = (
         confusions=(
             Confusion(
                 "velocity_gain",
-                "one gain hardly makes a torque: that of the other, with all torques scaled, is"
-                " nearly the same",
-                "faster motion: kp and kd then make torques of their own; a known weight, which"
-                " anchors their scale",
+                "each gain contributes little to the torque: the other gain with all torques"
+                " scaled gives nearly the same torque",
+                "faster motion, in which kp and kd give different torques; a known weight,"
+                " which determines their scale",
             ),
         ),
     ),
@@ -158,11 +156,11 @@ EFFECTS = (
         "velocity_gain",
         formula="kd true = gain * stated",
         description=(
-            "The controller's gain of the error of speed is not what the description states;"
-            " back-EMF of a servo acts as a part of it."
+            "The controller's gain for the velocity error differs from the description;"
+            " the back-EMF of a servo acts as part of it."
         ),
-        signature="The motor residual follows the error of speed.",
-        plain="is controlled with {gain} times the stated kd",
+        signature="The motor residual follows the velocity error.",
+        plain="has a controller with {gain} times the stated kd",
         law=_made(lambda motion, i, stated, p: (1.0 - p["gain"]) * _of_rate(motion, i, stated)),
         parameters=(ratio("gain", 0.3, 3.0, "true / stated kd", above=0.0, draw=(0.5, 2.0)),),
         sides=("motor",),
@@ -173,17 +171,16 @@ EFFECTS = (
         confusions=(
             Confusion(
                 "position_gain",
-                "one gain hardly makes a torque: that of the other, with all torques scaled, is"
-                " nearly the same",
-                "faster motion: kp and kd then make torques of their own; a known weight, which"
-                " anchors their scale",
+                "each gain contributes little to the torque: the other gain with all torques"
+                " scaled gives nearly the same torque",
+                "faster motion, in which kp and kd give different torques; a known weight,"
+                " which determines their scale",
             ),
             Confusion(
                 "viscous_friction",
-                "the controller damps the motor's own speed: viscous friction then is the same"
-                " torque",
-                "a controller that follows the rate of commands, or motion that something else"
-                " drives",
+                "the controller damps the motor's own velocity, and viscous friction gives"
+                " the same torque",
+                "a controller that follows the rate of commands, or motion driven from outside",
             ),
         ),
     ),
@@ -191,10 +188,10 @@ EFFECTS = (
         "command_delay",
         formula="the drive follows r(t - delay)",
         description=(
-            "Commands reach the drive later than stated: buses, queues, filters of set-points."
+            "Commands reach the drive later than stated: buses, queues, set-point filters."
         ),
         signature="The motor residual follows the rate of the command times kp.",
-        plain="has its commands {delay} later than stated",
+        plain="receives its commands {delay} later than stated",
         law=_made(lambda motion, i, stated, p: p["delay"] * _of_delay(motion, i, stated)),
         parameters=(
             Parameter(
@@ -204,7 +201,7 @@ EFFECTS = (
                 0.2,
                 neutral=0.0,
                 draw=(0.01, 0.05),
-                meaning="beyond the one stated",
+                meaning="in addition to the stated delay",
             ),
         ),
         scope=Scope.EACH_OR_ARM,
@@ -216,30 +213,34 @@ EFFECTS = (
         confusions=(
             Confusion(
                 "velocity_gain",
-                "the arm follows its commands closely: a delay acts as damping of kp times it",
-                "faster motion, or resting commands while something else moves the arm",
+                "the arm follows its commands closely: a delay acts as damping of kp times"
+                " the delay",
+                "faster motion, or constant commands while an external force moves the arm",
             ),
             Confusion(
                 "viscous_friction",
                 "the arm follows its commands closely",
-                "motion of several speeds",
+                "motion at several speeds",
             ),
         ),
     ),
     ControllerEffect(
         "torque_saturation",
-        formula="tau_m true = limit(tau_m made, torque)",
+        formula="tau_m true = limit(controller torque, torque)",
         description=(
-            "The drive gives less torque than stated: limits of current, a low supply, overload"
-            " protection."
+            "The drive gives less torque than stated: current limits, low supply voltage,"
+            " overload protection."
         ),
-        plain="gives {torque} at most",
+        plain="gives at most {torque}",
         signature=(
-            "The motor residual is what the controller would make beyond a torque, and null below."
+            "The motor residual is the part of the controller torque beyond a limit, and"
+            " zero below it."
         ),
         law=_made(_beyond, limited=False),
         parameters=(
-            searched("torque", "Nm", 0.02, 500.0, "the most that it gives", bounded_by="torque"),
+            searched(
+                "torque", "Nm", 0.02, 500.0, "largest torque of the drive", bounded_by="torque"
+            ),
         ),
         sides=("motor",),
         regime="load",
@@ -247,17 +248,17 @@ EFFECTS = (
         confusions=(
             Confusion(
                 "position_gain",
-                "the torque is at its limit for the most part",
-                "slower or lighter motion, in which the drive stays below its limit",
+                "the torque is at its limit most of the time",
+                "slower motion or less load, with the drive below its limit",
             ),
         ),
     ),
     ControllerEffect(
         "position_dead_band",
-        formula="kp of r - theta less what is within +-half_width of it",
-        description="Small errors of position make no torque, as servos have it against hunting.",
-        plain="makes no torque of errors of position within {half_width}",
-        signature="The motor residual is kp times the error within the band, and constant beyond.",
+        formula="kp acts on the part of r - theta beyond +-half_width",
+        description="Small position errors give no torque, as in servos that avoid hunting.",
+        plain="gives no torque for position errors within {half_width}",
+        signature="The motor residual is kp times the error within the band, and constant outside.",
         law=_made(_not_felt),
         parameters=(
             searched(
@@ -270,22 +271,22 @@ EFFECTS = (
         confusions=(
             Confusion(
                 "coulomb_friction",
-                "the error of position has the sign of the speed for the most part",
-                "loads that change while the joint turns one way",
+                "the position error mostly has the sign of the velocity",
+                "loads that change while the joint turns in one direction",
             ),
         ),
     ),
     ControllerEffect(
         "integral_gain",
-        formula="tau_m true = made + ki int(r - theta)",
-        description="The controller has an integral that the description does not state.",
-        plain="integrates its error of position with {ki}",
+        formula="tau_m true = controller torque + ki int(r - theta)",
+        description="The controller has an integral term that the description does not state.",
+        plain="integrates its position error with {ki}",
         signature=(
-            "The motor residual follows the integral of command less angle, slowest where it is"
-            " largest."
+            "The motor residual follows the integral of command minus angle, and changes"
+            " most slowly where it is largest."
         ),
         law=_integral,
-        parameters=(amount("ki", "Nm/(rad s)", 0.5, 200.0, "in addition to the stated one"),),
+        parameters=(amount("ki", "Nm/(rad s)", 0.5, 200.0, "in addition to the stated value"),),
         sides=("motor",),
         regime="load",
         states=("integral",),
@@ -293,8 +294,8 @@ EFFECTS = (
         confusions=(
             Confusion(
                 "position_gain",
-                "the motion is of one frequency",
-                "motion of several speeds, and rest",
+                "the motion has a single frequency",
+                "motion at several speeds, and rest",
             ),
         ),
     ),

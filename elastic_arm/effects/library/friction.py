@@ -43,10 +43,8 @@ VISCOUS = friction(
     "viscous_friction",
     lambda w, sign, p: p["coefficient"] * w,
     formula="F_v w",
-    description=(
-        "Friction that grows in proportion to the velocity of its side: grease, oil, seals."
-    ),
-    plain="loses {coefficient} of friction that grows with its speed",
+    description=("Friction proportional to the velocity of its side: grease, oil, seals."),
+    plain="has viscous friction of {coefficient}",
     signature=(
         "The residual is a straight line through zero over velocity, largest where the joint is"
         " fastest."
@@ -56,9 +54,9 @@ VISCOUS = friction(
     confusions=(
         Confusion(
             DRY,
-            "the joint moves at one speed either way",
-            "the same path at half and at double speed: viscous friction follows the speed, Coulomb"
-            " friction does not",
+            "the joint always moves at the same speed",
+            "the same path at half and twice the speed: viscous friction changes with"
+            " speed, Coulomb friction does not",
         ),
     ),
 )
@@ -67,7 +65,7 @@ COULOMB = friction(
     lambda w, sign, p: p["torque"] * sign,
     formula="F_c sign(w)",
     description="Dry friction: a constant torque against the motion of its side.",
-    plain="loses {torque} of dry friction",
+    plain="has dry friction of {torque}",
     signature=(
         "The residual jumps by twice the torque at every reversal of velocity and is flat in"
         " between."
@@ -84,7 +82,7 @@ COULOMB = friction(
         Confusion(
             "stribeck_friction",
             "the joint is always faster than the Stribeck speed",
-            "slow reversals: the Stribeck part shows near standstill only",
+            "slow reversals: the Stribeck part is visible only near standstill",
         ),
     ),
 )
@@ -93,13 +91,13 @@ STRIBECK = friction(
     lambda w, sign, p: p["torque"] * ca.exp(-((w / p["speed"]) ** 2)) * sign,
     formula="(F_s - F_c) exp(-(w/v_s)^2) sign(w)",
     description=(
-        "The excess of friction near standstill over Coulomb friction, before a lubricating film"
-        " builds up."
+        "The excess of friction near standstill over Coulomb friction, before a"
+        " lubricating film forms."
     ),
     plain="needs up to {torque} more to break loose below {speed}",
     signature=(
-        "The residual peaks on both sides of each velocity reversal and dies out above the Stribeck"
-        " speed."
+        "The residual peaks on both sides of each velocity reversal and vanishes"
+        " above the Stribeck speed."
     ),
     parameters=(
         amount("torque", "Nm", 0.1, 50.0, "F_s - F_c, the excess at standstill"),
@@ -109,8 +107,8 @@ STRIBECK = friction(
     confusions=(
         Confusion(
             DRY,
-            "the joint never gets clearly faster than the Stribeck speed",
-            "faster motion: the Stribeck part vanishes, Coulomb friction stays",
+            "the joint never moves clearly faster than the Stribeck speed",
+            "faster motion: the Stribeck part vanishes, Coulomb friction remains",
         ),
     ),
 )
@@ -119,21 +117,21 @@ DEGRESSIVE = friction(
     lambda w, sign, p: p["torque"] * ca.tanh(w / p["speed"]),
     formula="F tanh(w/v)",
     description=(
-        "Viscous friction that levels off: lubricant that thins as it is sheared, such as grease in"
-        " a gear."
+        "Viscous friction that saturates with speed: shear-thinning lubricant, such"
+        " as grease in a gear."
     ),
-    plain="loses up to {torque} of friction that levels off above {speed}",
+    plain="has up to {torque} of friction that saturates above {speed}",
     signature="The residual rises with velocity near standstill and is flat far above the speed v.",
     parameters=(
         amount("torque", "Nm", 0.1, 100.0, "F, at high speed"),
-        searched("speed", "rad/s", 0.05, 2.0, "v, where it bends", above=0.0, draw=(0.1, 0.5)),
+        searched("speed", "rad/s", 0.05, 2.0, "v, speed of the bend", above=0.0, draw=(0.1, 0.5)),
     ),
     regime="high_speed",
     confusions=(
         Confusion(
             "viscous_friction",
-            "the joint stays slower than the speed at which it bends",
-            "faster motion: viscous friction goes on rising",
+            "the joint stays slower than the speed of the bend",
+            "faster motion: viscous friction continues to rise",
         ),
         Confusion(
             DRY,
@@ -149,8 +147,8 @@ LOADED = Effect(
     ),
     formula="mu abs(tau_J) sign(w)",
     description=(
-        "Dry friction in proportion to the torque that the drive transmits: teeth and wave bearing"
-        " under load."
+        "Dry friction proportional to the torque that the drive transmits: teeth and"
+        " wave bearing under load."
     ),
     plain="loses {coefficient} times the torque of its drive to friction",
     signature=(
@@ -169,7 +167,7 @@ LOADED = Effect(
         Confusion(
             "motor_torque_gain",
             "the velocity seldom reverses, or the load has the sign of the velocity",
-            "reversals under load: a gain shows no jump there",
+            "reversals under load: a gain gives no jump there",
         ),
     ),
 )
@@ -191,11 +189,12 @@ THERMAL = scaling(
     "thermal_friction",
     lambda motion, i, p: p["change"] * motion.progress,
     formula="the side's friction times 1 + r (t - t_mid) / T, T the length of the recording",
-    description="Friction that changes over the recording: grease thins as the joint warms up.",
+    description="Friction that changes during the recording: grease becomes thinner as the"
+    " joint warms up.",
     plain="has friction that changes by a share of {change} over the recording",
     signature=(
-        "The residual of a friction that is right on average: of one sign at the begin, of the"
-        " other at the end."
+        "The residual of a friction that is correct on average: one sign at the"
+        " beginning, the other at the end."
     ),
     parameters=(signed("change", "1", 1.0, "r", above=-2.0, draw=(0.6, 1.0)),),
     regime="drift",
@@ -207,7 +206,7 @@ THERMAL = scaling(
         Confusion(
             "viscous_friction",
             "the joint moves faster towards one end of the recording",
-            "the same motion at the begin and at the end",
+            "the same motion at the beginning and at the end",
         ),
     ),
 )
@@ -215,20 +214,19 @@ ASYMMETRIC = scaling(
     "asymmetric_friction",
     lambda motion, i, p: p["asymmetry"] * motion.sign(p["side"], i),
     formula="the side's friction times 1 + a sign(w)",
-    description=(
-        "Dry and viscous friction are larger in one direction than in the other, as in most gears."
-    ),
-    plain="has friction that is larger forwards than on average by a share of {asymmetry}",
+    description=("Dry and viscous friction differ between the two directions, as in most gears."),
+    plain="has friction that is larger than average in the positive direction by a"
+    " share of {asymmetry}",
     signature=(
-        "The residual rises with speed at other slopes to both sides, and its jump at a reversal is"
-        " off centre."
+        "The residual rises with speed at different slopes in the two directions, and"
+        " its jump at a reversal is not centred."
     ),
     parameters=(signed("asymmetry", "1", 0.9, "a", above=-1.0, draw=(0.2, 0.5)),),
     regime="velocity_reversal",
     confusions=(
         Confusion(
             "motor_torque_offset",
-            "friction is dry: what both directions differ by is a constant",
+            "friction is dry: the difference between the directions is a constant",
             "motion at several speeds, or a torque read at rest with brakes on",
         ),
     ),

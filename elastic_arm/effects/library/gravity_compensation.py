@@ -32,18 +32,23 @@ EFFECT = Effect(
     id="gravity_compensation",
     formula="recorded torque = true - share * g_i(q)",
     description=(
-        "The controller compensates gravity by itself, and the torque that it records lacks that,"
-        " wholly or in part."
+        "The controller compensates gravity itself, and the recorded torque lacks"
+        " this part, wholly or partly."
     ),
     plain="records a torque that lacks {share} times its weight",
     signature=(
-        "The residual is the weight that the model predicts, with the opposite sign; inertia is"
-        " felt in full."
+        "The residual is the predicted weight with the opposite sign; inertia is fully visible."
     ),
     law=law,
     parameters=(
         Parameter(
-            "share", "1", 0.02, 1.2, neutral=0.0, draw=(0.2, 1.0), meaning="1 where all is missing"
+            "share",
+            "1",
+            0.02,
+            1.2,
+            neutral=0.0,
+            draw=(0.2, 1.0),
+            meaning="1 if all gravity is missing",
         ),
     ),
     choices=(Choice("channels", TORQUES, ("motor_torque",), several=True),),
@@ -54,13 +59,13 @@ EFFECT = Effect(
     confusions=(
         Confusion(
             "motor_torque_gain",
-            "hardly anything but gravity loads the joint",
-            "fast motion or friction, which a gain scales, too",
+            "hardly any load other than gravity acts on the joint",
+            "fast motion or friction, which a gain also scales",
         ),
         Confusion(
             "link_inertia_mismatch",
-            "the arm moves slowly, so that inertia does not show",
-            "fast motion: a lighter link has less inertia, too",
+            "the arm moves slowly, so that inertia is not visible",
+            "fast motion: a lighter link also has less inertia",
         ),
     ),
 )

@@ -25,12 +25,13 @@ EFFECT = Effect(
     id="hysteresis",
     formula="H z added to tau_J, z' = (d' - abs(d') z/2 - d' abs(z)/2)/w_h, d = theta - q",
     description=(
-        "Micro-slip in the drive: winding and unwinding follow different lines, whatever the speed."
+        "Micro-slip in the drive: loading and unloading follow different curves, at any speed."
     ),
-    plain="has a drive that winds and unwinds {torque} above and below the mean",
+    plain="has a drive whose torque deviates by {torque} from the mean in loading and unloading",
     signature=(
-        "Joint torque over deflection is a loop of constant area; the residual swings between +H"
-        " and -H with the direction of winding and changes over a deflection of about the width."
+        "Joint torque over deflection is a loop of constant area; the residual"
+        " alternates between +H and -H with the direction of loading and changes over"
+        " a deflection of about the width."
     ),
     law=law,
     parameters=(
@@ -43,13 +44,13 @@ EFFECT = Effect(
     confusions=(
         Confusion(
             "damping_mismatch",
-            "the drive is wound at one speed",
+            "the deflection always changes at the same speed",
             "slower motion: the loop of hysteresis keeps its height, that of damping shrinks",
         ),
         Confusion(
             "backlash",
             "the deflection stays within about the width",
-            "motion that winds the drive further, both ways",
+            "motion with larger deflection in both directions",
         ),
     ),
 )

@@ -24,17 +24,17 @@ def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
 EFFECT = Effect(
     id="joint_zero",
     formula=(
-        "both encoders of a joint = the description's angle + offset; the arm beyond it is turned"
-        " by -offset"
+        "both encoders of a joint = the description's angle + offset; the arm beyond"
+        " it is rotated by -offset"
     ),
     description=(
-        "The joint's zero differs from the description's: calibrated anew, a motor or encoder"
-        " exchanged."
+        "The zero of the joint differs from the description: recalibration, an"
+        " exchanged motor or encoder."
     ),
-    plain="has its zero {offset} from where it is described",
+    plain="has a zero that differs by {offset} from the description",
     signature=(
-        "Weight and inertia of all that hangs on the joint are felt at an angle that is off, also"
-        " on joints before it; the two encoders agree."
+        "Weight and inertia of all bodies that the joint moves act at a wrong angle,"
+        " also on joints before it; the two encoders agree."
     ),
     law=law,
     parameters=(signed("offset", "rad", 0.5, "recorded - described", draw=(0.02, 0.1)),),
@@ -43,14 +43,14 @@ EFFECT = Effect(
     confusions=(
         Confusion(
             "link_inertia_mismatch",
-            "on the last joint, or while the joints beyond it stand still: a turned link is one"
-            " with another centre of mass",
-            "motion of the joints beyond: a zero turns all of them, a centre of mass does not",
+            "on the last joint, or while the joints beyond it do not move: a rotated link"
+            " is equivalent to one with another centre of mass",
+            "motion of the joints beyond: a zero rotates all of them, a centre of mass does not",
         ),
         Confusion(
             "base_tilt",
-            "on a first joint that is horizontal: turning the base is turning the joint",
-            "only a level: no motion separates them",
+            "on a horizontal first joint: rotating the base is equivalent to rotating the joint",
+            "only a spirit level: no motion separates them",
         ),
     ),
 )

@@ -37,19 +37,19 @@ EFFECT = Effect(
     id="link_inertia_mismatch",
     formula="mass m -> r m, centre of mass c -> c + s, inertia about it I -> rho r I",
     description=(
-        "The link's inertial parameters differ from the nominal ones: other wall thickness, cables,"
-        " covers."
+        "The inertial parameters of the link differ from the nominal ones: wall"
+        " thickness, cables, covers."
     ),
     plain="has a link of {mass} times the described mass",
     signature=(
-        "Weight and inertia of that link are off, felt by the link side of its joint and of those"
-        " before it."
+        "Wrong weight and inertia of that link, visible on the link side of its joint"
+        " and of those before it."
     ),
     law=law,
     parameters=(
         ratio("mass", 0.5, 2.0, "r, true / nominal", default=1.0, above=0.0),
         signed("com", "m", 0.2, "s, shift of the centre of mass", default=(0.0, 0.0, 0.0), size=3),
-        ratio("inertia", 0.5, 2.0, "rho, beyond that of the mass", default=1.0, above=0.0),
+        ratio("inertia", 0.5, 2.0, "rho, in addition to the mass ratio", default=1.0, above=0.0),
     ),
     sides=("link",),
     regime="load",
@@ -57,17 +57,17 @@ EFFECT = Effect(
     number="link_mass",
     confusions=(
         Confusion(
-            "payload", "the last link changes by a point mass", "only knowing what was mounted"
+            "payload", "the last link changes by a point mass", "only knowledge of the mounted part"
         ),
         Confusion(
             "link_inertia_mismatch",
             "a neighbouring link acts through the same base parameters",
-            "no motion: only combinations of the neighbours' parameters act on the joints",
+            "no motion: only combinations of the parameters of both links act on the joints",
         ),
         Confusion(
             "joint_torque_gain",
-            "one gain on all torque sensors scales all masses, K and D alike",
-            "motor torques: they do not pass through the joint torque sensors",
+            "one common gain of all torque sensors scales all masses, K and D alike",
+            "motor torques: they are independent of the joint torque sensors",
         ),
     ),
 )

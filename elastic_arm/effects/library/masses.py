@@ -26,8 +26,8 @@ PLACE = searched(
     size=3,
     draw=(-0.15, 0.15),
 )
-WHAT = "only knowing what was mounted"
-POINT = f"{WHAT}; a change that no point mass makes is a mismatch"
+WHAT = "only knowledge of the mounted part"
+POINT = f"{WHAT}; a change that no point mass can cause is a mismatch"
 
 
 def carried(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
@@ -50,10 +50,11 @@ def relieved(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
 PAYLOAD = Effect(
     "payload",
     formula="a point mass m at p in O_n, fixed to the last link",
-    description="A tool or workpiece that the model does not know of.",
+    description="A tool or workpiece that the model lacks.",
     plain="carries {mass} at its tool",
     signature=(
-        "Extra weight and inertia on the last link, felt by the link side of every joint before it."
+        "Additional weight and inertia on the last link, visible on the link side of"
+        " every joint before it."
     ),
     law=carried,
     parameters=(amount("mass", "kg", 0.05, 50.0, "m"), PLACE),
@@ -71,13 +72,11 @@ PAYLOAD = Effect(
 LOAD = Effect(
     "load",
     formula="a point mass m at p in O_i, fixed to link i, not the last",
-    description=(
-        "Something mounted on a link: a valve block, a cable drum, a camera on the forearm."
-    ),
+    description=("A part mounted on a link: a valve block, a cable drum, a camera on the forearm."),
     plain="carries {mass} on its link",
     signature=(
-        "Extra weight and inertia on that link, felt by the link side of its joint and of those"
-        " before it."
+        "Additional weight and inertia on that link, visible on the link side of its"
+        " joint and of those before it."
     ),
     law=carried,
     parameters=(amount("mass", "kg", 0.05, 50.0, "m"), PLACE),
@@ -92,12 +91,12 @@ LOAD = Effect(
         ),
         Confusion(
             "load",
-            "a mass on the axis of the next joint is as well one on the neighbouring link",
+            "a mass on the axis of the next joint can also belong to the neighbouring link",
             f"{WHAT}: both act through the same base parameters",
         ),
         Confusion(
             "payload",
-            "the joints beyond the link stand still",
+            "the joints beyond the link do not move",
             "motion of all joints over a wide range",
         ),
     ),
@@ -106,11 +105,10 @@ CARRIED = Effect(
     "carried_weight",
     formula="- weight of m at p in O_i",
     description=(
-        "Something that has no inertia carries a part of a link's weight, as a MuJoCo body's"
-        " gravcomp does."
+        "A massless support carries part of the weight of a link, like gravcomp of a MuJoCo body."
     ),
-    plain="has the weight of {mass} carried by something without inertia",
-    signature="The residual follows the pose as gravity does, with the opposite sign.",
+    plain="has the weight of {mass} supported without added inertia",
+    signature="The residual depends on the pose like gravity, with the opposite sign.",
     law=relieved,
     parameters=(Parameter("mass", "kg", 0.05, 50.0, neutral=0.0, meaning="m"), PLACE),
     sides=("link",),

@@ -37,7 +37,7 @@ def scaled(
     )
 
 
-ONLY_DRIVE = "only the drive equation can be used"
+ONLY_DRIVE = "only the drive equation is available"
 
 EFFECTS = (
     scaled(
@@ -46,7 +46,7 @@ EFFECTS = (
         lambda motion, i: motion.K[i] * motion.deflection[i],
         id="stiffness_mismatch",
         formula="(ratio - 1) K (theta - q)",
-        description="The drive's stiffness differs from the nominal one.",
+        description="The stiffness of the drive differs from the nominal one.",
         plain="has a drive {stiffness} times as stiff as described",
         signature="The drive residual is a straight line over the deflection.",
         regime="load",
@@ -54,12 +54,12 @@ EFFECTS = (
             Confusion(
                 "joint_torque_gain",
                 ONLY_DRIVE,
-                "the link or motor equation: a gain shows there too",
+                "the link or motor equation, in which a gain is also visible",
             ),
             Confusion(
                 "nonlinear_stiffness",
                 "the load covers a narrow range",
-                "motion with light and heavy load",
+                "motion under light and heavy load",
             ),
         ),
     ),
@@ -69,20 +69,24 @@ EFFECTS = (
         lambda motion, i: motion.D[i] * motion.deflection_rate[i],
         id="damping_mismatch",
         formula="(ratio - 1) D (theta' - q')",
-        description="The drive's damping differs from the nominal one.",
+        description="The damping of the drive differs from the nominal one.",
         plain="has a drive with {damping} times the described damping",
         signature=(
-            "The drive residual follows the rate of deflection: small on slow motion, largest where"
-            " it rings."
+            "The drive residual follows the rate of deflection: small in slow motion,"
+            " largest where the drive rings."
         ),
         regime="frequency",
         confusions=(
             Confusion(
                 "time_delay",
                 f"{ONLY_DRIVE}: a delay of tau_J acts there as dD = -K delay",
-                "the link or motor equation: a delay shows there too",
+                "the link or motor equation, in which a delay is also visible",
             ),
-            Confusion("hysteresis", "the drive is wound at one speed", "the same motion slower"),
+            Confusion(
+                "hysteresis",
+                "the deflection always changes at the same speed",
+                "the same motion at a lower speed",
+            ),
         ),
     ),
     scaled(
@@ -93,24 +97,24 @@ EFFECTS = (
         id="rotor_inertia_mismatch",
         formula="(ratio - 1) B_ii theta''",
         description=(
-            "The inertia on the motor side differs: rotor, wave generator and spline act together"
-            " in B."
+            "The inertia on the motor side differs; rotor, wave generator and spline act"
+            " together in B."
         ),
         plain="has {inertia} times the described inertia on its motor side",
-        signature="The motor residual follows the motor's acceleration.",
+        signature="The motor residual follows the acceleration of the motor.",
         regime="acceleration",
         needs_motion=True,
         confusions=(
             Confusion(
                 "motor_torque_gain",
-                "no gravity or load acts on the joint, as on a vertical first axis",
+                "neither gravity nor load acts on the joint, as on a vertical first axis",
                 "motion in which other joints or gravity load this one",
             ),
             Confusion(
                 "inertia_coupling",
-                "the link moves as the motor does",
-                "motion that winds the drive: fast enough for link and motor accelerations to"
-                " differ",
+                "the link moves like the motor",
+                "motion with large deflection: fast enough for link and motor accelerations"
+                " to differ",
             ),
         ),
     ),

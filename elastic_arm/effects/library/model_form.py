@@ -10,8 +10,8 @@ def _form(id: str, poorer: str, richer: str, lacked_by: tuple[str, ...], **words
     def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
         if motion.equations.model_name not in lacked_by:
             raise EffectError(
-                f"{id} is part of {motion.equations.model_name} already",
-                f"Leave it out, or take {' or '.join(lacked_by)} as the model.",
+                f"{id} is already part of {motion.equations.model_name}",
+                f"Omit it, or use {' or '.join(lacked_by)} as the model.",
             )
         return motion.everywhere(motion.left_side(richer) - motion.left_side(poorer))
 
@@ -33,13 +33,13 @@ EFFECTS = (
         ("mod1",),
         formula="left side of (1) in mod2 - in mod1",
         description=(
-            "The splines' inertia turns with the motor, not with the link; mod1 folds it into the"
-            " link."
+            "The inertia of the splines rotates with the motor, not with the link; mod1"
+            " merges it into the link."
         ),
-        plain="has splines that turn with the motor, not with the link",
+        plain="has splines that rotate with the motor, not with the link",
         signature=(
-            "Small residuals in proportion to the accelerations on link and motor side, of known"
-            " size."
+            "Small residuals proportional to the accelerations of link and motor side, of"
+            " known size."
         ),
     ),
     _form(
@@ -49,22 +49,22 @@ EFFECTS = (
         ("mod1", "mod2"),
         formula="S theta'' + c1 on the link side, S' q'' + c2 on the motor side (5), (8)",
         description=(
-            "Spinning rotors and wave generators react on the links that carry them; mod1 and mod2"
-            " leave this out."
+            "Spinning rotors and wave generators act back on the links that carry them;"
+            " mod1 and mod2 neglect this."
         ),
-        plain="has spinning rotors that react on the links that carry them",
+        plain="has spinning rotors that act back on the links that carry them",
         signature=(
-            "Residuals in proportion to accelerations of other joints and of the other side, of"
-            " known size."
+            "Residuals proportional to accelerations of other joints and of the other"
+            " side, of known size."
         ),
         confusions=(
             Confusion(
                 "rotor_inertia_mismatch",
                 ALIKE,
-                "motion that winds the drive of joint 1: fast enough for link and motor"
+                "motion with large deflection of joint 1: fast enough for link and motor"
                 " accelerations to differ",
             ),
-            Confusion("link_inertia_mismatch", ALIKE, "motion that winds the drive of joint 1"),
+            Confusion("link_inertia_mismatch", ALIKE, "motion with large deflection of joint 1"),
         ),
     ),
 )

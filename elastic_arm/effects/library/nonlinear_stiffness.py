@@ -18,12 +18,12 @@ EFFECT = Effect(
     id="nonlinear_stiffness",
     formula="K_3 (theta - q)^3 added to tau_J",
     description=(
-        "The drive stiffens as it is wound up (softens where negative), as harmonic drives do."
+        "The drive becomes stiffer with its deflection (softer if negative), as harmonic drives do."
     ),
-    plain="has a drive whose torque rises by {cubic} times the cube of its twist",
+    plain="has a drive whose torque includes {cubic} times the cube of its deflection",
     signature=(
-        "Joint torque over deflection is a bent line: the residual grows with the cube of the"
-        " deflection."
+        "Joint torque over deflection is a curved line: the residual grows with the"
+        " cube of the deflection."
     ),
     law=law,
     parameters=(signed("cubic", "Nm/rad^3", 1e11, "K_3"),),
@@ -33,7 +33,7 @@ EFFECT = Effect(
         Confusion(
             "stiffness_mismatch",
             "the load covers a narrow range",
-            "motion that loads the joint lightly and heavily: a wrong stiffness shows in both",
+            "motion under light and heavy load, in which a wrong stiffness is always visible",
         ),
     ),
 )

@@ -125,22 +125,22 @@ def _apart(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
     return motion.at(i, drive=motion.K[i] * p["offset"])
 
 
-ONLY_DRIVE = "only the drive equation can be used"
+ONLY_DRIVE = "only the drive equation is available"
 
 EFFECTS = (
     gain(
         "motor_torque",
         "tau_m",
         0.015,  # current sensors and calibrated torque constants: up to 3 %, as two deviations
-        description="The motor's torque constant is not what the drive believes.",
+        description="The torque constant of the motor differs from the value in the drive.",
         plain="records {gain} times its motor torque",
         signature=(
-            "The motor residual follows the motor torque itself, through rest and motion alike."
+            "The motor residual is proportional to the motor torque, at rest and in motion."
         ),
         confusions=(
             Confusion(
                 "rotor_inertia_mismatch",
-                "no gravity or load acts on the joint, as on a vertical first axis",
+                "neither gravity nor load acts on the joint, as on a vertical first axis",
                 "motion in which other joints or gravity load this one",
             ),
         ),
@@ -149,18 +149,18 @@ EFFECTS = (
         "joint_torque",
         "tau_J",
         0.01,  # strain gauges: up to 2 % of the reading, as two deviations
-        description="The joint torque sensor is scaled wrongly.",
+        description="The joint torque sensor has a wrong scale.",
         plain="records {gain} times its joint torque",
         signature=(
-            "All three residuals of the joint follow the joint torque, that of the motor with the"
-            " other sign."
+            "All three residuals of the joint are proportional to the joint torque, with"
+            " the opposite sign in the motor residual."
         ),
         confusions=(
             Confusion("stiffness_mismatch", ONLY_DRIVE, "the link or motor equation"),
             Confusion(
                 "link_inertia_mismatch",
-                "one gain on all torque sensors scales all masses, K and D alike",
-                "motor torques: they do not pass through the joint torque sensors",
+                "one common gain of all torque sensors scales all masses, K and D alike",
+                "motor torques: they are independent of the joint torque sensors",
             ),
         ),
     ),
@@ -172,14 +172,14 @@ EFFECTS = (
         0.4,
         id="motor_torque_offset",
         formula="tau_m recorded = true + offset",
-        description="The zero of the motor's current measurement is off.",
+        description="The current measurement of the motor has a wrong zero.",
         plain="records its motor torque shifted by {offset}",
         signature="The motor residual is a constant, at rest and in motion.",
         sides=SIDES["motor_torque"],
         confusions=(
             Confusion(
                 "coulomb_friction",
-                "the joint turns one way throughout",
+                "the joint turns in only one direction",
                 "reversals: friction changes sign there",
             ),
         ),
@@ -192,18 +192,18 @@ EFFECTS = (
         0.4,
         id="joint_torque_offset",
         formula="tau_J recorded = true + offset",
-        description="The zero of the joint torque sensor is off.",
+        description="The joint torque sensor has a wrong zero.",
         plain="records its joint torque shifted by {offset}",
         signature=(
-            "All three residuals of the joint are shifted by a constant, that of the motor the"
-            " other way."
+            "All three residuals of the joint are shifted by a constant, with the"
+            " opposite sign in the motor residual."
         ),
         sides=SIDES["joint_torque"],
         confusions=(
             Confusion(
                 "encoder_offset",
                 ONLY_DRIVE,
-                "the link or motor equation: an encoder offset does not show there",
+                "the link or motor equation, in which an encoder offset is not visible",
             ),
         ),
     ),
@@ -214,17 +214,18 @@ EFFECTS = (
         0.01,
         1e-5,
         id="encoder_offset",
-        formula="link encoder = true + offset, against the motor encoder",
-        description="The zeros of link and motor encoder do not agree.",
-        plain="has a link encoder whose zero is {offset} from the motor encoder's",
+        formula="link encoder = true + offset, relative to the motor encoder",
+        description="The zeros of link and motor encoder differ.",
+        plain="has a link encoder whose zero differs by {offset} from the motor encoder",
         signature=(
-            "The drive residual is a constant: at rest without load the drive seems wound up."
+            "The drive residual is a constant: without load at rest, the drive seems to"
+            " be deflected."
         ),
         sides=("drive",),
         confusions=(
             Confusion(
                 "backlash",
-                "the joint is loaded one way throughout",
+                "the load of the joint always has the same sign",
                 "motion in which the joint torque changes sign",
             ),
             Confusion("joint_torque_offset", ONLY_DRIVE, "the link or motor equation"),
@@ -233,10 +234,10 @@ EFFECTS = (
     SensorEffect(
         "encoder_eccentricity",
         formula="link encoder = true + A sin(q + phi)",
-        description="The link encoder's disc sits off centre.",
-        plain="has a link encoder whose disc sits off centre by {amplitude}",
+        description="The disc of the link encoder is mounted eccentrically.",
+        plain="has a link encoder whose disc is eccentric by {amplitude}",
         signature=(
-            "The drive residual is a sine over one turn of the link, whatever the speed and load."
+            "The drive residual is a sine over one turn of the link, independent of speed and load."
         ),
         law=_off_centre,
         parameters=(Parameter("amplitude", "rad", 1e-6, 5e-3, neutral=0.0, meaning="A"), phase()),

@@ -46,12 +46,12 @@ def change(sensors: Sensors, i: int, n: int, p: Numbers) -> Sensors:
 
 EFFECT: Effect = SensorEffect(
     id="time_delay",
-    formula="named channels recorded(t) = true(t - delay), late against the motor encoder",
-    description="Channels that reach the recorder late: filters, buses, other clocks.",
-    plain="has its {channels} recorded {delay} late",
+    formula="named channels: recorded(t) = true(t - delay), relative to the motor encoder",
+    description="Channels that reach the recorder with a delay: filters, buses, other clocks.",
+    plain="has its {channels} recorded with a delay of {delay}",
     signature=(
-        "The residual follows the rate of what is late: zero where it stands still, largest where"
-        " it changes."
+        "The residual follows the rate of the delayed channel: zero where the channel"
+        " is constant, largest where it changes fastest."
     ),
     law=law,
     parameters=(
@@ -63,7 +63,7 @@ EFFECT: Effect = SensorEffect(
             neutral=0.0,
             above=-1e-12,
             draw=(1.5e-3, 0.01),
-            meaning="late against the motor encoder",
+            meaning="relative to the motor encoder",
         ),
     ),
     choices=(Choice("channels", tuple(SIDES), ("joint_torque",), several=True),),
@@ -77,13 +77,14 @@ EFFECT: Effect = SensorEffect(
     confusions=(
         Confusion(
             "damping_mismatch",
-            "only the drive equation can be used: a delay of tau_J acts there as dD = -K delay",
-            "the link or motor equation: damping does not show there",
+            "only the drive equation is available: a delay of tau_J acts there as dD = -K delay",
+            "the link or motor equation, in which damping is not visible",
         ),
         Confusion(
             "torque_lowpass",
-            "the torque changes slowly against the delay: both act as the delay times its rate",
-            "faster motion: a filter takes amplitude, too, a delay does not",
+            "the torque changes slowly compared with the delay: both act as the delay"
+            " times its rate",
+            "faster motion: a filter also reduces the amplitude, a delay does not",
         ),
     ),
 )

@@ -35,13 +35,14 @@ def change(sensors: Sensors, i: int, n: int, p: Numbers) -> Sensors:
 
 EFFECT: Effect = SensorEffect(
     id="torque_drift",
-    formula="recorded = true + a zero that moves at the mean rate from the first sample on",
+    formula="recorded = true + a zero that moves at the mean rate from the first sample",
     description=(
-        "The zero of a torque channel wanders while the arm is recorded: a sensor or a drive that"
-        " warms up."
+        "The zero of a torque channel drifts during the recording: a sensor or a"
+        " drive that warms up."
     ),
-    plain="has a {channel} whose zero drifts by {rate} while it is recorded",
-    signature="The residuals that hold the channel move off zero with time, whatever the motion.",
+    plain="has a {channel} whose zero drifts by {rate} during the recording",
+    signature="The residuals that contain the channel drift from zero over time,"
+    " independent of the motion.",
     law=law,
     parameters=(signed("rate", "Nm/s", 2.0, "mean over the recording"),),
     choices=(Choice("channel", TORQUES, "joint_torque"),),
@@ -55,8 +56,8 @@ EFFECT: Effect = SensorEffect(
     confusions=(
         Confusion(
             "joint_torque_offset",
-            "the recording is short, so that the zero hardly moves",
-            "a recording of some minutes",
+            "the recording is so short that the zero hardly moves",
+            "a recording of several minutes",
         ),
     ),
 )

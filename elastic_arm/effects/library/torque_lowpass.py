@@ -50,12 +50,11 @@ EFFECT: Effect = SensorEffect(
     id="torque_lowpass",
     formula="named channels y with y' = 2 pi cutoff (true - y)",
     description=(
-        "A torque, or the current that it was computed from, was filtered before it was recorded."
+        "A torque, or the current from which it was computed, was filtered before it was recorded."
     ),
-    plain="has its {channels} filtered at {cutoff} before it is recorded",
+    plain="has its {channels} filtered at {cutoff} before recording",
     signature=(
-        "The residual follows the rate of the filtered torque, and fast torque is missing in the"
-        " recording."
+        "The residual follows the rate of the filtered torque, and the recording lacks fast torque."
     ),
     law=law,
     parameters=(
@@ -82,8 +81,8 @@ EFFECT: Effect = SensorEffect(
     confusions=(
         Confusion(
             "time_delay",
-            "the torque changes slowly against the corner: both act as T times its rate",
-            "faster motion: a filter takes amplitude, too, a delay does not",
+            "the torque changes slowly compared with the cut-off: both act as T times its rate",
+            "faster motion: a filter also reduces the amplitude, a delay does not",
         ),
     ),
 )

@@ -22,12 +22,12 @@ def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
 
 EFFECT = Effect(
     id="torque_ripple",
-    formula="A sin(k r_tot theta + phi) added to the motor's torque, not seen by tau_m",
+    formula="A sin(k r_tot theta + phi) added to the motor's torque, not included in tau_m",
     description="Cogging and commutation ripple of the motor.",
-    plain="has a motor whose torque ripples by ±{amplitude}, {order} times a turn of the rotor",
+    plain="has a motor whose torque ripples by ±{amplitude}, {order} times per turn of the rotor",
     signature=(
-        "A ripple of the motor residual, periodic in the rotor's angle, as high at all speeds and"
-        " loads."
+        "A ripple of the motor residual, periodic in the rotor angle, with the same"
+        " amplitude at all speeds and loads."
     ),
     law=law,
     parameters=(

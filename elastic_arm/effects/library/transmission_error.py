@@ -44,15 +44,17 @@ EFFECT = Effect(
         " de/dtheta)"
     ),
     description=(
-        "The harmonic drive's kinematic error: its output leads and lags periodically in the wave"
-        " generator's angle, two times a turn as a rule."
+        "The kinematic error of the harmonic drive: its output leads and lags"
+        " periodically in the wave-generator angle, usually twice per turn."
     ),
     plain=(
-        "has a gear that leads and lags by ±{amplitude}, {order} times a turn of the wave generator"
+        "has a gear that leads and lags by ±{amplitude}, {order} times per turn of"
+        " the wave generator"
     ),
     signature=(
-        "A ripple of joint torque that is periodic in the wave generator's angle and grows at the"
-        " speeds that strike the elastic resonance; the motor feels it in proportion to the load."
+        "A ripple of joint torque that is periodic in the wave-generator angle and"
+        " grows at speeds that excite the elastic resonance; in the motor residual it"
+        " is proportional to the load."
     ),
     law=law,
     parameters=(

@@ -28,7 +28,7 @@ def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
     if i == 0:
         raise EffectError(
             f"wrist_coupling: {motion.robot.joint_names[0]} has no joint before it",
-            "Name the later one of the two joints that share a motor.",
+            "Give the later one of the two joints that share a motor.",
         )
     factor = TURNS[p["turns"]]
     rate = motion.dtheta[i] + factor * motion.dtheta[i - 1]
@@ -41,11 +41,12 @@ EFFECT = Effect(
     id="wrist_coupling",
     formula="J dw/dt + b w + F tanh(w/0.02), times s on the joint before; w = dq_i + s dq_(i-1)",
     description=(
-        "The motor of this joint turns with the joint before it, too: a wrist of an industrial arm."
+        "The motor of this joint also turns with the joint before it, as in the wrist"
+        " of an industrial arm."
     ),
-    plain="is turned by a motor that turns the joint before it, too, with {dry} of dry friction",
+    plain="has a motor that also turns with the joint before it, with {dry} of dry friction",
     signature=(
-        "The torque of a wrist joint follows the motion of the next joint, and the other way round."
+        "The torque of a wrist joint depends on the motion of the next joint, and vice versa."
     ),
     law=law,
     parameters=(
@@ -60,10 +61,10 @@ EFFECT = Effect(
     searched=False,
     confusions=(
         Confusion(
-            "coulomb_friction", "the joint before stands still", "motion in which both joints turn"
+            "coulomb_friction", "the joint before does not move", "motion in which both joints turn"
         ),
         Confusion(
-            "viscous_friction", "the joint before stands still", "motion in which both joints turn"
+            "viscous_friction", "the joint before does not move", "motion in which both joints turn"
         ),
     ),
 )

@@ -47,7 +47,7 @@ def _nothing(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
 
 def _change(plant: Plant, p: Numbers) -> Plant:
     raise EffectError(
-        "a joint of an arm without transmissions cannot yield in the simulator",
+        "a joint of an arm without transmissions cannot be elastic in the simulator",
         "Describe its drive: `transmission` with `stiffness`, and the effect backlash.",
     )
 
@@ -145,19 +145,19 @@ class YieldingJoint:
 
 
 BEHIND = (
-    "A second encoder on the link, or a weight hung on the resting link: the motor's encoder does"
-    " not show it"
+    "A second encoder on the link, or a weight on the resting link: the motor"
+    " encoder does not show it"
 )
 
 EFFECTS: tuple[Effect, ...] = (
     StructuralEffect(
         id="joint_elasticity",
         formula="link at q + d behind the encoder, J d'' + 0.2 sqrt(k J) d' + k d = -load",
-        description="The joint is elastic behind its encoder, where the description is rigid.",
-        plain="yields behind its encoder with {stiffness}",
+        description="The joint is elastic behind its encoder, but described as rigid.",
+        plain="is elastic behind its encoder with {stiffness}",
         signature=(
-            "Torque of all joints where the link swings on its drive, and less inertia above that"
-            " frequency."
+            "Torque at all joints where the link oscillates on its drive, and less"
+            " inertia above that frequency."
         ),
         law=_nothing,
         change=_change,
@@ -165,19 +165,19 @@ EFFECTS: tuple[Effect, ...] = (
         sides=("link",),
         regime="frequency",
         regressor=partial(YieldingJoint, _spring),
-        confusions=(Confusion("joint_play", "the load changes its sign seldom", BEHIND),),
+        confusions=(Confusion("joint_play", "the load seldom changes its sign", BEHIND),),
     ),
     StructuralEffect(
         id="joint_play",
         formula=(
-            "link at q + d behind the encoder, free within |d| < b; at an end it comes to rest"
-            " within 20 ms"
+            "link at q + d behind the encoder, free within |d| < b; at the ends it comes"
+            " to rest within 20 ms"
         ),
-        description="The joint has play behind its encoder, where the description is rigid.",
+        description="The joint has play behind its encoder, but is described as rigid.",
         plain="has {half_gap} of play to either side behind its encoder",
         signature=(
-            "Torque is missing for a moment where the joint's load changes its sign, then the link"
-            " strikes."
+            "Torque is missing for a moment where the load of the joint changes its sign,"
+            " then the link strikes."
         ),
         law=_nothing,
         change=_change,
@@ -187,6 +187,6 @@ EFFECTS: tuple[Effect, ...] = (
         sides=("link",),
         regime="load",
         regressor=partial(YieldingJoint, _stopped),
-        confusions=(Confusion("joint_elasticity", "the load changes its sign seldom", BEHIND),),
+        confusions=(Confusion("joint_elasticity", "the load seldom changes its sign", BEHIND),),
     ),
 )

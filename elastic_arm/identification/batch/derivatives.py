@@ -89,7 +89,10 @@ class Derived:
         moved = f"{units.over('mrad')}: {moved}"
         return [
             *said,
-            f"{source}: zeros of the link encoders moved to those of the first recording, {moved}",
+            (
+                f"{source}: zeros of the link encoders shifted to those of the first"
+                f" recording, {moved}"
+            ),
         ]
 
     def aligned(self, equations: BaseRegression, first: Derived | None) -> Derived:
@@ -130,11 +133,11 @@ class DerivativeStage:
         self._grids = clock.place(samples)
         if not self._grids:
             raise IdentificationError(
-                f"{self._source} has no run of samples without gaps", "Record seconds of motion."
+                f"{self._source} has no interval without gaps", "Record several seconds of motion."
             )
         if not any(grid.moves() for grid in self._grids):
             raise IdentificationError(
-                f"{self._source} holds no motion", "Record one that `elastic-arm excite` makes."
+                f"{self._source} contains no motion", "Record a motion from `elastic-arm excite`."
             )
         self._said: tuple[str, ...] = (clock.note,) if clock.note else ()
         self._width = next(iter(self._grids[0].channels().values())).shape[1]
@@ -226,16 +229,17 @@ class DerivativeStage:
         piece = (
             "is"
             if len(self._grids) == 1
-            else f"has {len(self._grids)} pieces between gaps, the longest"
+            else f"has {len(self._grids)} intervals between gaps, the longest"
         )
-        why = ", as laws beyond the model pass it twice" if twice else ""
+        why = ", as effects in addition to the model pass it twice" if twice else ""
         problem = (
             f"{self._source} {piece} {whole / rate:.2f} s long: the smoother to {self.band:.1f} Hz"
             f" needs more than {lost / rate:.2f} s{why}"
         )
         enough = twice and 2 * whole > lost
         without = (
-            f", or identify without laws (--with), for which {lost / rate / 2:.2f} s are enough"
+            f", or identify without effects (--with), for which {lost / rate / 2:.2f} s"
+            " are sufficient"
             if enough
             else ""
         )

@@ -56,12 +56,18 @@ from elastic_arm.robot import Robot, require_robot
 # another motion badly.
 LOOSE = 3.0
 MOTOR_INERTIA = (
-    "the description states no motor inertia: it was identified too (armature; a URDF cannot"
-    " hold it)"
+    "the description states no motor inertia: it was also identified (armature,"
+    " which a URDF cannot represent)"
 )
-BARE = "without a torque, and so without an equation: what it alone would show is not determined"
-UNSEEN = "left out, as it acts at a joint without a torque"
-FELT = "taken as what the joint torque sensors feel (side=link), as no motor torque was recorded"
+BARE = (
+    "no torque was recorded, so there is no equation: parameters visible only in"
+    " these torques are not determined"
+)
+UNSEEN = "excluded, as it acts at a joint without a torque"
+FELT = (
+    "interpreted as friction that the joint torque sensors measure (side=link),"
+    " as no motor torque was recorded"
+)
 
 
 def identify(
@@ -77,22 +83,22 @@ def identify(
     Parameters
     ----------
     recordings
-        One or several, with equal channels.
+        One or several recordings with the same channels.
     robot
         The nominal arm.
     settings
-        How; by default with all parameters and no laws.
+        Settings; by default all parameters and no additional effects.
     validate
-        Recordings that no fit may see; the residuals on them are part of the result.
+        Held-out recordings; the result contains the residuals on them.
     progress
-        Called with what is being done and the share that is done.
+        Called with the current stage and its completed share.
 
     Raises
     ------
     IdentificationError
         If the recordings allow no equation, or too few samples.
     RecordingError, RobotError
-        If an argument is something else, or a channel holds numbers of no arm.
+        If an argument has another type, or a channel contains implausible numbers.
     """
     return identify_with(recordings, robot, settings, validate=validate, progress=progress)[0]
 
@@ -191,7 +197,7 @@ def _estimated(trials: Trials, choice: BatchChoice) -> tuple[Identification, Bat
     notes += (
         []
         if width is None
-        else [described_width(width, "parts of the recordings left out in turn")]
+        else [described_width(width, "cross-validation over parts of the recordings")]
     )
     notes += trials.notes(choice)
     notes += poor_fits(

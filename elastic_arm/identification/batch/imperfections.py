@@ -179,17 +179,15 @@ def described_imperfections(found: Sequence[NuisanceLaw]) -> list[str]:
     usual = []
     if shown:
         free = ", ".join(f"{law}:{joint}" if joint else law for law, joint in shown)
-        notes.append(
-            "identified without being asked for, as they differ from none in the recordings:"
-            f" {free}"
-        )
+        notes.append(f"also identified, as they differ from zero in the recordings: {free}")
     if held - {TILT}:
         others = "the other " if shown else "the "
         usual.append(
-            f"{others}zeros of torques ({ZERO:.0%} of the joint's torque; free in robot.yaml)"
+            f"{others}zeros of torques ({ZERO:.0%} of the joint's torque; unconstrained in"
+            " robot.yaml)"
         )
     if TILT in held:
         usual.append(f"the tilt of the base ({1e3 * LEVEL:g} mrad)")
     if usual:
-        notes.append("also identified, kept within what is usual: " + ", ".join(usual))
+        notes.append("also identified, constrained to their usual size: " + ", ".join(usual))
     return notes

@@ -40,9 +40,9 @@ CHANCE = 1e-5
 # next one
 STEP = 1.0
 WORDS = (
-    "the torques show gravity of {} m/s², where the description has {}: the arm is mounted"
-    " otherwise, and is taken for turned by Rx({:.0f}°) Ry({:.0f}°) (base, in robot.yaml), its tilt"
-    " from there identified, too"
+    "the torques show gravity of {} m/s², but the description has {}: the arm is"
+    " mounted differently, and the rotation Rx({:.0f}°) Ry({:.0f}°) is assumed"
+    " (base, in robot.yaml); a tilt relative to it was also identified"
 )
 
 
@@ -70,7 +70,7 @@ class Mounting:
         described = short_numbers(self.described)
         note = WORDS.format(shown, described, np.degrees(self.x), np.degrees(self.y))
         overhead = angle_between(self.shown, self.described) >= OVERHEAD
-        return f"{note}; slow torques of the wrong sign look the same" if overhead else note
+        return f"{note}; slow torques of the wrong sign have the same effect" if overhead else note
 
     def tilted(self, x: float, y: float) -> tuple[float, float]:
         """Return both turns as one, rad: this one and a further Rx(x) Ry(y)."""

@@ -54,7 +54,7 @@ ProgressCallback = Callable[[str, float], None]
 ROUNDING = 1e-12
 # Hz up to which first resonances of arms lie: rows of a band that ends there are not averaged.
 RESONANCES = 20.0
-STICKS = "instants at which a joint sticks are left out: its dry friction takes any value there"
+STICKS = "times at which a joint sticks are excluded: its dry friction takes any value there"
 # Standard deviation, as a factor, of the speeds within which friction turns over.
 SPREAD = 10.0
 # Laws whose squared errors differ by this share may be ranked either way by another motion.
@@ -70,14 +70,14 @@ class IdentificationSettings:
     model
         mod1, mod2 or mod3.
     effects
-        Laws identified in addition to the model's own parameters and to those that the description
-        states, as text ("coulomb_friction", on every joint) or as
+        Effects identified in addition to the parameters of the model and to the effects in the
+        description, as text ("coulomb_friction", on every joint) or as
         :func:`elastic_arm.effects.text.parse_laws` reads them.
     consistent
-        Also find all parameters, physically consistent and close to the nominal where the data
-        determine nothing.
+        Also estimate all parameters such that they are physically consistent, and close to the
+        nominal ones where the data do not determine them.
     catalogue
-        Where the ids of the description's effects are looked up; the default one when None.
+        Catalogue of the effects in the description; the default one if None.
     """
 
     model: str = "mod3"
@@ -186,8 +186,8 @@ class Trials:
                 if c not in _traced(equations) and c.place not in unasked
             ]:
                 raise IdentificationError(
-                    f"{', '.join(lost)}: no trace in the torques that were recorded",
-                    "Leave the law out, or let it act on the recorded side, as in"
+                    f"{', '.join(lost)}: not visible in the recorded torques",
+                    "Omit the effect, or let it act on the recorded side, as in"
                     " coulomb_friction:side=link.",
                 )
             made = stage(equations, ends=ends, stuck=not choice.sticking)
@@ -251,7 +251,7 @@ class Trials:
         found = []
         if any(is_dry(instance) for instance in self.effects):
             found.append(
-                f"dry friction turns over within {standstill(choice.sign_speed, self.robot)} of"
+                f"dry friction reverses within {standstill(choice.sign_speed, self.robot)} of"
                 " standstill"
             )
         if not choice.sticking:

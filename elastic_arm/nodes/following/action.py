@@ -57,7 +57,8 @@ class Tolerances:
         for tolerance in stated:
             if tolerance.name not in joints:
                 raise GraphError(
-                    f"has a tolerance for {tolerance.name!r}", f"There are {', '.join(joints)}."
+                    f"has a tolerance for {tolerance.name!r}",
+                    f"The joints are {', '.join(joints)}.",
                 )
             for name, column in values.items():
                 if getattr(tolerance, name) != 0.0:
@@ -75,8 +76,8 @@ class Tolerances:
             for joint, error, limit in zip(joints, np.abs(errors), limits, strict=True):
                 if error > limit:
                     return (
-                        f"the {name} of {joint} is off by {error:.3g} {unit}, more than {limit:.3g}"
-                        f" {unit}"
+                        f"the {name} of {joint} deviates by {error:.3g} {unit}, more than the"
+                        f" tolerance of {limit:.3g} {unit}"
                     )
         return ""
 
@@ -124,12 +125,12 @@ class TrajectoryAction:
         if active is None:
             return
         if self._follower().goal is not active.goal:
-            self._end(Result.INVALID_GOAL, "another motion has taken its place")
+            self._end(Result.INVALID_GOAL, "replaced by another motion")
         elif active.handle.is_cancel_requested:
             self._follower().stop()
             self._end(
                 Result.SUCCESSFUL,
-                "cancelled: the arm slows down and stands",
+                "cancelled: the arm slows down and stops",
                 active.handle.canceled,
             )
         elif now_ns < active.goal.end_ns:
@@ -146,7 +147,7 @@ class TrajectoryAction:
             joints, position - reference.position, velocity - reference.velocity
         ):
             self._follower().stop()
-            self._end(Result.PATH_TOLERANCE_VIOLATED, f"on the way {wrong}")
+            self._end(Result.PATH_TOLERANCE_VIOLATED, f"along the path, {wrong}")
 
     def _arrive(
         self, active: _Active, now_ns: int, reference: Row, position: Array, velocity: Array
@@ -155,13 +156,16 @@ class TrajectoryAction:
             self._follower().joints, position - reference.position, velocity
         )
         if not wrong:
-            words = f"{active.goal.slower:.3g} times slower: as asked for it {active.goal.reason}"
+            words = (
+                f"slowed down by a factor of {active.goal.slower:.3g}: the requested motion"
+                f" {active.goal.reason}"
+            )
             self._end(
                 Result.SUCCESSFUL, words if active.goal.reason else "reached", active.handle.succeed
             )
         elif active.patience_ns and now_ns > active.goal.end_ns + active.patience_ns:
             late = (now_ns - active.goal.end_ns) / NANOSECONDS
-            self._end(Result.GOAL_TOLERANCE_VIOLATED, f"{late:.3g} s after the end {wrong}")
+            self._end(Result.GOAL_TOLERANCE_VIOLATED, f"{late:.3g} s after the end, {wrong}")
 
     async def _execute(self, handle: ServerGoalHandle) -> Any:
         """Begin a goal, and wait for its outcome."""
@@ -172,7 +176,7 @@ class TrajectoryAction:
             self._log.error(f"refused a goal that {error}")
             return Result(error_code=_code(error), error_string=str(error))
         if self._active is not None:
-            self._end(Result.INVALID_GOAL, "another goal has taken its place")
+            self._end(Result.INVALID_GOAL, "replaced by another goal")
         self._active = active
         return await active.outcome
 
@@ -180,7 +184,10 @@ class TrajectoryAction:
         request = handle.request
         follower = self._follower()
         if request.multi_dof_trajectory.points:
-            raise GraphError("moves joints of several degrees of freedom", "This arm has none.")
+            raise GraphError(
+                "contains motions of joints with several degrees of freedom",
+                "This arm has no such joints.",
+            )
         path = Tolerances.of(request.path_tolerance, follower.joints)
         end = Tolerances.of(request.goal_tolerance, follower.joints, STOPPED)
         seconds = (
@@ -224,6 +231,6 @@ def _code(error: GraphError) -> int:
         return int(Result.INVALID_JOINTS)
     return int(
         Result.OLD_HEADER_TIMESTAMP
-        if error.problem.startswith("lies in the past")
+        if error.problem.startswith("is in the past")
         else Result.INVALID_GOAL
     )

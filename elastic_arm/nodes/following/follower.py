@@ -109,7 +109,7 @@ class Follower:
         ahead = (stamp + int(after_ns[-1]) - self.now_ns) / NANOSECONDS
         if max(ahead, after_ns[-1] / NANOSECONDS) > LONGEST_STREAM:
             raise GraphError(
-                f"streams {after_ns[-1] / NANOSECONDS:.3g} s of points, the last of them due"
+                f"streams points over {after_ns[-1] / NANOSECONDS:.3g} s, the last of them due"
                 f" {ahead:.3g} s from now",
                 f"Stream at most {LONGEST_STREAM} s at a time and ahead of the arm's clock.",
             )
@@ -128,8 +128,9 @@ class Follower:
             joint = int(np.argmax(jump))
             if jump[joint] > LARGEST_JUMP:
                 raise GraphError(
-                    f"begins {jump[joint]:.3g} rad from where {self.joints[joint]} is then",
-                    "Begin where the arm is, or give time_from_start to go there.",
+                    f"starts {jump[joint]:.3g} rad from the position of {self.joints[joint]} at"
+                    " that time",
+                    "Start at the arm's position, or give time_from_start to move there.",
                 )
         else:  # what leads there from the last point counts as well
             tail, row, degree = bridge

@@ -82,16 +82,18 @@ def plan_goal(
     if not coming[-1]:
         late = (now_ns - begin - after_ns[-1]) * 1e-9
         raise GraphError(
-            f"lies in the past: its last point is due {late:.3g} s before now",
-            "Give time_from_start, and a stamp of the arm's clock or zero for now.",
+            f"is in the past: its last point was due {late:.3g} s ago",
+            "Give time_from_start, and a stamp of the arm's clock, or zero for now.",
         )
     if (ahead := (begin + after_ns[-1] - now_ns) * 1e-9) > LATEST:
         raise GraphError(
             f"is due {ahead:.3g} s from now",
-            "Give time_from_start, and a stamp of the arm's clock or zero for now.",
+            "Give time_from_start, and a stamp of the arm's clock, or zero for now.",
         )
     if np.max(np.abs(points.velocity[-1])) > AT_REST:
-        raise GraphError("ends in motion", "Give the last point zero velocities, or none.")
+        raise GraphError(
+            "ends with a nonzero velocity", "Give the last point zero velocities, or omit them."
+        )
     goal = _from_present(begin + after_ns[coming], points.where(coming), now_ns, present)
     return goal if policy == "ignore" else _within(goal, limits, policy)
 
@@ -132,8 +134,8 @@ def _within(goal: Goal, limits: JointLimits, policy: str) -> Goal:
         if policy == "refuse" or slower > SLOWEST:
             break
         tried = _slowed(goal, slower, reason)
-    whose = " (assumed: the arm file states none for some joints)" if limits.assumed else ""
-    vain = ", however slow it is" if policy == "slow_down" else ""
+    whose = " (default: the arm file gives none for some joints)" if limits.assumed else ""
+    vain = ", at any speed" if policy == "slow_down" else ""
     raise GraphError(
         f"{reason}{whose}{vain}", "Plan within the limits, or set the parameter limits."
     )

@@ -88,8 +88,8 @@ class JointLimits:
     def _words(self, kind: str, joint: int, value: float, limit: float) -> str:
         unit = _UNITS[kind]
         article = "an" if kind == "acceleration" else "a"
-        where = f"where {limit:.3g} {unit} is the limit"
-        return f"takes {self.joints[joint]} to {article} {kind} of {value:.3g} {unit}, {where}"
+        where = f"beyond the limit of {limit:.3g} {unit}"
+        return f"moves {self.joints[joint]} to {article} {kind} of {value:.3g} {unit}, {where}"
 
 
 def _peak(values: Array) -> Array:

@@ -65,10 +65,10 @@ def reference_points(
     names = list(message.joint_names)
     _check_names(names, joints, partial=held is not None)
     if not message.points:
-        raise GraphError("holds no points", "Send one point or more.")
+        raise GraphError("contains no points", "Send at least one point.")
     if len(message.points) > MOST_POINTS:
         raise GraphError(
-            f"holds {len(message.points)} points", f"Send {MOST_POINTS} at most, or stream them."
+            f"contains {len(message.points)} points", f"Send at most {MOST_POINTS}, or stream them."
         )
     after = [
         point.time_from_start.sec * NANOSECONDS + point.time_from_start.nanosec
@@ -126,7 +126,7 @@ def _check_names(names: list[str], joints: Sequence[str], partial: bool) -> None
         raise GraphError(said, f"Name each of {', '.join(joints)} once.")
     if partial:
         if not names or not set(names) <= set(joints):
-            raise GraphError(said, f"Name one or more of {', '.join(joints)}.")
+            raise GraphError(said, f"Name at least one of {', '.join(joints)}.")
     elif not set(joints) <= set(names):
         raise GraphError(said, f"Name each of {', '.join(joints)} once.")
 
@@ -141,7 +141,8 @@ def _column(message: JointTrajectory, field: str, n: int) -> NDArray[np.float64]
             values = np.zeros(n)
         if len(values) != n:
             raise GraphError(
-                f"has {len(values)} {field} for {n} joints in point {k}", "Give one value a joint."
+                f"has {len(values)} {field} for {n} joints in point {k}",
+                "Give one value per joint.",
             )
         rows.append(values)
     return np.array(rows, dtype=float)

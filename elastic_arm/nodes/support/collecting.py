@@ -51,13 +51,13 @@ class DriverSide:
         """
         if missing := [name for name in names if name not in channels.joints]:
             raise RecordingError(
-                f"the channel map lacks {', '.join(missing)}", "Name every joint of the arm."
+                f"the channel map lacks {', '.join(missing)}", "List every joint of the arm."
             )
         if channels.time != "header" or channels.coupling:
             raise RecordingError(
                 "the channel map has arrival times or coupled motors",
-                "Record a bag, and diagnose that with --channels; live nodes take stamps and joints"
-                " as they come.",
+                "Record a bag, and diagnose it with --channels; live nodes use stamps and"
+                " joints unchanged.",
             )
         joints = [getattr(channels.joints[name], side) for name in names]
         present = [dict(one.present()) for one in joints]
@@ -66,10 +66,10 @@ class DriverSide:
             return None
         if len(topics) > 1 or any(one.keys() != present[0].keys() for one in present):
             raise RecordingError(
-                f"the {side} side comes on {', '.join(sorted(topics))}, or not all joints have the"
-                " same channels",
-                "Live nodes take a side from one topic of sensor_msgs/JointState, alike for all"
-                " joints.",
+                f"the {side} side comes from {', '.join(sorted(topics))}, or its joints have"
+                " different channels",
+                "Live nodes need one topic of type sensor_msgs/JointState per side, with the"
+                " same channels for all joints.",
             )
         return DriverSide(topics.pop(), joints)
 
@@ -193,7 +193,7 @@ class Collector:
         """Return in words what is wrong with what arrives."""
         now = time.monotonic()
         said = [
-            f"nothing on {self._shown(topic)} for {now - heard:.0f} s"
+            f"no messages on {self._shown(topic)} for {now - heard:.0f} s"
             for topic, heard in self._heard.items()
             if now - heard > SILENCE and self._empty[topic] >= LOOKS
         ]
@@ -202,13 +202,13 @@ class Collector:
         unreadable = sum(box.unreadable for box in self.inboxes.values())
         overflowed = sum(box.overflowed for box in self.inboxes.values())
         counts = {
-            f"messages do not name the joints {', '.join(self.joints)}": faults.foreign,
-            "messages hold numbers that are not finite": faults.not_finite,
-            "messages have other fields than those before": faults.changed,
+            f"messages do not contain the joints {', '.join(self.joints)}": faults.foreign,
+            "messages contain numbers that are not finite": faults.not_finite,
+            "messages have other fields than before": faults.changed,
             "messages cannot be read": unreadable,
-            "messages were dropped, as this node was busy": overflowed,
-            "samples came too late": losses.late,
-            "samples have no partner on the other topic": losses.unmatched,
+            "messages were dropped because this node was busy": overflowed,
+            "samples were too late": losses.late,
+            "samples have no counterpart on the other topic": losses.unmatched,
         }
         return said + [f"{count} {what}" for what, count in counts.items() if count]
 

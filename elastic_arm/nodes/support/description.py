@@ -67,7 +67,9 @@ def _set_limits(
         joint.limits.velocity,
         joint.limits.torque,
     ):
-        element.append(ET.Comment(" what the arm's description does not state is assumed "))
+        element.append(
+            ET.Comment(" defaults replace what the description of the arm does not state ")
+        )
     names = ("lower", "upper", "velocity", "effort")
     ET.SubElement(
         element, "limit", {name: _text(value) for name, value in zip(names, values, strict=True)}

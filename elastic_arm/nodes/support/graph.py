@@ -109,7 +109,7 @@ def require_single_publisher(node: Node, wanted: Sequence[str], seconds: float =
 
 def company(others: list[str], topic: str) -> GraphError:
     """Return the error of a topic that has another source already."""
-    problem = f"{others[0]} publishes {topic} already: two sources of one topic would mix"
+    problem = f"{others[0]} already publishes {topic}: two sources of one topic would mix"
     if topic in topics.GLOBAL:  # which a namespace does not part
         return GraphError(
             problem, "Start this one with real_time_factor:=1.0, or with another ROS_DOMAIN_ID."

@@ -35,9 +35,9 @@ class Setting:
 
 # Those that several nodes have.
 ROBOT = Setting("", "Nominal arm: file (YAML) or URDF; empty: the arm of the package")
-MODEL = Setting("mod3", "What the arm is taken to be", choices=("mod1", "mod2", "mod3"))
-CHANNELS = Setting("", "Channel map (YAML) of a driver's joint states: names, units")
-SIDES = Setting("both", "What the arm measures", choices=("both", "link", "motor"))
+MODEL = Setting("mod3", "Model of the arm", choices=("mod1", "mod2", "mod3"))
+CHANNELS = Setting("", "Channel map (YAML) for the joint states of a driver: names, units")
+SIDES = Setting("both", "Recorded channels of the arm", choices=("both", "link", "motor"))
 
 
 def declared(node: Node, table: Mapping[str, Setting]) -> SimpleNamespace:
@@ -86,6 +86,7 @@ def texts(value: Any) -> list[str]:
         or not all(isinstance(text, str) for text in given)
     ):
         raise GraphError(
-            f"{given!r} is no list of texts", "Write it as \"['first', 'second']\", or [] for none."
+            f"{given!r} is not a list of texts",
+            "Write it as \"['first', 'second']\", or [] for none.",
         )
     return [text for text in given if text]

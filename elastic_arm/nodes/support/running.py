@@ -39,7 +39,7 @@ def run(make: Callable[[], ArmNode], args: Sequence[str] | None = None) -> int:
     words = sys.argv if args is None else args
     if unreadable := [word for word in words if not _is_text(word)]:
         # ROS takes UTF-8 alone, and says so in its own way.
-        return _refuse(f"{unreadable[0]!r} is no UTF-8 text. Rename the file.")
+        return _refuse(f"{unreadable[0]!r} is not valid UTF-8. Rename the file.")
     stop = _Stop()
     choose_transport(os.environ)
     try:

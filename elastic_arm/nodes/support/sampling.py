@@ -80,7 +80,7 @@ class SamplingNode(ArmNode):
         self.collector.reset()
         self.forget()
         self.problem = ""
-        return "all samples forgotten"
+        return "all samples discarded"
 
     def _pause(self, request: SetBool.Request) -> str:
         self.pause(request.data)

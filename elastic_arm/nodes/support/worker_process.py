@@ -62,7 +62,7 @@ class WorkerProcess:
 
     def ask(self, question: Any) -> None:
         """Put a question, when none is open; the answer is there later."""
-        assert not self.busy, "one question at a time"
+        assert not self.busy, "only one question at a time"
         self._answer = self._courier.submit(self._exchange, question)
 
     def answer(self) -> Answer | None:
@@ -80,8 +80,7 @@ class WorkerProcess:
         except (EOFError, OSError):
             self._process.join(PATIENCE)
             problem = (
-                f"the process that answers ended with code {self._process.exitcode} and was started"
-                " again"
+                f"the diagnosis process ended with code {self._process.exitcode} and was restarted"
             )
             self._end()
             self._start()

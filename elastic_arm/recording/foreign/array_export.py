@@ -25,7 +25,8 @@ def export_paths(path: Path, joined: bool = False) -> list[Path]:
     kind."""
     if path.suffix.lower() not in KINDS:
         raise RecordingError(
-            f"{path} is none of {', '.join(KINDS)}", "Give the file one of these endings."
+            f"{path} does not have one of the extensions {', '.join(KINDS)}",
+            "Give the file one of these extensions.",
         )
     return [path] if joined else [path, path.with_suffix(".yaml"), path.with_suffix(".urdf")]
 
@@ -88,7 +89,7 @@ def _sides(recording: Recording, path: Path) -> list[str]:
     file = path.with_suffix(".yaml")
     write_result(file, yaml_text(mapping))
     command = shlex.join(["elastic-arm", "bag", "import", str(path), "--map", str(file), "--out"])
-    return [*said, f"{file}: the mapping; {command} BAG makes the bag again"]
+    return [*said, f"{file}: the mapping; {command} BAG imports the bag again"]
 
 
 def _joined(recording: Recording, path: Path) -> list[str]:
@@ -105,11 +106,11 @@ def _joined(recording: Recording, path: Path) -> list[str]:
     said = [
         f"{path}: {len(samples)} samples on one time base of {counts}: time, {', '.join(channels)}"
     ]
-    left = "; the commands are not in it" if recording.reference is not None else ""
+    left = "; without the commands" if recording.reference is not None else ""
     return [
         *said,
         *samples.notes,
-        f"time is in s from the first sample, at {samples.stamp_ns[0]} ns{left}",
+        f"time in s since the first sample, at {samples.stamp_ns[0]} ns{left}",
     ]
 
 
@@ -149,4 +150,4 @@ def _write(path: Path, arrays: Table) -> None:
             with h5py.File(content, "w") as file:
                 for name, values in arrays.items():
                     file[name.replace(".", "/")] = values
-    write_result(path, content.getvalue(), remedy="Name another file with --out.")
+    write_result(path, content.getvalue(), remedy="Choose another file with --out.")

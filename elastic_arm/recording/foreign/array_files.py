@@ -29,9 +29,9 @@ TABLES = (".csv", ".txt", ".dat")
 LEARNERS = (".parquet", ".h5", ".hdf5")
 KINDS = (*ARRAY_FILES, *RECORD_FILES)
 _PICKLED = (
-    "is a pickled object, and reading one may run any program",
+    "is a pickled object; reading it could run any program",
     (
-        "Save it where it was made, or where you trust it:"
+        "Convert it where it was created, or where you trust it:"
         " pandas.read_pickle('{0}').to_parquet('table.parquet')."
     ),
 )
@@ -113,7 +113,7 @@ def load_arrays(path: Path, decimal: str | None = ".") -> Arrays:
         ) from None
     if not files and not learned:
         raise RecordingError(
-            f"{path} holds no arrays", f"Give a folder of files {', '.join(KINDS)}."
+            f"{path} contains no arrays", f"Give a folder of files {', '.join(KINDS)}."
         )
     parts: dict[Path, Arrays] = {}
     for some in [*([file] for file in files), *([learned] if learned else [])]:
@@ -167,7 +167,7 @@ def _side_by_side(path: Path, parts: Mapping[Path, Arrays]) -> Arrays:
         found = Arrays({called: part[name] for name, called in names.items()})
         if twice := sorted(arrays.keys() & found.keys()):
             raise RecordingError(
-                f"{path}: two files hold an array {twice[0][:60]!r}", "Give files other names."
+                f"{path}: two files contain an array {twice[0][:60]!r}", "Rename one of the files."
             )
         arrays.update(found)
         arrays.units |= {f"{file.stem}.{name}": unit for name, unit in part.units.items()}
@@ -182,12 +182,15 @@ def _load(paths: Sequence[Path], decimal: str | None) -> list[Arrays]:
     if kind in _ELSEWHERE:
         raise RecordingError(f"{path} {_ELSEWHERE[kind][0]}", _ELSEWHERE[kind][1].format(path))
     if kind not in KINDS:
-        raise RecordingError(f"{path} is none of {', '.join(KINDS)}", "Convert it to one of them.")
+        raise RecordingError(
+            f"{path} does not have one of the extensions {', '.join(KINDS)}",
+            "Convert it to one of these formats.",
+        )
     try:
         for file in paths:
             if not stat.S_ISREG(file.stat().st_mode):
                 raise RecordingError(
-                    f"{file} is no file, but a pipe or a device", "Save it as a file first."
+                    f"{file} is a pipe or a device, not a file", "Save its content as a file first."
                 )
         _refuse_large(path, sum(file.stat().st_size for file in paths))
         if kind in TABLES:
@@ -201,7 +204,7 @@ def _load(paths: Sequence[Path], decimal: str | None) -> list[Arrays]:
         found = load_compiled(paths, limits.unpacked_bytes())
         if empty := [file for file, arrays in zip(paths, found, strict=True) if not arrays]:
             raise RecordingError(
-                f"{empty[0]} holds no tables of numbers", "Give a file with joint states."
+                f"{empty[0]} contains no tables of numbers", "Give a file with joint states."
             )
         return [Arrays(arrays) for arrays in found]
     except (RecordingError, MissingExtraError):
@@ -221,24 +224,24 @@ def _refuse_large(path: Path, size: int) -> None:
     """Refuse what does not fit into the memory."""
     if size > (most := limits.unpacked_bytes()):
         raise RecordingError(
-            f"{path} unpacks to {size} bytes, {most} are the limit", "Cut it into parts."
+            f"{path} unpacks to {size} bytes; the limit is {most}", "Split it into parts."
         )
 
 
 def _npz(path: Path) -> Arrays:
     if not zipfile.is_zipfile(path):
-        raise ValueError("it is no .npz file, or is cut off")
+        raise ValueError("it is not an .npz file, or is truncated")
     with zipfile.ZipFile(path) as archive:
         entries = archive.infolist()
     counts = Counter(entry.filename.removesuffix(".npy") for entry in entries)
     if twice := [name for name, count in counts.items() if count > 1]:
-        raise ValueError(f"it holds two arrays called {twice[0][:60]!r}")
+        raise ValueError(f"it contains two arrays called {twice[0][:60]!r}")
     _refuse_large(path, sum(entry.file_size for entry in entries))
     with np.load(path, allow_pickle=False) as content:
         arrays = Arrays(dict(content))
     # Where the head of an entry is damaged, numpy returns its bytes.
     if strange := [name for name, values in arrays.items() if not isinstance(values, np.ndarray)]:
-        raise ValueError(f"its entry {strange[0][:60]!r} is no array")
+        raise ValueError(f"its entry {strange[0][:60]!r} is not an array")
     return arrays
 
 
@@ -330,7 +333,7 @@ def _text(path: Path) -> str:
     for encoding in ("utf-16",) if wide else ("utf-8-sig", "cp1252"):
         with suppress(UnicodeDecodeError):
             return path.read_text(encoding)
-    raise ValueError("it is no text")
+    raise ValueError("it is not text")
 
 
 def _by_cells(
@@ -351,7 +354,7 @@ def _by_cells(
                 f" have {len(names)}"
             )
             raise RecordingError(
-                problem, "Begin with the line of names, and give all lines as many columns."
+                problem, "Start with a header line, and give all lines the same number of columns."
             )
     arrays = Arrays()
     for k, name in enumerate(names):
@@ -368,7 +371,7 @@ def _by_cells(
                 for i, cell in enumerate(column)
                 if not (cell.lower() in _BLANK or _is_number(cell))
             )
-            arrays.faults[name] = f"line {parted[wrong][0]}: {column[wrong][:60]!r} is no number"
+            arrays.faults[name] = f"line {parted[wrong][0]}: {column[wrong][:60]!r} is not a number"
     return arrays
 
 
@@ -383,7 +386,7 @@ def _laid_out(path: Path, table: Arrays) -> Arrays:
     arrays.units = {name: unit for name, unit in table.units.items() if name in found} | units
     texts = {name for name, values in found.items() if values.dtype.kind == "U"}
     faults = {
-        name: table.faults.get(name, f"{values[0]!r} is no number")
+        name: table.faults.get(name, f"{values[0]!r} is not a number")
         for name, values in found.items()
     }
     arrays.faults = {name: fault for name, fault in faults.items() if name in texts}
@@ -396,11 +399,11 @@ def _json(path: Path) -> Arrays:
     try:
         content = json.loads(text)
     except RecursionError:
-        raise ValueError("it is nested too deeply") from None
+        raise ValueError("its nesting is too deep") from None
     except json.JSONDecodeError as error:
         lines = [line for line in text.splitlines() if line.strip()]
         if len(lines) < 2:
-            raise ValueError(f"it is no JSON: {error}") from None
+            raise ValueError(f"it is not valid JSON: {error}") from None
         content = []
         for n, line in enumerate(lines, start=1):
             try:
@@ -408,13 +411,13 @@ def _json(path: Path) -> Arrays:
             except (json.JSONDecodeError, RecursionError) as fault:
                 if n == len(lines) and n > 2:  # a recorder that was killed
                     break
-                raise ValueError(f"record {n} is no JSON: {fault}") from None
+                raise ValueError(f"record {n} is not valid JSON: {fault}") from None
     found, units = arrays_of(records(content, str(path)))
     arrays = Arrays(found)
     arrays.units = units
     texts = {name: values for name, values in found.items() if values.dtype.kind == "U"}
     arrays.faults = {
-        name: f"{str(values[0])[:60]!r} is no number" for name, values in texts.items()
+        name: f"{str(values[0])[:60]!r} is not a number" for name, values in texts.items()
     }
     return arrays
 

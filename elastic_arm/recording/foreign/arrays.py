@@ -37,7 +37,7 @@ from elastic_arm.recording.inspection.report import REPAIR, checked
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Array, Side, Stamps, joints_with
 
-MEND = "Mend these samples in the file: times have to advance, and numbers to be finite."
+MEND = "Correct these samples in the file: times have to increase, and numbers have to be finite."
 _NS = {"s": 1e9, "ms": 1e6, "us": 1e3, "ns": 1.0}
 # The columns of a table without names are called by their numbers.
 Key = Annotated[str, BeforeValidator(lambda key: str(key) if type(key) is int else key)]
@@ -56,7 +56,7 @@ class Times(Strict):
     @model_validator(mode="after")
     def _one_of(self) -> Self:
         if (self.key is None) == (self.rate is None):
-            raise ValueError("give either key or rate")
+            raise ValueError("give either a key or a rate")
         return self
 
 
@@ -92,7 +92,7 @@ class ArrayChannel(Strict):
     @model_validator(mode="after")
     def _one_layout(self) -> Self:
         if self.flat and (self.columns is not None or not isinstance(self.key, str)):
-            raise ValueError("flat takes one key, and no columns")
+            raise ValueError("flat requires a single key and no columns")
         return self
 
     def arrays(self) -> list[str]:
@@ -104,10 +104,10 @@ class ArrayChannel(Strict):
         own = self.joints or list(joints)
         if unknown := [name for name in own if name not in joints]:
             raise ValueError(
-                f"there is no joint {', '.join(unknown)}; there are {', '.join(joints)}"
+                f"unknown joint {', '.join(unknown)}; the joints are {', '.join(joints)}"
             )
         if len(set(own)) < len(own):
-            raise ValueError(f"joints {', '.join(own)}: a name occurs twice")
+            raise ValueError(f"joints {', '.join(own)}: duplicate name")
         return [list(joints).index(name) for name in own]
 
     def scales(self, channel: ChannelName, n: int) -> list[ChannelScale]:
@@ -174,7 +174,7 @@ class ArrayMap(Strict):
     @model_validator(mode="after")
     def _usable(self) -> Self:
         if len(set(self.joints)) < len(self.joints):
-            raise ValueError("joints: a name occurs twice")
+            raise ValueError("joints: duplicate name")
         if not self.link.present() and not self.motor.present():
             raise ValueError("neither link nor motor has a channel")
         for _, name, channel in self.channels():
@@ -211,7 +211,7 @@ def import_arrays(path: str | Path, mapping: str | Path) -> Recording:
     runs = import_runs(path, mapping)
     if len(runs) > 1:
         raise RecordingError(
-            f"{path} holds {len(runs)} runs", "Give the number of one under rows.value."
+            f"{path} contains {len(runs)} runs", "Give the number of one run under rows.value."
         )
     return next(iter(runs.values()))
 
@@ -225,7 +225,9 @@ def import_runs(path: str | Path, mapping: str | Path) -> dict[str, Recording]:
     if rules.robot_description is not None:
         file = Path(mapping).parent / rules.robot_description
         urdf = read_text(
-            file, RecordingError, f"Mend robot_description in {mapping}: a path from its folder."
+            file,
+            RecordingError,
+            f"Correct robot_description in {mapping}: the path is relative to its folder.",
         )
     try:
         _refuse_strays(arrays, rules)
@@ -263,7 +265,7 @@ def _refuse_strays(arrays: Arrays, rules: ArrayMap) -> None:
     used |= {times.key for side in SIDE_NAMES if (times := rules.times_of(side)).key is not None}
     used |= {rules.rows.key} if rules.rows is not None else set()
     if missing := sorted(used - set(arrays)):
-        problem = f"no array {', '.join(missing)}; there is {', '.join(arrays)}"
+        problem = f"no array {', '.join(missing)}; the arrays are {', '.join(arrays)}"
         raise RecordingError(problem, "Correct the names in the mapping.")
     numbers = {
         name
@@ -305,7 +307,7 @@ def _in_stated_unit(
     if channel.unit is not None:
         units = channel.unit if isinstance(channel.unit, list) else [channel.unit] * len(keys)
         others = [
-            f"{key} is in {word} by its name, and was taken as {unit} by the mapping"
+            f"{key} is in {word} according to its name, but the mapping gives {unit}"
             for key, word, found, unit in zip(keys, words, known, units, strict=False)
             if word
             and not (found[0] and unit.startswith(found[0]) and found[1] == 1.0)
@@ -317,7 +319,8 @@ def _in_stated_unit(
     for key, word, (unit, _) in zip(keys, words, known, strict=True):
         if word and (unit not in TO_SI[name] or unit == "A"):
             raise RecordingError(
-                f"{key} is in {word}", f"Give {name} a unit in the mapping, and what belongs to it."
+                f"{key} is in {word}",
+                f"Give {name} a unit in the mapping, and the values that the unit requires.",
             )
     known = [
         found if word else (DEFAULT_UNIT[name], 1.0)
@@ -345,7 +348,7 @@ def _read_side(arrays: Arrays, rules: ArrayMap, side: SideName, notes: list[str]
         values = np.asarray(arrays[times.key]).ravel()
         if values.dtype.kind not in "iuf":
             raise RecordingError(
-                f"{times.key} holds no numbers", "Name the array of times in the mapping."
+                f"{times.key} contains no numbers", "Give the array of times in the mapping."
             )
         if "unit" not in times.model_fields_set:
             word = (
@@ -363,9 +366,7 @@ def _read_side(arrays: Arrays, rules: ArrayMap, side: SideName, notes: list[str]
                 f"{times.key} is {values[row]} {times.unit} in row {row}; stamps end at 2^31 s, in"
                 " 2038"
             )
-            raise RecordingError(
-                problem, "Give the right unit under times, or subtract a constant."
-            )
+            raise RecordingError(problem, "Correct the unit under times, or subtract a constant.")
     tables = {}
     for name, channel in channels.items():
         places = channel.places(rules.joints)
@@ -396,7 +397,7 @@ def _runs(
     if missing := [number for number in wanted if number not in known]:
         shown = ", ".join(f"{number:g}" for number in known[:8])
         raise RecordingError(
-            f"no row has {key} {missing[0]}", f"Take one of {shown} under rows.value."
+            f"no row has {key} {missing[0]}", f"Choose one of {shown} under rows.value."
         )
     return [
         (f"{key}_{number:g}" if len(wanted) > 1 else "", numbers == number) for number in wanted
@@ -412,9 +413,10 @@ def _recording(
     for side, table in tables.items():
         if chosen is not None and len(chosen) != len(table.times):
             problem = (
-                f"the {side} side has {len(table.times)} rows, the array of the runs {len(chosen)}"
+                f"the {side} side has {len(table.times)} rows, but the array of the runs"
+                f" {len(chosen)}"
             )
-            raise RecordingError(problem, "Name another array under rows.key.")
+            raise RecordingError(problem, "Choose another array under rows.key.")
         rows = (np.arange(len(table.times)) if chosen is None else np.flatnonzero(chosen))[
             :: rules.every
         ]
@@ -426,13 +428,11 @@ def _recording(
         for channel in values.values():
             whole &= ~np.isnan(channel[:, joints_with(channel)]).any(axis=1)
         if not whole.any() and len(whole):
-            raise RecordingError(
-                f"no row has all numbers of the {side} side", "Map fewer of its channels."
-            )
+            raise RecordingError(f"no row is complete on the {side} side", "Map fewer channels.")
         if not whole.all():
             notes.append(
-                f"{np.sum(~whole)} of {len(whole)} rows have holes on the {side} side and were left"
-                " out of it"
+                f"{np.sum(~whole)} of {len(whole)} rows have missing values on the {side} side"
+                " and were skipped"
             )
         stamp_ns = _stamps(times[whole], table.rules, int(rows[0]) if len(rows) else 0)
         sides[side] = checked(
@@ -468,18 +468,18 @@ def _table(arrays: Arrays, source: ArrayChannel, count: int, n: int) -> Array:
     for key in keys:
         if key in arrays.faults:
             raise RecordingError(
-                f"{key}: {arrays.faults[key]}", "Write nan or nothing where there is no number."
+                f"{key}: {arrays.faults[key]}", "Write nan, or leave missing values empty."
             )
         if arrays[key].dtype.kind not in "biuf":
             first = f"{arrays[key].ravel()[:1].tolist()!s:.80}"
-            problem = f"{key} is no table of numbers, but of {arrays[key].dtype.name}: {first}"
+            problem = f"{key} is not a table of numbers but of {arrays[key].dtype.name}: {first}"
             raise RecordingError(problem, "Map arrays of real numbers.")
     try:
         parts = [np.asarray(arrays[key], dtype=np.float64) for key in keys]
         table = parts[0] if len(parts) == 1 else np.column_stack([part.ravel() for part in parts])
     except (TypeError, ValueError) as error:
         raise RecordingError(
-            f"{', '.join(keys)} is no table of numbers ({error})", "Map arrays of numbers."
+            f"{', '.join(keys)} is not a table of numbers ({error})", "Map arrays of numbers."
         ) from None
     if source.flat and table.size == count * n:
         table = table.reshape(count, n)
@@ -489,7 +489,7 @@ def _table(arrays: Arrays, source: ArrayChannel, count: int, n: int) -> Array:
     if source.columns is not None and table.ndim == 2 and max(source.columns) < table.shape[1]:
         table = table[:, source.columns]
     if table.shape != (count, n):
-        remedy = "Name one column a joint ('columns', or a list of keys), and the right times."
+        remedy = "Give one column per joint ('columns', or a list of keys), and the correct times."
         if (
             1 in table.shape
             and n > 1
@@ -498,11 +498,11 @@ def _table(arrays: Arrays, source: ArrayChannel, count: int, n: int) -> Array:
             and not source.flat
         ):
             remedy += (
-                f" If it holds {n} numbers a sample one after the other, add flat: true to the"
-                " channel."
+                f" If it contains {n} numbers per sample one after the other, add flat: true"
+                " to the channel."
             )
         problem = (
-            f"{', '.join(keys)} has shape {table.shape}; {count} samples of {n} joints are wanted"
+            f"{', '.join(keys)} has shape {table.shape}; expected {count} samples of {n} joints"
         )
         raise RecordingError(problem, remedy)
     return table

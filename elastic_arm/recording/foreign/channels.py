@@ -128,17 +128,17 @@ class ChannelScale(Strict):
             raise ValueError("unit Nm_motor (torque at the motor shaft) needs ratio")
         if self.unit in ("Nm", "N") and self.ratio is not None:
             raise ValueError(
-                "a torque with a ratio is measured at the motor shaft: give unit Nm_motor"
+                "a torque with a ratio is measured at the motor shaft: set unit Nm_motor"
             )
         if self.torque_constant is not None and self.unit != "A":
-            raise ValueError("torque_constant goes with unit A alone")
+            raise ValueError("torque_constant requires unit A")
         return self
 
     def check_unit(self, channel: ChannelName) -> None:
         """Raise a ValueError if the unit is none of this channel's."""
         if self.unit is not None and self.unit not in TO_SI[channel]:
             raise ValueError(
-                f"{channel} cannot have unit {self.unit}; one of {', '.join(TO_SI[channel])}"
+                f"{channel} cannot have unit {self.unit}; choose one of {', '.join(TO_SI[channel])}"
             )
 
     def scale(self, channel: ChannelName) -> float:
@@ -346,7 +346,7 @@ def coupling_matrix(coupling: Mapping[str, Mapping[str, float]], joints: Sequenc
         for name in (joint, *motors):
             if name not in joints:
                 raise ValueError(
-                    f"coupling: there is no joint {name}; there are {', '.join(joints)}"
+                    f"coupling: unknown joint {name}; the joints are {', '.join(joints)}"
                 )
         matrix[joints.index(joint)] = [motors.get(name, 0.0) for name in joints]
     if not np.isfinite(matrix).all():
@@ -356,8 +356,8 @@ def coupling_matrix(coupling: Mapping[str, Mapping[str, float]], joints: Sequenc
         sizes[-1] < 1e-9 * sizes[0]
     ):  # relative singular value below which motors cannot move the joints apart
         raise ValueError(
-            "coupling: the motors cannot move these joints apart; each row names the joint's own"
-            " motor too"
+            "coupling: the motors cannot move these joints independently; each row also"
+            " has to name the joint's own motor"
         )
     return matrix
 

@@ -68,7 +68,7 @@ def load_compiled(paths: Sequence[Path], most: int) -> list[dict[str, np.ndarray
         )
     except subprocess.TimeoutExpired:
         raise RecordingError(
-            f"{paths[0]} takes more than {PATIENCE * seconds} s to read", "Save it as .npz."
+            f"{paths[0]} takes longer than {PATIENCE * seconds} s to read", "Save it as .npz."
         ) from None
     if run.returncode != 0:
         # Every file is announced by a line with its number.
@@ -81,8 +81,8 @@ def load_compiled(paths: Sequence[Path], most: int) -> list[dict[str, np.ndarray
         reason = " ".join(said[-1:])[:200] or "it is damaged"
         if run.returncode < 0:
             reason = (
-                f"its reader ends with {signal.Signals(-run.returncode).name}: it is damaged, or"
-                " takes too long"
+                f"its reader ends with {signal.Signals(-run.returncode).name}: it is damaged,"
+                " or reading takes too long"
             )
         raise RecordingError(f"{path} cannot be read: {reason}", "Check the path and the format.")
     found: list[dict[str, np.ndarray]] = [{} for _ in paths]
@@ -189,10 +189,10 @@ def _hdf5(path: str, most: int) -> Iterator[tuple[str, np.ndarray]]:
             if item.dtype.kind in "biuf" and _width(item.shape) in (1, 2):
                 if item.external or item.is_virtual:
                     problem = (
-                        f": {name[:60]} lies in other files, which an HDF5 file may name at will"
+                        f": {name[:60]} is in other files, which could be any file on this machine"
                     )
                     raise RecordingError(
-                        problem, "Copy it into the file itself, for example with h5repack."
+                        problem, "Copy the data into the file, for example with h5repack."
                     )
                 found.append((name, item))
         _refuse_large(sum(item.size * item.dtype.itemsize for _, item in found), most)
@@ -221,7 +221,7 @@ def _width(shape: tuple[int, ...]) -> int:
 def _refuse_large(size: int, most: int) -> None:
     if size > most:
         raise RecordingError(
-            f" unpacks to {size} bytes, {most} are the limit", "Cut it into parts."
+            f" unpacks to {size} bytes; the limit is {most}", "Split it into parts."
         )
 
 

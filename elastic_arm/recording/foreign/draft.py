@@ -48,24 +48,28 @@ class Draft:
         if not any(
             guess.channel == "position" and guess.side != "command" for guess in self.channels
         ):
-            words.append("a position of link or motor, which no array looks like")
+            words.append("a position of link or motor; no array resembles one")
         return words + [f"{g.side}.{g.channel}.{key}" for g in self.channels for key in g.missing]
 
     def to_yaml(self) -> str:
         """Return the text of the mapping file, with the reasons as comments."""
         lines = [
-            "# Draft of an array mapping, guessed from the numbers and names of the arrays: read",
-            "# every line and correct it (docs/channel_maps.md). Signs and zeros of the joints",
-            "# cannot be guessed.",
+            (
+                "# Draft of an array mapping, guessed from the numbers and names of the"
+                " arrays. Check every line and"
+            )
+        ]
+        lines += [
+            "# correct it (docs/channel_maps.md). Signs and zeros of the joints cannot be guessed."
         ]
         if self.times is None:
-            lines += ["# No array looks like times: give the sample rate, Hz.", "times: {rate: }"]
+            lines += ["# No array resembles times: give the sample rate, Hz.", "times: {rate: }"]
         else:
             times = _inline({"key": self.times.key, "unit": self.times.unit})
             lines += [f"times: {times}          # {self.times.rate:.6g} Hz"]
         if self.runs is not None:
             key, count = self.runs
-            comment = f"# {count} runs, a bag each; value: N takes one"
+            comment = f"# {count} runs, one bag each; value: N selects one"
             lines += [f"rows: {_inline({'key': key})}          {comment}"]
         if self.decimal != ".":
             lines += [f"decimal: {_inline(self.decimal)}"]
@@ -116,7 +120,7 @@ def _channel_lines(guess: Guess, joints: Sequence[str]) -> list[str]:
     lines = [f"  # {_comment(reason)}" for reason in guess.reasons]
     lines.append(f"  {guess.channel}:")
     lines += [f"    {key}: {_inline(value)}" for key, value in keys.items()]
-    lines += [f"    {key}:    # to be filled in: {what}" for key, what in guess.missing.items()]
+    lines += [f"    {key}:    # fill in: {what}" for key, what in guess.missing.items()]
     return lines
 
 

@@ -41,9 +41,9 @@ LARGEST_ANGLE = 4 * np.pi
 # Travels in metres, and speeds in metres a second, stay below this.
 LARGEST_TRAVEL = 20.0
 # Unit and words of a channel in counts of a register, by which its number has to be multiplied.
-COUNTED = {"position": ("turns", "turns (1/4096 of an encoder of 12 bits)"), "effort": ("Nm", "Nm")}
+COUNTED = {"position": ("turns", "turns (1/4096 of a 12-bit encoder)"), "effort": ("Nm", "Nm")}
 CONSTANT = "column"  # begin of a reason
-DEAD = "constant while its joint moves: no sensor there, and left out"
+DEAD = "constant while its joint moves: no sensor, not mapped"
 # What a motor has, whether its joint turns or slides.
 _AT_SHAFT = ("A", "Nm_motor")
 _OF_SLIDES = ("m", "mm", "m/s", "mm/s", "N")  # by a unit that is stated
@@ -111,7 +111,7 @@ def guess_mapping(
     numbers = [
         key for key in contents.rest if arrays[key].dtype.kind in "iufc" and key != FILE_INDEX
     ]
-    ignored = [(key, "no table of all joints") for key in numbers]
+    ignored = [(key, "not a table of all joints") for key in numbers]
     chosen: dict[tuple[SideName, ChannelName], Guess] = {}
     for guess in _Reader(contents).guesses():
         if isinstance(guess, Guess) and (guess.side, guess.channel) not in chosen:
@@ -121,22 +121,22 @@ def guess_mapping(
             first = chosen[guess.side, guess.channel]
             table, reason = (
                 guess.table,
-                f"{guess.side} {guess.channel} too; {first.table.name} was chosen",
+                f"also a candidate for {guess.side} {guess.channel}; {first.table.name} was chosen",
             )
             if np.array_equal(table.values, first.table.values):
                 reason = f"the same numbers as {first.table.name}"
             else:
-                others = (*first.reasons, f"{guess.table.name} may be it as well")
+                others = (*first.reasons, f"{guess.table.name} is another candidate")
                 chosen[guess.side, guess.channel] = replace(first, reasons=others)
         else:
             table, reason = guess
         ignored += [(key, reason) for key in table.keys]
     if not chosen:
         raise RecordingError(
-            f"no array holds positions or torques of {len(joints)} joints; there are"
-            f" {', '.join(arrays)[:300]}",
-            "Check --robot: it needs as many joints as the arrays have columns; or write the"
-            " mapping by hand.",
+            f"no array contains positions or torques of {len(joints)} joints; the arrays"
+            f" are {', '.join(arrays)[:300]}",
+            "Check --robot: its number of joints has to equal the number of columns; or"
+            " write the mapping by hand.",
         )
     chosen = {
         place: replace(guess, table=whole[guess.table.keys]) for place, guess in chosen.items()
@@ -145,7 +145,7 @@ def guess_mapping(
     followed = chosen.get(("link", "position")) or chosen.get(("motor", "position"))
     if command is not None and followed is not None:
         ranges = [np.median(np.std(guess.table.values, axis=0)) for guess in (followed, command)]
-        why = f"{followed.table.name} moves {ranges[0] / ranges[1]:.3g} times as far"
+        why = f"{followed.table.name} moves {ranges[0] / ranges[1]:.3g} times as much"
         chosen["command", "position"] = replace(command, reasons=(*command.reasons, why))
     found = {
         place: _with_lengths(guess, slides.tolist()) for place, guess in _with_ratio(chosen).items()
@@ -157,7 +157,7 @@ def guess_mapping(
                 (key, DEAD) for k, key in enumerate(guess.table.keys) if k not in guess.places
             ]
     ordered = [found[place] for place in product(SIDE_NAMES, CHANNEL_NAMES) if place in found]
-    ignored += [(key, f"no numbers: {fault}") for key, fault in faults.items()]
+    ignored += [(key, f"not numbers: {fault}") for key, fault in faults.items()]
     decimal = getattr(arrays, "decimal", ".")
     return Draft(
         tuple(joints), contents.times, tuple(ordered), tuple(ignored), contents.runs, decimal
@@ -189,7 +189,7 @@ def _with_lengths(guess: Guess, slides: Sequence[bool]) -> Guess:
     largest = float(np.abs(guess.table.values[:, np.flatnonzero(slides)]).max())
     length = "mm" if largest > LARGEST_TRAVEL else "m"
     own = {"position": length, "velocity": f"{length}/s", "effort": "N"}[guess.channel]
-    why = f"joints that slide have {own}: the largest number is {largest:.3g}"
+    why = f"prismatic joints have {own}: the largest number is {largest:.3g}"
     if all(slides):
         return replace(
             guess, unit=own, reasons=(*(r for r in guess.reasons if guess.unit not in r), why)
@@ -251,9 +251,9 @@ class _Reader:
             if len(t.keys) == 1 < len(table.keys) and np.array_equal(t.values, table.values)
         ]
         if quantity == "other":
-            return table, "no sensor by its name"
+            return table, "not a sensor according to its name"
         if quantity == "acceleration":
-            return table, "derived, no measurement"
+            return table, "derived, not a measurement"
         if same:
             return table, f"the same numbers as {same[0].name}"
         if np.ptp(table.values, axis=0).max() == 0:
@@ -269,7 +269,10 @@ class _Reader:
         ):
             return (
                 table,
-                "called a velocity, and the derivative of no position in the file: map it by hand",
+                (
+                    "named a velocity, but not the derivative of any position in the file: map it"
+                    " by hand"
+                ),
             )
         if quantity is not None:
             return self._guess(table, quantity, by_name)
@@ -278,16 +281,18 @@ class _Reader:
         if self._speed_by_slope(table) is not None:
             return self._guess(table, "velocity", [])
         if self.sources(table, self.speeds):
-            return table, "the derivative of a velocity: derived, no measurement"
+            return table, "the derivative of a velocity: derived, not a measurement"
         if (told := self._commanded(table)) is not None:
             return self._guess(
                 table,
                 "position",
-                [f"goes with {told.name}, and is called by no quantity"],
+                [f"belongs to {told.name}, but its name gives no quantity"],
                 "command",
             )
         return self._guess(
-            table, "effort", ["neither an angle nor a velocity by its name or its derivatives"]
+            table,
+            "effort",
+            ["neither an angle nor a velocity according to its name or its derivatives"],
         )
 
     def _commanded(self, table: JointTable) -> JointTable | None:
@@ -315,11 +320,11 @@ class _Reader:
         if table.stated and (stated is None or stated[0] not in TO_SI[channel]):
             unit, why = (
                 DEFAULT_UNIT[channel],
-                f"in {table.stated} by its name, which is no unit of {channel}",
+                f"in {table.stated} according to its name, which is not a unit of {channel}",
             )
-            missing = {"factor": f"how many {unit} are one {table.stated}"}
+            missing = {"factor": f"number of {unit} per {table.stated}"}
         elif stated is not None:
-            unit, why = stated[0], f"in {table.stated} by its name"
+            unit, why = stated[0], f"in {table.stated} according to its name"
             scales = {} if stated[1] == 1.0 else {"factor": [stated[1]] * n}
         else:
             unit, why = {
@@ -332,24 +337,27 @@ class _Reader:
                 factors = ", ".join(f"{size / 200.0:.3g}" for size in ranges)
                 unit, why = (
                     "deg",
-                    "per cent of each joint's range, by the encoders' steps, which differ",
+                    (
+                        "per cent of each joint's range, according to the different steps of the"
+                        " encoders"
+                    ),
                 )
                 missing = {
                     "factor": (
-                        f"range / 200 of the calibration file; by steps of 12 bits [{factors}]"
+                        f"range / 200 of the calibration file; from steps of 12 bits [{factors}]"
                     )
                 }
             if _counts(table) and channel in COUNTED:
                 unit, what = COUNTED[channel]
                 largest = f"{np.abs(table.values).max():.0f}"
-                why = f"whole numbers up to {largest}: counts of a register, not {unit}"
-                missing = {"factor": f"{what} of one count"}
+                why = f"integers up to {largest}: counts of a register, not {unit}"
+                missing = {"factor": f"{what} per count"}
         if channel == "effort":
             side = side or "motor"
             if not word:
                 why += (
-                    "; a motor's torque unless the arm has joint torque sensors: then it goes under"
-                    " link"
+                    "; a motor torque, unless the arm has joint torque sensors: then move it"
+                    " under link"
                 )
             if unit == "A":
                 missing |= {
@@ -357,20 +365,20 @@ class _Reader:
                     "ratio": "motor turns per output turn",
                 }
         if word:
-            reasons = [*reasons, f"{side} side by {word!r} in its name"]
+            reasons = [*reasons, f"{side} side according to {word!r} in its name"]
         elif channel != "effort":
-            reasons = [*reasons, "link side, as nothing in its name points to the motor"]
+            reasons = [*reasons, "link side, as its name does not indicate the motor"]
         if not table.pattern and n > 1:
-            reasons = [*reasons, "in the order of the arm's joints, which no name shows: check it"]
+            reasons = [
+                *reasons,
+                "in the order of the arm's joints, which is an assumption: check it",
+            ]
         if table.flat:
-            reasons = [*reasons, f"numbers one after the other, {n} a sample"]
+            reasons = [*reasons, f"numbers one after the other, {n} per sample"]
         if still := [str(k) for k in np.flatnonzero(np.ptp(table.values, axis=0) == 0)]:
             reasons = [
                 *reasons,
-                (
-                    f"{CONSTANT} {', '.join(still)} is constant: no sensor there, or a joint that"
-                    " stood"
-                ),
+                (f"{CONSTANT} {', '.join(still)} is constant: no sensor, or a joint at rest"),
             ]
         if table.available > n:
             reasons = [
@@ -391,9 +399,12 @@ class _Reader:
             unit = {"deg": "deg/s", "rpm": "rpm"}.get(word[0].lower(), "rad/s")
             return (
                 unit,
-                f"unit by {word[0]!r} in its name; it is the derivative of no position in the file",
+                (
+                    f"unit according to {word[0]!r} in its name; it is not the derivative of any"
+                    " position in the file"
+                ),
             )
-        return "rad/s", "unit is a guess: it is the derivative of no position in the file"
+        return "rad/s", "the unit is a guess: it is not the derivative of any position in the file"
 
     def _speed_by_slope(self, table: JointTable) -> tuple[str, str] | None:
         """Return the unit in which a table is the derivative of a position, and of which; None
@@ -481,16 +492,16 @@ def _angle_unit(table: JointTable) -> tuple[str, str]:
     if (word := re.search(_ANGLE_WORDS, table.name, re.I)) is not None:
         return {"deg": "deg", "rad": "rad"}.get(
             word[0].lower(), "turns"
-        ), f"unit by {word[0]!r} in its name"
+        ), f"unit according to {word[0]!r} in its name"
     largest = float(np.abs(table.values).max())
     unit = "rad" if largest < LARGEST_ANGLE else "deg"
     # Neither numbers nor a robot's limits tell degrees of a joint from a rotor's radians.
-    instead = "" if unit == "rad" else ", or rad of a rotor: then under motor, with ratio"
+    instead = "" if unit == "rad" else ", or rad of a rotor: then move it under motor, with ratio"
     # Where columns end at 100 it is the end of a calibrated range.
     full = 99.5 < largest <= 100.0
     instead += (
-        ", or per cent of each joint's range, as LeRobot's default is: then factor, its degrees"
-        " / 100" * full
+        ", or per cent of each joint's range (default of LeRobot): then set factor to"
+        " range in degrees / 100" * full
     )
     return unit, f"largest angle {largest:.3g}: {unit}{instead}"
 
@@ -505,13 +516,13 @@ def _counts(table: JointTable) -> bool:
 def _torque_unit(table: JointTable) -> tuple[str, str]:
     current = re.search(r"cur(?!v)|strom|(?<!st)amp(?!l)|(?<![a-z])i(?=_|\d|$)", table.name, re.I)
     if current is not None and "torq" not in table.name.lower():
-        return "A", "a current by its name"
+        return "A", "a current according to its name"
     largest = float(np.abs(table.values).max())
     return (
         "Nm",
         (
-            f"largest {largest:.3g}: taken as Nm at the joint (at the motor shaft: unit Nm_motor,"
-            " with ratio)"
+            f"largest {largest:.3g}: assumed to be Nm at the joint (at the motor shaft:"
+            " unit Nm_motor, with ratio)"
         ),
     )
 
@@ -535,7 +546,7 @@ def _with_ratio(
         "ratio": [round(float(s), 4) for s in np.abs(slope)],
         "sign": [float(np.sign(s)) for s in slope],
     }
-    why = f"slope over the link's angle: turns of the rotor, in {unit}"
+    why = f"slope relative to the link angle: turns of the rotor, in {unit}"
     for guess in (motor, chosen.get(("motor", "velocity"))):
         if guess is not None:
             of_angle = guess.unit.replace(motor.unit, unit)

@@ -67,7 +67,7 @@ def _channel(
         messages = series.get(topic)
         if messages is None or not messages.count:
             raise RecordingError(
-                f"no messages on {topic}, which the channel map names for {', '.join(joints)}",
+                f"no messages on {topic}, which the channel map gives for {', '.join(joints)}",
                 "Topics of the map with messages:"
                 f" {', '.join(t for t, s in series.items() if s.count) or 'none'}; elastic-arm bag"
                 " info lists those of the bag.",
@@ -89,7 +89,7 @@ def _channel(
                 )
             order += some
     if built is None:
-        raise RecordingError(f"the channel map names no source for {name}")
+        raise RecordingError(f"the channel map gives no source for {name}")
     table = np.full((len(built), len(channels.joints)), np.nan)
     table[:, [list(channels.joints).index(joint) for joint in order]] = built.channels()[name]
     return Side(built.stamp_ns, **{name: table})
@@ -112,13 +112,12 @@ def _one(messages: Series, source: Channel, name: ChannelName) -> Array:
     if not messages.names():
         if messages.width(source.field) > 1:
             problem = (
-                f"{messages.topic} has several numbers in field {source.field!r} and names none of"
-                " them"
+                f"{messages.topic} has several numbers in field {source.field!r} without names"
             )
             raise RecordingError(problem, f"Give {source.name} its index in the channel map.")
         return source.applied(messages.column(source.field, 0), name)
     values = messages.columns(source.field, (source.name,))
     if values is None:
         problem = f"{messages.topic} has no numbers in field {source.field!r}"
-        raise RecordingError(problem, "Name another field in the channel map.")
+        raise RecordingError(problem, "Choose another field in the channel map.")
     return source.applied(values[:, 0], name)

@@ -95,7 +95,7 @@ def _table(name: str, cells: Sequence[Any]) -> dict[str, np.ndarray]:
     if len(lengths) > 1:
         raise RecordingError(
             f"the lists of {name} have {min(lengths)} to {max(lengths)} numbers",
-            "Give all as many.",
+            "Give all of them the same number.",
         )
     rows = [cell or [np.nan] * width for cell in cells]
     return {name: np.array([[np.nan if x is None else x for x in row] for row in rows], np.float64)}
@@ -245,8 +245,8 @@ def records(content: Any, path: str) -> Columns:
     lists = {name: values for name, values in columns.items() if isinstance(values, list)}
     if not lists:
         raise RecordingError(
-            f"{path} holds no table",
-            "Give a list of records, an object of lists, or a record a line (JSON Lines).",
+            f"{path} contains no table",
+            "Give a list of records, an object of lists, or one record per line (JSON Lines).",
         )
     count = max(map(len, lists.values()))
     return {name: values for name, values in lists.items() if len(values) == count}

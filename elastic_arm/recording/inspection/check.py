@@ -127,7 +127,7 @@ def _together(parts: Sequence[Report]) -> Iterator[Finding]:
             if same not in seen and (one.code in every or one.code not in _THROUGHOUT):
                 time = None if one.time is None else one.time + offset
                 yield (
-                    replace(one, message=f"from {offset:.0f} s on: {one.message}", time=time)
+                    replace(one, message=f"from {offset:.0f} s: {one.message}", time=time)
                     if k
                     else one
                 )
@@ -221,11 +221,12 @@ def _check_content(content: Content, report: Report) -> None:
             report.add("error", "damaged", damage)
     if content.promised is not None and content.promised != content.messages:
         message = (
-            f"metadata.yaml promises {content.promised} messages, the files hold {content.messages}"
+            f"metadata.yaml lists {content.promised} messages, but the files contain"
+            f" {content.messages}"
         )
         report.add("error", "count", message)
     if not content.topics:
-        report.add("error", "empty", "the bag holds no messages")
+        report.add("error", "empty", "the bag contains no messages")
 
 
 def _check_names(content: Content, report: Report, joints: Sequence[str] | None) -> None:
@@ -240,24 +241,23 @@ def _check_names(content: Content, report: Report, joints: Sequence[str] | None)
         others = [name for name in series.names() if name not in set(known)]
         if known and others and matched_names(known, series.names()) != series.names():
             message = (
-                f"{topic} names joints that the robot description does not have:"
-                f" {', '.join(others)}"
+                f"{topic} contains joints that the robot description lacks: {', '.join(others)}"
             )
             report.add(
                 "note" if joints is not None else "warning", "unknown_joint", message, topic=topic
             )
         orders = {piece.names for piece in series.pieces}
         if len(orders) > len(set(map(frozenset, orders))):
-            message = f"{topic} names its joints in several orders; they are matched by name"
+            message = f"{topic} lists its joints in several orders; they are matched by name"
             report.add("note", "joint_order", message, topic=topic)
         if not series.has("effort") and JOINT_TORQUES not in content.series:
             instead = [
-                f"those of {other} are used"
+                f"the torques of {other} are used"
                 for other in present
                 if content.series[other].has("effort")
             ]
             if REFERENCE in content.series:
-                instead.append("a `controller:` in the arm file makes them of the commands")
+                instead.append("a `controller:` in the arm file computes them from the commands")
             message = ": ".join([f"{topic} has no torques (effort is empty)", *instead[:1]])
             report.add("note" if instead else "warning", "no_torque", message, topic=topic)
 
@@ -272,7 +272,7 @@ def _check_stamps(topic: str, stamp_ns: Stamps, report: Report) -> None:
     # A reference may hold few points.
     wrong = wrong_rate(1e9 / usual) if topic != REFERENCE else None
     if wrong is not None:
-        message = f"{topic}: {wrong}: are the times in another unit than they were taken for?"
+        message = f"{topic}: {wrong}: are the times in another unit?"
         report.add("warning", "rate", message, topic=topic)
     gaps = np.flatnonzero(step > _GAP * usual)
     if len(gaps):
@@ -317,8 +317,9 @@ def _check_drift(content: Content, report: Report) -> None:
     duration = (both[0].stamp_ns[-1] - both[0].stamp_ns[0]) * 1e-9
     if abs(drift) > _DRIFT and abs(drift) * duration * 1e9 > 0.5 * steps[0]:
         message = (
-            f"the clocks of {both[0].topic} and {both[1].topic} drift apart by {drift * 1e6:.4g} us"
-            f" a second, {abs(drift) * duration * 1e3:.4g} ms over the recording"
+            f"the clocks of {both[0].topic} and {both[1].topic} drift apart by"
+            f" {drift * 1e6:.4g} us per second, {abs(drift) * duration * 1e3:.4g}"
+            " ms over the recording"
         )
         report.add("warning", "drift", message, topic=both[1].topic)
 

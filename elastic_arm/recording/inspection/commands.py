@@ -44,21 +44,21 @@ def followed(recording: Recording) -> Iterator[Finding]:
     yield from _copied(joints, fit, copied)
     if apart.any():
         words = f"{listed(joints, apart)} did not follow the recorded commands"
-        remedy = "look for another joint's command, or one of another controller"
+        remedy = "check for exchanged joints or another controller"
         yield warning("not_followed", words, remedy)
-    late = f"are {span_of(1e3 * fit.lag[good])} ms behind the commands (delay and drive together)"
-    error = f"{span_of(1e2 * fit.left[good])} % of their spread off"
-    size = f"{span_of(fit.gain[good])} times as large and {error}"
+    late = f"lag the commands by {span_of(1e3 * fit.lag[good])} ms (delay and drive together)"
+    error = f"deviations {span_of(1e2 * fit.left[good])} % of their spread"
+    size = f"gain {span_of(fit.gain[good])}, {error}"
     rates = f"commands come at {1.0 / fit.given_step:.4g} Hz, positions at {1.0 / fit.step:.4g} Hz"
     words = f"{late}, {size}; {rates}"
     yield from about(joints, good, "commands", "positions", words, severity="note")
     early = good & (fit.lag < -0.5 * fit.step)
-    clocks = "are they stamped by two clocks, or are commands those of the next step?"
+    clocks = "do they have different clocks, or are the commands those of the next step?"
     yield from about(joints, early, "early", "positions", "are ahead of the commands", clocks)
     off_by = np.abs(np.log(np.abs(fit.gain)[:, None] / np.array(MISTAKEN))).min(axis=1)
     odd = good & ((fit.gain < 0.0) | (off_by < np.log(NEAR)))
     times = f"are {span_of(fit.gain[odd])} times the commands"
-    units = "look at unit and sign of both"
+    units = "check unit and sign of both"
     yield from about(joints, odd, "command_unit", "positions", times, units)
 
 
@@ -98,7 +98,7 @@ def _fitted(recording: Recording) -> _Fit | None:
 
 def _copied(joints: Sequence[str], fit: _Fit, copied: NDArray[np.bool_]) -> Iterator[Finding]:
     """Yield which commands are the positions themselves, by the samples that they are shifted."""
-    told = "they were made of the recording; record what the drives were told"
+    told = "they were computed from the recording; record the commands sent to the drives"
     samples = np.round(fit.lag / fit.step)
     for shift in np.unique(samples[copied]).tolist():
         which = "themselves"
@@ -106,8 +106,8 @@ def _copied(joints: Sequence[str], fit: _Fit, copied: NDArray[np.bool_]) -> Iter
             count = f"{abs(shift):.0f} sample{'s' if abs(shift) > 1.0 else ''}"
             which = f"of {count} {'later' if shift > 0.0 else 'before'}"
         of_shift = copied & (samples == shift)
-        off = f"but for {span_of(1e2 * fit.left[of_shift])} % of their spread"
-        words = f"are the positions {which}, {off}, closer than any drive follows"
+        off = f"with deviations of {span_of(1e2 * fit.left[of_shift])} % of their spread"
+        words = f"are the positions {which}, {off}, less than the tracking error of any drive"
         yield from about(joints, of_shift, "copied_command", "commands", words, told)
 
 

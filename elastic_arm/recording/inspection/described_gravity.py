@@ -67,17 +67,18 @@ MASSES = 0.3
 COUPLED = "coupled"
 # Long and short words of readings of torques, with places for the joint and the size.
 OTHER_ZERO = (
-    "the zero of {} seems to lie {} rad from the described one",
+    "the zero of {} seems to differ by {} rad from the description",
     "the zero of {} ({})",
 )
 LACKING = (
-    "the torque of {} lacks a share of {} of its described gravity",
+    "the torque of {} lacks a share of {} of the described gravity",
     "gravity of {} ({})",
 )
 MISSING = "gravity_missing"
 TAKEN = (
-    "it was subtracted before the torque was recorded, or something else carries the arm: record"
-    " all of it, or describe what does (gravity_compensation)"
+    "gravity was subtracted before the torque was recorded, or something else"
+    " supports the arm: record the full torque, or describe the support"
+    " (gravity_compensation)"
 )
 # of gravity that is compensated, and of gains, by logarithm: as `effects.library` draws them
 SHARE = 0.4
@@ -430,9 +431,9 @@ def _arranged(motion: SideMotion, side: str, robot: Robot, arm: _Arm) -> list[Fi
                 tried.append((likely - given, words, words))
                 changes.append((code, moved, torques))
         code, moved, torques = changes[int(np.argmax([gain for gain, *_ in tried]))]
-        remedy = "check names, order and signs of the columns in the map, of angle and torque"
+        remedy = "check names, order and signs of the columns in the map, for angle and torque"
         if code == COUPLED:
-            remedy = "the line given mends it in the map (docs/channel_maps.md)"
+            remedy = "the given line corrects it in the map (docs/channel_maps.md)"
         if not (one := _named(tried, code, side, remedy)):
             break
         found += one
@@ -448,7 +449,8 @@ def _named(tried: list[tuple[float, str, str]], code: str, side: str, remedy: st
         return []
     beside = "".join(f", or {short}" for gain, _, short in others if odds - gain < BESIDE)
     likely = (
-        f"so the torques are 10^{int(odds / np.log(10.0))} times as likely as by the description"
+        f"the torques are then 10^{int(odds / np.log(10.0))} times as likely as with"
+        " the description"
     )
     return [warning(code, f"{side} side: {words}{beside}: {likely}", remedy)]
 
@@ -465,7 +467,7 @@ def _coupled(joints: Sequence[str]) -> Iterator[tuple[_Turn, list[_Way]]]:
     the joints.
     """
     for j in range(1, len(joints)):
-        for sign, way in ((-1.0, "plus"), (1.0, "less")):
+        for sign, way in ((-1.0, "plus"), (1.0, "minus")):
             angles = np.eye(len(joints))
             angles[j, j - 1] = sign
             torques: Array = np.asarray(np.linalg.inv(angles).T, dtype=np.float64)
@@ -473,12 +475,12 @@ def _coupled(joints: Sequence[str]) -> Iterator[tuple[_Turn, list[_Way]]]:
             name = joints[j]
             line = f"coupling: {{{name}: {{{name}: 1.0, {first}: {sign:g}}}}}"
             words = (
-                f"the angle of {name} is given {way} that of {first}, as a coupled drive's is"
-                f" ({line}, "
+                f"the recorded angle of {name} is its own angle {way} that of {first}, as for"
+                f" a coupled drive ({line}, "
             )
             alone = (
-                f"{words}with the angle under motor and the torque under link, which is the joint's"
-                " own)"
+                f"{words}with the angle under motor and the torque under link, as it belongs to"
+                " the joint itself)"
             )
             both = f"{words}with angle and torque under motor)"
             same = _Change(np.arange(len(joints)), np.ones(len(joints)))
@@ -499,21 +501,24 @@ def _arrangements(
     for j, name in enumerate(joints):
         mirrored = _Change(every, np.where(every == j, -1.0, 1.0))
         both = (
-            f"{name} turns the other way than described, its angle and its torque have the other"
-            " sign"
+            f"{name} turns in the opposite direction of the description; the signs of"
+            " its angle and torque are wrong"
         )
-        angle = f"the angle of {name} has the other sign than described"
+        angle = f"the angle of {name} has the opposite sign of the description"
         yield mirrored, [("mirrored", both, mirrored), ("mirrored", angle, same)]
         if j in measured:
             alone.append(
                 (
                     "gravity_sign",
-                    f"the torque of {name} has the other sign than described",
+                    f"the torque of {name} has the opposite sign of the description",
                     mirrored,
                 )
             )
     backwards = _Change(every, -plain)
-    words = "every joint turns the other way than described, angles and torques have the other sign"
+    words = (
+        "every joint turns in the opposite direction of the description; the signs of"
+        " angles and torques are wrong"
+    )
     yield backwards, [("mirrored", words, backwards)]
     pairs = [[i, j] for i, j in combinations(measured, 2)]
     for old in [*pairs, *([list(measured)] if len(measured) > 3 else [])]:
@@ -521,9 +526,7 @@ def _arrangements(
         exchanged.order[old] = old[::-1]
         names = " and ".join(joints[k] for k in old)
         whose = (
-            f"of {names} seem to be exchanged"
-            if len(old) == 2
-            else "are in the reversed order of joints"
+            f"of {names} seem to be exchanged" if len(old) == 2 else "are in reversed joint order"
         )
         yield exchanged, [("exchanged", f"all channels {whose}", exchanged)]
         alone.append(("exchanged", f"efforts {whose}", exchanged))
@@ -576,16 +579,16 @@ def _size(fit: GravityFit, side: str) -> list[Finding]:
     if not fit.certain or factor < 0.0 or FAR[0] <= factor <= FAR[1]:
         return []
     message = (
-        f"{side} effort follows the gravity that the description predicts (correlation"
-        f" {fit.correlation:.3g}), but is {factor:.3g} times the described one"
+        f"{side} effort follows the predicted gravity (correlation"
+        f" {fit.correlation:.3g}), but is {factor:.3g} times as large as described"
     )
     remedy = (
-        "check its unit (Nm, Nm_motor with its ratio, A), that of the angles, and the masses of the"
-        " description"
+        "check its unit (Nm, Nm_motor with its ratio, A), the unit of the angles, and"
+        " the masses of the description"
     )
     if LIKE_DEGREES[0] < factor < LIKE_DEGREES[1]:
         remedy += (
-            "; angles in radians taken for degrees are 57 times too small, and so is gravity then"
+            "; with angles in radians taken for degrees, angles and gravity are 57 times too small"
         )
     elif LIKE_KILO[0] < factor < LIKE_KILO[1]:
         remedy += "; torques in kNm taken for Nm are 1000 times too small"
@@ -605,31 +608,31 @@ def _judged(fit: GravityFit, side: str, robot: Robot) -> list[Finding]:
     size = float(np.linalg.norm(shown) / np.linalg.norm(robot.gravity))
     if left < LEFT * straight and turned > TURNED and SIZE[0] < size < SIZE[1]:
         message = (
-            f"{side} effort shows gravity of {short_numbers(shown)} m/s², where the description"
+            f"{side} effort shows gravity of {short_numbers(shown)} m/s², but the description"
             f" has {short_numbers(robot.gravity)}"
         )
         remedy = (
-            "the arm is mounted otherwise (base in its arm file; identify and diagnose look for it"
-            " themselves)"
+            "the arm is mounted differently (base in its arm file; identify and diagnose"
+            " detect the mounting)"
         )
         return [warning("mounting", message, remedy)]
     times = f"{fit.factor:.3g} times the described one, correlation {fit.correlation:.3g}"
     if fit.certain and FACTOR[0] < -fit.factor < FACTOR[1]:
-        message = f"{side} effort runs against the gravity that the description predicts ({times})"
+        message = f"{side} effort has the opposite sign of the predicted gravity ({times})"
         remedy = (
-            "either all torques have the wrong sign (sign: -1 in the map), or the arm hangs upside"
-            " down (base in "
+            "either all torques have the wrong sign (sign: -1 in the map), or the arm is"
+            " mounted upside down (base in "
         )
         return [
             warning(
                 "gravity_sign",
                 message,
-                f"{remedy}its arm file); gravity alone does not tell the two apart",
+                f"{remedy}its arm file); gravity cannot separate the two",
             )
         ]
     if fit.missing:
-        part = "no" if abs(fit.factor) < FAR[0] else "a part only of the"
-        message = f"{side} effort holds {part} gravity that the description predicts ({times})"
+        part = "no" if abs(fit.factor) < FAR[0] else "only part of the"
+        message = f"{side} effort contains {part} gravity predicted by the description ({times})"
         return [warning(MISSING, message, TAKEN)]
     return []
 

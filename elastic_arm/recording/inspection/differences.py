@@ -71,7 +71,7 @@ def differences(real: Recording, simulated: Recording) -> RecordingDifference:
     seconds = float(np.ptp(t[inside])) if inside.any() else 0.0
     if seconds < SHORTEST:
         raise RecordingError(
-            f"{_named(real)} and {_named(simulated)} share {seconds:.2g} s",
+            f"{_named(real)} and {_named(simulated)} have only {seconds:.2g} s in common",
             "Record the same motion",
         )
     found = []
@@ -82,7 +82,8 @@ def differences(real: Recording, simulated: Recording) -> RecordingDifference:
             found.append(_channel(channel, t[inside], own[inside], other, offset))
     if not found:
         raise RecordingError(
-            f"{_named(real)} and {_named(simulated)} share no channel", "Record the same topics"
+            f"{_named(real)} and {_named(simulated)} have no channel in common",
+            "Record the same topics",
         )
     return RecordingDifference(real.joints, offset, name, t[inside], tuple(found))
 
@@ -120,7 +121,7 @@ def _commands(
         if len(pairs) == 2:
             return name, pairs[0], pairs[1]
     raise RecordingError(
-        f"{_named(real)} and {_named(simulated)} share neither reference nor positions",
+        f"{_named(real)} and {_named(simulated)} have neither reference nor positions in common",
         "Record the same topics",
     )
 
@@ -137,8 +138,8 @@ def _offset(t: Array, values: Array, t_other: Array, other: Array, name: str) ->
     best = int(np.argmax(score))
     if score[best] < ALIKE:
         raise RecordingError(
-            f"the two recordings do not move alike: their {name} velocities correlate by"
-            f" {score[best]:.2f}",
+            "the two recordings contain different motions: the correlation of their"
+            f" {name} velocities is {score[best]:.2f}",
             "Give two recordings of the same commands",
         )
     offset = (best if best < len(rates[1]) else best - count) * step + t_other[0] - t[0]

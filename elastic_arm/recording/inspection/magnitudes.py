@@ -28,17 +28,14 @@ def hardly_usable(recording: Recording) -> list[str]:
     words = []
     count = min((len(side) for side in sides.values()), default=0)
     if count < FEWEST:
-        words.append(
-            f"there are {count} samples only: nothing can be concluded of fewer than {FEWEST}"
-        )
+        words.append(f"only {count} samples: at least {FEWEST} are necessary for any conclusion")
     have = np.zeros(len(recording.joints), np.bool_)
     for side in sides.values():
         have |= False if side.position is None else joints_with(side.position)
     if not have.all():
         which = "any joint" if not have.any() else listed(recording.joints, ~have)
         words.append(
-            f"no position of {which}, of link or motor: without it no recording is identified or"
-            " diagnosed"
+            f"no position of {which}, of link or motor: identification and diagnosis need one"
         )
     return words
 
@@ -67,8 +64,8 @@ def of_no_arm(recording: Recording) -> list[Finding]:
             speed = np.nan_to_num(np.sqrt(np.mean(speeds**2, axis=0)))
             fast = speed > FASTEST_JOINT
             words = (
-                f"goes at {span_of(speed[fast])} rad/s (root mean square), no arm at more than"
-                f" {FASTEST_JOINT:g}"
+                f"reaches {span_of(speed[fast])} rad/s (root mean square), above the"
+                f" {FASTEST_JOINT:g} rad/s of any arm"
             )
             remedy = (
                 "degrees taken as radians, a rotor without its ratio, or times in another unit?"
@@ -80,12 +77,12 @@ def of_no_arm(recording: Recording) -> list[Finding]:
                 (size > STRONGEST, "counts of a register, or Nmm taken as Nm?"),
                 (
                     (size < WEAKEST) & (size > 0.0),
-                    "kNm taken as Nm, or a share of the full torque?",
+                    "kNm taken as Nm, or a fraction of the maximum torque?",
                 ),
             ):
                 words = (
-                    f"is {span_of(size[odd])} Nm (root mean square), any arm's {WEAKEST:g} to"
-                    f" {STRONGEST:g}"
+                    f"is {span_of(size[odd])} Nm (root mean square), outside the range"
+                    f" of any arm, {WEAKEST:g} to {STRONGEST:g} Nm"
                 )
                 findings += about(joints, odd, "no_arm", f"{name} effort", words, hint)
     return findings
@@ -113,8 +110,8 @@ def _positions(name: str, position: Array, robot: Robot) -> list[Finding]:
     limits = robot.joints[j].limits
     low, high = ends[j]
     words = (
-        f"is beyond the limits of the description: {robot.joint_names[j]} goes from {low:.3g} to"
-        f" {high:.3g} {robot.joints[j].unit('rad')}, its limits are"
+        f"exceeds the limits of the description: {robot.joint_names[j]} moves from"
+        f" {low:.3g} to {high:.3g} {robot.joints[j].unit('rad')}, its limits are"
         f" {limits.position_min or 0.0:.3g} to {limits.position_max or 0.0:.3g}"
     )
     units, what = _other_units(robot, found)
@@ -126,7 +123,9 @@ def _positions(name: str, position: Array, robot: Robot) -> list[Finding]:
     if np.all(np.array(fit)[found]) and (
         np.abs(ends[j]).max() > 5.0 * max(map(abs, _range(robot.joints[j])))
     ):
-        remedy = f"divided by {span_of(units[found])} all are within: check the unit ({what})"
+        remedy = (
+            f"after division by {span_of(units[found])} all are within: check the unit ({what})"
+        )
     else:
         remedy = "check units, columns and zeros (offset)"
     return about(robot.joint_names, found, "beyond_limits", f"{name} position", words, remedy)

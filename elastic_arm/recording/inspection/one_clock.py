@@ -40,10 +40,9 @@ def by_one_clock(recording: Recording, found: list[Finding]) -> Recording:
         shift = _shift_ns(long[base], side)
         if shift is None:
             words = (
-                f"{_WORDS[name]} and {_WORDS[base]} have hardly any time in common, and not one"
-                " motion either"
+                f"{_WORDS[name]} and {_WORDS[base]} have hardly any time and no motion in common"
             )
-            found.append(warning("clocks_apart", words, "are they of one recording?"))
+            found.append(warning("clocks_apart", words, "are they from one recording?"))
             continue
         moved[name] = replace(side, stamp_ns=side.stamp_ns + shift)
         way = "behind" if shift > 0 else "ahead of"
@@ -51,8 +50,8 @@ def by_one_clock(recording: Recording, found: list[Finding]) -> Recording:
             f"the clock of {_WORDS[name]} is {abs(shift) * 1e-9:.6g} s {way} that of {_WORDS[base]}"
         )
         remedy = (
-            "by their motion they are joined; a delay between the two below that is not seen (37 s:"
-            " TAI and UTC)"
+            "they are aligned by their motion; a smaller delay between the two remains"
+            " undetected (37 s: TAI and UTC)"
         )
         found.append(warning("clocks_apart", words, remedy))
     return replace(recording, **moved) if moved else recording

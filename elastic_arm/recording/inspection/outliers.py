@@ -129,14 +129,15 @@ def without_zeros(recording: Recording, found: list[Finding]) -> Recording:
         away = np.minimum(np.abs(before - pose), np.abs(after - pose)) - around > least
         if np.mean(away.any(axis=1)) > 0.5:
             words = (
-                f"{len(sent)} of {len(side)} samples of the {name} side hold {what}, between others"
+                f"{len(sent)} of {len(side)} samples of the {name} side contain {what} between"
+                " other values"
             )
             first = moment(side.stamp_ns, int(sent[0]))
             found.append(
                 warning(
                     "zeros_between",
                     words,
-                    f"a second publisher? They are left out, first at {first}",
+                    f"a second publisher? They are excluded, first at {first}",
                 )
             )
             # Sides of the same messages have the same stamps.
@@ -156,7 +157,7 @@ def _sent_again(side: Side, q: Array) -> tuple[NDArray[np.intp], str]:
         same = same[(np.nan_to_num(values[same]) == np.nan_to_num(values[same[:1]])).all(axis=1)]
     if not len(zero) and not (np.diff(same) > 1).any():
         return same[:0], ""  # equal sums of other numbers
-    return (zero, "zeros alone") if len(zero) else (same, "one and the same numbers")
+    return (zero, "only zeros") if len(zero) else (same, "the same repeated values")
 
 
 def _most_often(numbers: Array) -> NDArray[np.intp]:
@@ -180,7 +181,7 @@ def _without_far_samples(recording: Recording, found: list[Finding]) -> Recordin
     for outliers in find_outliers(recording):
         side: Side = getattr(recording, outliers.side)
         good.setdefault(outliers.side, np.ones(len(side), np.bool_))[outliers.rows] = False
-        found.append(warning("outliers", f"left out as outliers: {outliers.words()}"))
+        found.append(warning("outliers", f"excluded as outliers: {outliers.words()}"))
     kept: dict[str, Any] = {name: getattr(recording, name).at(rows) for name, rows in good.items()}
     return replace(recording, **kept) if kept else recording
 
@@ -222,8 +223,8 @@ def _in_one_piece(recording: Recording, found: list[Finding]) -> Recording:
             if not len(each.rows):
                 continue
             remedy = (
-                "two publishers, or a channel that is no angle? Nothing that follows from it can be"
-                " trusted"
+                "two publishers, or a channel other than an angle? Results that depend on it"
+                " are unreliable"
             )
             if len(each.rows) <= _SPIKE_SHARE * len(side):
                 behind = max(_APART, round(_APART_SECONDS * len(t) / t[-1]))
@@ -234,11 +235,11 @@ def _in_one_piece(recording: Recording, found: list[Finding]) -> Recording:
                 jumps = np.zeros(len(side) - 1)
                 jumps[each.rows[alone]] = each.size[alone]
                 position[:, j] = _less(position[:, j], jumps)
-                remedy = "joined recordings? It is parted there"
+                remedy = "concatenated recordings? The recording is split there"
                 if alone.all():
                     remedy = (
-                        "speed and all else run on, so its zero was set: it is taken for running on"
-                        " from before"
+                        "speed and all other channels continue, so its zero was set during the"
+                        " recording: the jump is removed"
                     )
             found.append(_jumped(what, joint, side, each, remedy))
         whole = replace(side, position=position)
@@ -252,8 +253,8 @@ def _in_one_piece(recording: Recording, found: list[Finding]) -> Recording:
 def _unwound(what: str, side: Side, each: _Continuous) -> Finding:
     """Say that an angle was unwound, and where first."""
     first = f"{len(each.turned)} times, first after {moment(side.stamp_ns, int(each.turned[0]))}"
-    words = f"{what} is given within a turn of {each.turn:.4g} rad, and jumps by it {first}"
-    return note(f"{words}: it was unwound", "wrapped")
+    words = f"{what} is given within a turn of {each.turn:.4g} rad and jumps by a turn {first}"
+    return note(f"{words}: it was unwrapped", "wrapped")
 
 
 def _jumped(what: str, joint: str, side: Side, each: _Continuous, remedy: str) -> Finding:
@@ -261,9 +262,10 @@ def _jumped(what: str, joint: str, side: Side, each: _Continuous, remedy: str) -
     k = int(np.argmax(np.abs(each.size)))
     row = int(each.rows[k])
     place = f"by {each.size[k]:.4g} rad after sample {row}, {moment(side.stamp_ns, row)}"
-    words = f"{what} jumps as no joint moves, {place}"
+    way = "in a physically impossible way"
+    words = f"{what} jumps {way}, {place}"
     if len(each.rows) > 1:
-        words = f"{what} jumps {len(each.rows)} times as no joint moves, the furthest {place}"
+        words = f"{what} jumps {len(each.rows)} times {way}, the largest {place}"
     time = (side.stamp_ns[row] - side.stamp_ns[0]) * 1e-9
     return Finding("warning", "jumps", f"{words}: {remedy}", joint=joint, time=float(time))
 
@@ -306,8 +308,8 @@ def _commands_unwound(
             nearest[:, j] = by_turns
             other[j] = True
     words = (
-        "are given within a turn, as their angle is or by another turn: they were unwound to"
-        " follow it"
+        "are given within a turn, like the angle or by another turn: they were"
+        " unwrapped to follow it"
     )
     found += about(recording.joints, other, "wrapped", "commands", words, severity="note")
     return {"reference": replace(given, position=nearest)} if other.any() else {}
@@ -445,7 +447,7 @@ def _of_channel(
     for j, least, most in zip(there, low.tolist(), high.tolist(), strict=True):
         column = np.ascontiguousarray(values[:, j])
         rows = _far(column, least, most, channel)
-        why = f"where nearly all others lie between {least:.3g} and {most:.3g}"
+        why = f"while nearly all others are between {least:.3g} and {most:.3g}"
         if not len(rows):
             rows, why = _off_neighbours(column, step, regular, channel, turning)
         if len(rows):
@@ -515,8 +517,10 @@ def _off_neighbours(
         apart[rows] > np.where(np.isin(rows + 2, turning), max(float(high - low), ringing), 0.0)
     ]
     furthest = float(apart[rows].max(initial=0.0))
-    kept = f"where {_NEARLY_ALL:.0f} % of all stay within {tail:.2g}"
-    return rows + 2, f"off the curve through its neighbours by up to {furthest:.2g}, {kept}"
+    kept = f"while {_NEARLY_ALL:.0f} % of all stay within {tail:.2g}"
+    return rows + 2, (
+        f"with a deviation of up to {furthest:.2g} from the curve through its neighbours, {kept}"
+    )
 
 
 def _returns(column: Array, rows: NDArray[np.intp], apart: Array) -> NDArray[np.bool_]:
@@ -620,5 +624,8 @@ def _require_possible(recording: Recording) -> None:
             elif channel == "effort" and 0.0 < largest.max() < SMALLEST_TORQUE:
                 what = f"{name} effort is {largest.max():.3g} Nm at most"
             if what:
-                problem = f"{recording.source or 'the recording'}: {what}, which is of no arm"
-                raise RecordingError(problem, "Look at its unit, and at what the channel holds")
+                problem = (
+                    f"{recording.source or 'the recording'}: {what}, which is implausible for an"
+                    " arm"
+                )
+                raise RecordingError(problem, "Check its unit and the content of the channel")

@@ -67,11 +67,11 @@ def in_percent(recording: Recording) -> Iterator[Finding]:
                 f"{recording.joints[j]} {size:.0f}" for j, size in zip(there, ranges, strict=True)
             )
             words = (
-                f"{name} position is in per cent of each joint's range, not in degrees: the"
-                " encoders' steps differ"
+                f"{name} position is in per cent of each joint's range, not in degrees,"
+                " according to the different steps of the encoders"
             )
             remedy = (
-                "take the ranges from the calibration file; by steps of 12 bits they are, degrees:"
-                f" {shown} (unit: deg, factor: range / 200, in the map)"
+                "use the ranges from the calibration file; from steps of 12 bits they are, in"
+                f" degrees: {shown} (unit: deg, factor: range / 200, in the map)"
             )
             yield warning("percent", words, remedy)

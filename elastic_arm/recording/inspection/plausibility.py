@@ -172,7 +172,7 @@ def _velocities(name: str, motion: _Compared, joints: Sequence[str]) -> list[Fin
     what = f"{name} velocity"
     remedy = "check units and signs"
     if scaled.any() and alike:
-        remedy += f", and the unit of the times: the samples come at {1 / motion.step:.3g} Hz"
+        remedy += f", and the unit of the times: the sample rate is {1 / motion.step:.3g} Hz"
     columns = "check the columns, units and signs"
     derivative = "the derivative of the position"
     findings = about(joints, strange, "velocity", what, f"is not {derivative}", columns)
@@ -211,14 +211,14 @@ def _stamps(name: str, motion: _Compared) -> list[Finding]:
         if found is None or found.stamps:
             return []
         spread = (
-            f"the stamps spread by {1e6 * usual / rate:.3g} us (std) and the motion does not follow"
-            " them"
+            f"the stamps have jitter of {1e6 * usual / rate:.3g} us (std) that the"
+            " motion does not show"
         )
         return [
             warning(
                 "arrival_stamps",
                 f"{name} side: {spread}",
-                "times of arrival, of samples taken regularly",
+                "arrival times of regular samples?",
             )
         ]
     advance, mean, change = _advances(motion.t, motion.q[:, good], motion.v[:, good], 1)
@@ -240,11 +240,11 @@ def _stamps(name: str, motion: _Compared) -> list[Finding]:
     if both <= max(0.3 * float(one.std() * other.std()), 0.02**2):
         return []
     size = f"{1e6 * np.sqrt(both) * motion.step:.3g} us (std)"
-    words = f"all joints together are {size} ahead of what their velocities give, or behind"
+    words = f"all joints together lead or lag the integral of their velocities by {size}"
     # 0.1 of the interval: less, a good log's rounding or a late cycle now and then, costs nothing
     # that follows
     severity: Severity = "warning" if np.sqrt(both) > 0.1 else "note"
-    made_up = f"{name} side: the stamps are perfectly regular and made up"
+    made_up = f"{name} side: the stamps are perfectly regular and were generated"
     return [Finding(severity, "made_up_stamps", f"{made_up}: {words}")]
 
 
@@ -256,18 +256,16 @@ def _noiseless(recording: Recording) -> list[Finding]:
         what = f"{name} effort"
         computed = found.computed
         smooth = found.low_passed
-        noise = (
-            f"has {span_of(found.level[computed])} dB of noise, less than a converter of 16 bits"
-        )
-        falls = f"not even noise, and falls steeply from {span_of(found.knee[smooth])} Hz on"
-        nothing = f"holds nothing above {span_of(found.end[smooth])} Hz, {falls}"
+        noise = f"has {span_of(found.level[computed])} dB of noise, less than a 16-bit converter"
+        falls = f"no noise, and a steep drop at {span_of(found.knee[smooth])} Hz"
+        nothing = f"has no content above {span_of(found.end[smooth])} Hz, {falls}"
         said += about(
             joints,
             computed,
             "computed_torque",
             what,
             noise,
-            "it is computed, as by a model, not measured",
+            "it is computed, for example by a model, not measured",
         )
         said += about(
             joints, smooth, _SMOOTH, what, nothing, "it was low-passed there, or computed", "note"
@@ -316,14 +314,14 @@ def _backwards(recording: Recording) -> list[Finding]:
     # standard deviations
     certain = work.mean(axis=0) < -3.0 * work.std(axis=0, ddof=1) / np.sqrt(_PARTS)
     found = certain & (work.sum(axis=0) < -np.sqrt(np.mean(effort**2, axis=0)) * lent)
-    words = "takes energy out of the motion, as its friction does"
+    words = "removes energy from the motion in addition to its friction"
     return about(
         joints,
         found,
         "backward_torque",
         "motor effort",
         words,
-        "check its sign, and that of the angle",
+        "check its sign and that of the angle",
     )
 
 
@@ -333,7 +331,10 @@ def _same_arrays(recording: Recording) -> list[Finding]:
     if link is None or motor is None or not np.array_equal(link.stamp_ns, motor.stamp_ns):
         return []
     findings = []
-    for channel, words in (("position", "there is one encoder"), ("effort", "there is one torque")):
+    for channel, words in (
+        ("position", "there is only one encoder"),
+        ("effort", "there is only one torque"),
+    ):
         one = link.channels().get(channel)
         other = motor.channels().get(channel)
         if one is not None and other is not None:

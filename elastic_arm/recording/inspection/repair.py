@@ -53,7 +53,7 @@ def repair_bag(
     mapped = {} if channels is None else channels.fields()
     (content,) = contents(path, wanted=of_arms | set(mapped), strict=False)
     if not content.messages:
-        raise RecordingError(f"{path}: nothing in it can be saved", "Record again.")
+        raise RecordingError(f"{path}: no data can be saved", "Record again.")
     repair.dropped += content.damage
     keep = {
         topic: _finite(series, mapped.get(topic), repair.dropped)
@@ -97,7 +97,7 @@ def _finite(series: Series, fields: set[str] | None, dropped: list[str]) -> NDAr
             mostly = np.isfinite(values).mean(axis=0) < 0.5
             names = [name for name, none in zip(piece.names, mostly.tolist(), strict=False) if none]
             dropped += [
-                f"{series.topic}.{path} of {name} is mostly not finite and was left as it is"
+                f"{series.topic}.{path} of {name} is mostly not finite and is unchanged"
                 for name in names
             ]
     if not good.all():

@@ -12,23 +12,23 @@ from elastic_arm.errors import RecordingError, one_line
 from elastic_arm.recording.sides import Side, Stamps, joints_with, listed
 
 FEWEST = 200  # samples; of fewer nothing is concluded
-REPAIR = "Make a usable copy with: elastic-arm bag check --repair BAG"
+REPAIR = "Write a usable copy with: elastic-arm bag check --repair BAG"
 # Samples a second. A fifth of them is the band in which an arm is looked at, and the motion of none
 # ends below 1 Hz; no drive is read out faster than the other. Beyond either the times have another
 # unit than they are taken for.
 SLOWEST = 5.0
 FASTEST = 50_000.0
 UNIT = (
-    "Are the times in another unit? Give theirs (s, ms, us, ns) in the map, and import the"
-    " recording again."
+    "Are the times in another unit? Give it (s, ms, us, ns) in the map, and"
+    " import the recording again."
 )
 ARRIVAL = (
-    "Use the times of arrival: `identify` and `diagnose` take --clock arrival, a channel map 'time:"
-    " arrival'."
+    "Use the arrival times: --clock arrival in `identify` and `diagnose`, 'time:"
+    " arrival' in a channel map."
 )
 DOUBLE = (
-    "Write them as numbers of 64 bits (float64), or seconds since the first sample; or map {rate:"
-    " Hz} for times."
+    "Write them as 64-bit numbers (float64), or as seconds since the first"
+    " sample; or give {rate: Hz} as times in the map."
 )
 Severity = Literal["error", "warning", "note"]
 
@@ -125,7 +125,7 @@ def checked(side: Side, topic: str, joints: Sequence[str]) -> Side:
         bad = bad & joints_with(values) if joints_with(values).any() else bad
         for j in np.flatnonzero(bad.any(axis=0)).tolist():
             row = int(np.argmax(bad[:, j]))
-            many = f" and in {bad[:, j].sum() - 1} more samples" if bad[:, j].sum() > 1 else ""
+            many = f" and in {bad[:, j].sum() - 1} other samples" if bad[:, j].sum() > 1 else ""
             faults.append(
                 f"{name} of {joints[j]} is {values[row, j]} at {moment(side.stamp_ns, row)}{many}"
             )
@@ -155,8 +155,8 @@ def check_stamped(stamp_ns: Stamps, topic: str) -> None:
     """Raise if all stamps are the same: nobody stamped the messages."""
     if (step := single_precision(stamp_ns)) is not None:
         problem = (
-            f"{topic}: times are seconds since 1970 in single precision (float32), which steps by"
-            f" {step:g} s there"
+            f"{topic}: times are seconds since 1970 in single precision (float32), with a"
+            f" resolution of {step:g} s"
         )
         raise RecordingError(problem, DOUBLE)
     if len(stamp_ns) > 1 and (stamp_ns == stamp_ns[0]).all():
@@ -186,8 +186,11 @@ def wrong_rate(rate: float) -> str | None:
     """Return in words what is wrong with a sample rate, Hz; None for a right one."""
     if SLOWEST <= rate <= FASTEST:
         return None
-    much = "few: they do not show" if rate < SLOWEST else "many for"
-    return f"{rate:.3g} samples a second, by the stamps, are too {much} the motion of an arm"
+    much = "few to show" if rate < SLOWEST else "many for"
+    return (
+        f"{rate:.3g} samples per second, according to the stamps, are too {much} the"
+        " motion of an arm"
+    )
 
 
 def moment(stamp_ns: Stamps, row: int) -> str:

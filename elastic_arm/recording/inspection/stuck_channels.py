@@ -16,7 +16,7 @@ from elastic_arm.recording.sides import Array, Side, joints_with, span_of
 
 # An arm whose joints all travel less than this, rad, stands still.
 STILL = 1e-3
-NO_MOTION = "Record an excitation: `elastic-arm excite` makes one"
+NO_MOTION = "Record an excitation from `elastic-arm excite`"
 _ENOUGH = 50_000  # samples of a channel that show how it is updated; bounds the time
 _NOTHING = {"effort": 1e-9}  # Nm within which a torque does not change: no sensor resolves it
 _CLEAR = 4.0  # times the channel's resolution: a change that no rounding makes
@@ -37,20 +37,20 @@ _LISTED = 5  # times that are written out
 _SAID = {
     "stuck": (
         "stuck",
-        "stays where it is while the joint moves",
-        "the channel is not connected, or not read: nothing that follows from it can be trusted",
+        "is constant while the joint moves",
+        "the channel is not connected, or not read: results that depend on it are unreliable",
     ),
     "zeros": (
         "zeros_between",
-        "is zero between values that are none",
-        "zeros are filled in: leave them out",
+        "is zero between nonzero values",
+        "zeros fill missing values: remove them",
     ),
     "clipped": (
         "clipped",
-        "sits at an end of its range while the joint moves",
+        "stays at one end of its range while the joint moves",
         (
-            "the drive or its channel saturates, and the true torque is beyond: record with less"
-            " torque"
+            "the drive or its channel saturates, and the true torque is larger: record"
+            " with less torque"
         ),
     ),
 }
@@ -79,7 +79,7 @@ def channel_findings(recording: Recording) -> list[Finding]:
     Each channel of each joint is looked at once, by all rules.
     """
     if not moves(recording):
-        words = "the recording holds no motion: identify and diagnose have nothing to fit"
+        words = "the recording contains no motion: identify and diagnose cannot use it"
         return [warning("no_motion", f"{words}. {NO_MOTION}")]
     travel = _travels(recording)
     findings = []
@@ -144,7 +144,7 @@ def _of_channel(
         if said[kind]
     ]
     held = (shares > HELD) & (periods <= 1.0)
-    words = f"repeats the value before in {span_of(100 * shares[held])} % of the samples"
+    words = f"repeats the previous value in {span_of(100 * shares[held])} % of the samples"
     severity: Severity = "warning" if shares[held].max(initial=0.0) > _MISSED else "note"
     return found + about(
         recording.joints, held, "held", what, words, "the joint moves: cycles were missed", severity
@@ -191,10 +191,8 @@ def at_updates(recording: Recording, found: list[Finding]) -> Recording:
                 filled[channel] = column
                 rate = 1e9 / float(np.median(np.diff(stamps)))
                 rates = f"{span_of(rate / periods[held])} Hz in a recording of {rate:.4g} Hz"
-                words = (
-                    f"is held: a new value comes every {span_of(periods[held])} samples, {rates}"
-                )
-                remedy = "it is taken at these instants, and may be older there"
+                words = f"is held: it changes every {span_of(periods[held])} samples, {rates}"
+                remedy = "only these updates are used, and they may be older than their stamps"
                 found += about(recording.joints, held, "held", f"{name} {channel}", words, remedy)
         kept |= {name: replace(side, **filled).at(slice(first, last))} if filled else {}
     return replace(recording, **kept, read_ns=read_ns) if kept else recording
@@ -440,6 +438,6 @@ def _frozen(what: str, sides: list[Side], start_ns: int) -> list[Finding]:
         longest = int(np.argmax(lasting[found]))
         shown += f" and {len(found) - _LISTED} more, the longest {stretches[longest]}"
     often = "once" if len(found) == 1 else f"{len(found)} times"
-    message = f"{what} stay as they are {often} while the arm moves: {shown}"
-    remedy = "the recording froze, and these samples are old ones: cut them out"
+    message = f"{what} are unchanged {often} while the arm moves: {shown}"
+    remedy = "the recording froze, and these samples repeat old values: cut them out"
     return [Finding("warning", "frozen", f"{message}: {remedy}", time=float(t[begin[found[0]]]))]

@@ -33,10 +33,10 @@ def with_one_zero(recording: Recording, found: list[Finding]) -> Recording:
     motor = recording.motor
     if motor is None or motor.position is None or not off.any():
         return recording
-    words = f"are {span_of(zero[off])} rad apart throughout"
+    words = f"differ by {span_of(zero[off])} rad throughout"
     remedy = (
-        "more than a drive winds up: an encoder that was not referenced? The motor's is taken for"
-        " off by that"
+        "more than the deflection of a drive: an encoder without reference? The"
+        " motor's angle is corrected by this difference"
     )
     found += about(recording.joints, off, "encoder_zeros", "motor and link position", words, remedy)
     return replace(
@@ -49,7 +49,7 @@ def disagreeing(recording: Recording) -> list[Finding]:
     _, ratio, lag = _apart(recording)
     off = np.abs(ratio) > 5e-4  # a ratio that is given with four digits is off by less
     times = ", ".join(f"{1.0 + each:.4f}" for each in ratio[off])
-    words = f"are {times} times those of the link, besides what torques wind up"
+    words = f"are {times} times those of the link, apart from the deflection"
     remedy = "check the gear ratios and signs of the map, and the encoders' resolutions"
     found = about(recording.joints, off, "encoder_ratio", "motor positions", words, remedy)
     # 0.02 s; filters of encoders and a drive's wind-up lag by less
@@ -58,11 +58,11 @@ def disagreeing(recording: Recording) -> list[Finding]:
     # through friction, is not.
     if late.any() and not (np.abs(lag - np.median(lag)) < 0.2 * np.abs(np.median(lag))).all():
         late = np.zeros_like(late)
-    where = "ahead of" if lag[late].sum() > 0.0 else "behind"
-    apart = f"are {span_of(1e3 * np.abs(lag[late]))} ms {where} those of the link"
+    where = "lead" if lag[late].sum() > 0.0 else "lag"
+    apart = f"{where} those of the link by {span_of(1e3 * np.abs(lag[late]))} ms"
     clocks = (
-        "two clocks, or one side by times of arrival? Record both by one clock, or shift the stamps"
-        " of one"
+        "two clocks, or arrival times on one side? Record both with one clock, or"
+        " shift the stamps of one"
     )
     return found + about(recording.joints, late, "sides_apart", "motor positions", apart, clocks)
 
@@ -131,11 +131,12 @@ def by_motor_encoders(recording: Recording, robot: Robot) -> Recording:
     }
     rest = None if np.isnan(channels["position"]).all() else replace(link, **channels)
     lags = _lags(recording.samples())[both]
-    where = "behind" if np.median(lags) > 0.0 else "ahead of"
+    where = "lag" if np.median(lags) > 0.0 else "lead"
     note = (
-        f"{listed(recording.joints, both)}: the arm is described as rigid, so the encoders of the"
-        f" motors are used, not those of the links, which are {span_of(1e3 * np.abs(lags))} ms"
-        f" {where} them (an arm file with transmissions tells a lag of the encoders from damping)"
+        f"{listed(recording.joints, both)}: the arm is described as rigid, so the"
+        f" motor encoders are used instead of the link encoders, which {where} them by"
+        f" {span_of(1e3 * np.abs(lags))} ms (only with transmissions in the arm file"
+        " can an encoder lag be separated from damping)"
     )
     return replace(recording, link=rest, notes=(*recording.notes, f"{recording.source}: {note}."))
 

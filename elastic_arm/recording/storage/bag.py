@@ -20,7 +20,7 @@ _PACKED = ("", ".zstd", ".zst")
 # Files that `bag import` makes bags of.
 ARRAY_FILES = (".csv", ".txt", ".dat", ".npy", ".npz", ".mat", ".parquet", ".h5", ".hdf5")
 RECORD_FILES = (".json", ".jsonl", ".ndjson")  # which a folder may hold for other reasons
-_IMPORT = "Make a bag of it: elastic-arm bag import {} --guess --robot ARM --out import.yaml"
+_IMPORT = "Convert it to a bag: elastic-arm bag import {} --guess --robot ARM --out import.yaml"
 WHAT_IS_A_BAG = "Give a rosbag2 folder, an .mcap or a .db3 file."
 
 
@@ -62,7 +62,9 @@ def open_bag(path: str | Path) -> Bag:
     """Open a bag."""
     path = Path(path)
     if "\0" in str(path):
-        raise RecordingError(f"{str(path)!r} is no name of a file: it holds a NUL", WHAT_IS_A_BAG)
+        raise RecordingError(
+            f"{str(path)!r} is not a valid file name: it contains a NUL character", WHAT_IS_A_BAG
+        )
     try:
         return _opened(path)
     except OSError as error:
@@ -88,22 +90,23 @@ def _opened(path: Path) -> Bag:
             for file in path.glob(depth)
         )
         raise RecordingError(
-            f"{path} holds no .mcap or .db3 file", _IMPORT.format(path) if arrays else WHAT_IS_A_BAG
+            f"{path} contains no .mcap or .db3 file",
+            _IMPORT.format(path) if arrays else WHAT_IS_A_BAG,
         )
     if metadata is None:
         if len({_storage(file) for file in present}) > 1:
-            raise RecordingError(f"{path} holds .mcap and .db3 files", "Name the one to be read.")
+            raise RecordingError(f"{path} contains .mcap and .db3 files", "Give the file to read.")
         return Bag(path, [_open_file(file) for file in present], None, damage)
     if metadata.compression_mode == "message":
-        problem = f"{path} compresses each message by itself"
+        problem = f"{path} contains individually compressed messages"
         raise RecordingError(problem, "Convert it with ros2 bag convert to storage compression.")
     # Of a name that is too long Path.exists raises.
     listed = {path / name: os.path.exists(path / name) for name in metadata.files}
     unlisted = [file for file in present if file not in listed]
     damage += [
-        f"{file} is named in {METADATA} and missing" for file, there in listed.items() if not there
+        f"{file} is listed in {METADATA} but missing" for file, there in listed.items() if not there
     ]
-    damage += [f"{file} is not named in {METADATA}" for file in unlisted]
+    damage += [f"{file} is not listed in {METADATA}" for file in unlisted]
     files = [file for file, there in listed.items() if there] + unlisted
     return Bag(path, [_open_file(file) for file in files], metadata, damage)
 
@@ -126,22 +129,22 @@ def _read_metadata(folder: Path) -> tuple[BagMetadata | None, list[str]]:
     count = content.get("message_count")
     names = content.get("relative_file_paths")
     if count is not None and type(count) is not int:
-        damage.append(f"{file}: message_count is no whole number")
+        damage.append(f"{file}: message_count is not a whole number")
         count = None
     if names is not None and not (
         isinstance(names, list) and all(isinstance(name, str) for name in names)
     ):
-        damage.append(f"{file}: relative_file_paths is no list of names")
+        damage.append(f"{file}: relative_file_paths is not a list of names")
         names = None
     if names is not None and len(names) > limits.FILES:
-        damage.append(f"{file} names {len(names)} files, {limits.FILES} are the limit")
+        damage.append(f"{file} lists {len(names)} files; the limit is {limits.FILES}")
         names = None
     # A bag is its folder: names that lead out of it are not followed.
     outside = {
         n for n in names or () if "\0" in n or Path(n).is_absolute() or ".." in Path(n).parts
     }
     damage += [
-        f"{file} names {name[:60]!r}, which is not in the bag's folder" for name in sorted(outside)
+        f"{file} lists {name[:60]!r}, which is not in the bag's folder" for name in sorted(outside)
     ]
     files = tuple(name for name in names or () if name not in outside)
     mode = str(content.get("compression_mode") or "").lower()
@@ -170,11 +173,11 @@ def _storage(path: Path) -> str:
 
 def _open_file(path: Path) -> BagFile:
     if not path.is_file():
-        raise RecordingError(f"{path} is no file, but a pipe or a device", WHAT_IS_A_BAG)
+        raise RecordingError(f"{path} is a pipe or a device, not a file", WHAT_IS_A_BAG)
     if path.suffix.lower() in (*ARRAY_FILES, *RECORD_FILES):
-        raise RecordingError(f"{path} holds arrays, and is no bag", _IMPORT.format(path))
+        raise RecordingError(f"{path} contains arrays and is not a bag", _IMPORT.format(path))
     if path.suffix.lower() == ".bag":
         raise RecordingError(
-            f"{path} is a bag of ROS 1", f"Run: rosbags-convert --src {path} --dst {path.stem}"
+            f"{path} is a ROS 1 bag", f"Run: rosbags-convert --src {path} --dst {path.stem}"
         )
     return _OPENERS.get(_storage(path), open_mcap)(path)

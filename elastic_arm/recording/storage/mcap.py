@@ -62,7 +62,7 @@ class _RecordStream(ReadDataStream):
         """Return the next bytes, all of them."""
         data = super().read(length)
         if len(data) < length:
-            raise ValueError(f"{length} bytes are promised, {len(data)} are there")
+            raise ValueError(f"expected {length} bytes, found {len(data)}")
         return data
 
 
@@ -192,15 +192,15 @@ class McapFile(StoredFile):
             found = scan(plain, 0, len(plain))
             self._parse([record for record in found.others if record.opcode in _IN_CHUNKS], plain)
         except _BAD_RECORD as error:
-            return self._chunk_error(chunk, f"a bad record in it: {error}")
+            return self._chunk_error(chunk, f"an invalid record in it: {error}")
         if found.end < len(plain) and not chunk.torn:
-            return self._chunk_error(chunk, f"bytes after {found.end} in it are no MCAP records")
+            return self._chunk_error(chunk, f"bytes after {found.end} in it are not MCAP records")
         return self._block(plain, found, horizon_ns)
 
     def _chunk_error(self, chunk: Chunk, reason: str) -> RecordingError:
         return RecordingError(
             f"{self.path}: the chunk at byte {chunk.begin} is damaged ({reason})",
-            f"Save what can be saved with: elastic-arm bag check --repair {self.path}",
+            f"Save the undamaged parts with: elastic-arm bag check --repair {self.path}",
         )
 
     def _block(self, buffer: Bytes, found: Scan, horizon_ns: int) -> McapBlock:
@@ -261,15 +261,15 @@ def open_mcap(path: Path) -> McapFile:
         remedy = "Check the path and its permissions."
         if error.errno == errno.ENOMEM:
             remedy = (
-                f"It takes {path.stat().st_size / 1e6:.0f} MB of addresses: raise their limit"
-                " (ulimit -v)."
+                f"It needs {path.stat().st_size / 1e6:.0f} MB of address space: raise"
+                " the limit (ulimit -v)."
             )
         raise RecordingError(f"{path} cannot be read: {error}", remedy) from None
     if not len(buffer):
         raise RecordingError(f"{path} is empty", "Record again: nothing was written.")
     if buffer[:8].tobytes() != MAGIC:
         raise RecordingError(
-            f"{path} is no MCAP file", "Give a rosbag2 folder, an .mcap or a .db3 file."
+            f"{path} is not an MCAP file", "Give a rosbag2 folder, an .mcap or a .db3 file."
         )
     file = McapFile(path, buffer=buffer)
     whole = len(buffer) >= 16 and buffer[-8:].tobytes() == MAGIC
@@ -288,10 +288,10 @@ def open_mcap(path: Path) -> McapFile:
                 file.chunks.append(_chunk(buffer, found.end + RECORD_HEAD, len(buffer), torn=True))
         file.damage.append(
             f"{path}: no summary at the end"
-            + (f" and a torn record of {torn} bytes" if torn else "")
+            + (f" and a truncated record of {torn} bytes" if torn else "")
         )
     elif found.end < len(buffer) - 8:
-        file.damage.append(f"{path}: bytes after {found.end} are no MCAP records")
+        file.damage.append(f"{path}: bytes after {found.end} are not MCAP records")
     return file
 
 

@@ -84,7 +84,7 @@ def scan(buffer: Bytes, begin: int, end: int, most: int = limits.RECORDS) -> Sca
         else:
             others.append(Record(opcode, at + RECORD_HEAD, after))
             if len(others) > most:
-                raise ValueError(f"more than {most} records that are no messages")
+                raise ValueError(f"more than {most} records other than messages")
         at = after
         if at - given > _LOOKED:
             give_back(buffer, given, at)

@@ -75,7 +75,7 @@ class McapSink:
     def __init__(self, path: Path, compression: Compression) -> None:
         if compression not in COMPRESSIONS:
             raise RecordingError(
-                f"unknown compression {compression!r}", f"One of {', '.join(COMPRESSIONS)}."
+                f"unknown compression {compression!r}", f"Choose one of {', '.join(COMPRESSIONS)}."
             )
         self.path = path
         self.compression: Compression = compression
@@ -91,7 +91,8 @@ class McapSink:
             self._file = open(path, "xb", buffering=0)  # noqa: SIM115 – closed by close()
         except FileExistsError:
             raise RecordingError(
-                f"{path} exists already", "Choose another name; nothing is overwritten."
+                f"{path} already exists",
+                "Choose another name; existing files are never overwritten.",
             ) from None
         except OSError as error:
             raise RecordingError(
@@ -242,8 +243,8 @@ class McapSink:
     def _failed(self, error: OSError) -> RecordingError:
         return RecordingError(
             f"{self.path} cannot be written further: {error.strerror}",
-            f"The {self._counts.total()} messages written before are kept; free space or choose"
-            " another disk.",
+            f"The {self._counts.total()} messages written so far are kept; free space or"
+            " choose another disk.",
         )
 
 

@@ -56,7 +56,7 @@ class StoredFile:
         """Return the topic of a channel; with an empty type where the file gives no schema."""
         if channel not in self.channels:
             problem = (
-                f"{self.path}: messages of channel {channel}, which the file does not describe"
+                f"{self.path}: messages of channel {channel}, which has no description in the file"
             )
             raise RecordingError(problem, "Record again.")
         return self.channels[channel]

@@ -54,9 +54,7 @@ class SqliteFile(StoredFile):
             with closing(self.connect()) as database:
                 for row in database.execute(_MESSAGES, (most,)):
                     if isinstance(row[2], int):
-                        raise sqlite3.DataError(
-                            f"a message of {row[2]} bytes, {most} are the limit"
-                        )
+                        raise sqlite3.DataError(f"a message of {row[2]} bytes; the limit is {most}")
                     rows.append(row)
                     size += len(row[2])
                     if len(rows) == 16384 or size > _BYTES:  # rows of a block
@@ -68,7 +66,7 @@ class SqliteFile(StoredFile):
             if strict:
                 raise RecordingError(
                     problem,
-                    f"Save what can be saved with: elastic-arm bag check --repair {self.path}",
+                    f"Save the undamaged parts with: elastic-arm bag check --repair {self.path}",
                 ) from None
             if problem not in self.damage:  # as after an earlier look
                 self.damage.append(problem)
@@ -105,7 +103,7 @@ def open_sqlite(path: Path) -> SqliteFile:
     if not head:
         raise RecordingError(f"{path} is empty", "Record again: nothing was written.")
     if head != _MAGIC:
-        raise RecordingError(f"{path} is no SQLite file", _REMEDY)
+        raise RecordingError(f"{path} is not an SQLite file", _REMEDY)
     try:
         with closing(file.connect()) as database:
             file.channels = _channels(database, path)
@@ -121,10 +119,10 @@ def _channels(database: sqlite3.Connection, path: Path) -> dict[int, Topic]:
     computed = {str(name).lower() for (name,) in database.execute(query)}
     if computed & {"messages", "topics", "message_definitions"}:
         raise RecordingError(
-            f"{path} is a SQLite file and no bag: its tables are computed", _REMEDY
+            f"{path} is an SQLite file but not a bag: its tables are computed", _REMEDY
         )
     if not {"id", "topic_id", "timestamp", "data"} <= _columns(database, "messages"):
-        raise RecordingError(f"{path} is a SQLite file and no bag", _REMEDY)
+        raise RecordingError(f"{path} is an SQLite file but not a bag", _REMEDY)
     there = _columns(database, "topics")
     wanted = ("id", "name", "type", "offered_qos_profiles", "type_description_hash")
     chosen = ", ".join(name if name in there else "''" for name in wanted)

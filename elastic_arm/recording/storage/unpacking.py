@@ -19,7 +19,7 @@ def unpack_chunk(packed: Bytes, compression: str, size: int, *, torn: bool = Fal
     """Return the plain bytes of a chunk; of a torn one what is there."""
     if compression and size > limits.chunk_bytes():
         limit = f"{limits.chunk_bytes()} ($ELASTIC_ARM_MAX_CHUNK_MB)"
-        raise ValueError(f"it claims to unpack to {size} bytes, above the limit of {limit}")
+        raise ValueError(f"its stated unpacked size is {size} bytes, above the limit of {limit}")
     plain: bytes | memoryview
     match compression:
         case "":
@@ -28,7 +28,7 @@ def unpack_chunk(packed: Bytes, compression: str, size: int, *, torn: bool = Fal
             # The library allocates what a frame claims, not what it is allowed to.
             # -1 is what zstandard returns for a frame that does not state its length
             if zstandard.frame_content_size(packed.data) not in (-1, size):
-                raise ValueError("chunk and zstd frame claim different lengths")
+                raise ValueError("chunk and zstd frame state different lengths")
             unpacker = zstandard.ZstdDecompressor()
             if torn:
                 plain = unpacker.stream_reader(packed.data).read(size)
@@ -57,6 +57,6 @@ def unpack_file(path: Path, limit: int) -> bytearray:
                     )
     except zstandard.ZstdError as error:
         raise RecordingError(
-            f"{path} cannot be read: {error}", "Copy it again: it is not whole."
+            f"{path} cannot be read: {error}", "Copy it again: it is incomplete."
         ) from None
     return plain

@@ -74,8 +74,8 @@ def evidence(samples: Samples, k: NDArray[np.int64], rate: float) -> Evidence | 
     if wanders(jitter, rate):
         size = float(np.std(np.diff(jitter))) / np.sqrt(2.0)
         words = (
-            f"they wander by {1e3 * np.std(jitter):.2g} ms from a regular clock, their jitter being"
-            f" {1e3 * size:.2g} ms"
+            f"they deviate by {1e3 * np.std(jitter):.2g} ms from a regular clock, with"
+            f" jitter of {1e3 * size:.2g} ms"
         )
         return Evidence(1.0, 0.0, words)
     part = unbroken(k)

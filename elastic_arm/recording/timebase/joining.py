@@ -65,20 +65,21 @@ def pair(
     if len(common) and len(common) >= COMMON_SHARE * min(len(base), len(other)):
         lost = len(base) + len(other) - 2 * len(common)
         found.append(
-            note(f"{lost} samples that only one of {base_name} and {other_name} has were left out")
+            note(f"{lost} samples present on only one of {base_name} and {other_name} were skipped")
         )
         return base.at(of_base), other.at(of_other)
     inside = _covered(base.stamp_ns, other.stamp_ns)
     if not inside.any():
         raise RecordingError(
-            f"{base_name} and {other_name} do not overlap in time", "Stamp all topics by one clock."
+            f"{base_name} and {other_name} do not overlap in time",
+            "Stamp all topics with one clock.",
         )
     origin = int(base.stamp_ns[0])
     wanted, given = _times((base, other), origin, clock)
     at = base.at(inside)
     words = f"interpolated to the stamps of {base_name} by a cubic spline: {other_name}"
     left_out = (
-        f"; {(~inside).sum()} samples are left out that these do not cover"
+        f"; {(~inside).sum()} samples outside of its time range are skipped"
         if not inside.all()
         else ""
     )
@@ -169,7 +170,7 @@ def _filled_side(t: Array, side: Side, other: Side) -> Side:
             which = ", ".join(str(j + 1) for j in np.flatnonzero(np.isnan(angle[0])))
             problem = f"joint {which} of {angle.shape[1]} has no positions on either side"
             raise RecordingError(
-                problem, "Record them, or name the joints of the arm alone: --robot."
+                problem, "Record them, or give a description of only the recorded joints: --robot."
             )
         found["position"] = angle
     if side.velocity is not None and angle is not None:

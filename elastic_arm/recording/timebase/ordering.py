@@ -29,10 +29,10 @@ def in_order(
     far = _far_off(stamp_ns[rows], rows)
     if far.any():
         words = (
-            f"{topic}: {far.sum()} of {len(rows)} messages have a stamp more than a second off all"
-            " others, the first"
+            f"{topic}: {far.sum()} of {len(rows)} messages have a stamp more than a second"
+            " from all others, the first"
         )
-        message = f"{words} {moment(stamp_ns, int(rows[far].min()))}: they are left out"
+        message = f"{words} {moment(stamp_ns, int(rows[far].min()))}: they are skipped"
         found.append(Finding("warning", "stray_stamps", message, topic=topic))
         rows = rows[~far]
         kept = stamp_ns[np.sort(rows)]
@@ -41,13 +41,11 @@ def in_order(
         kept = stamp_ns[np.sort(rows)]
         late = float((np.maximum.accumulate(kept) - kept).max()) * 1e-9
         words = (
-            f"{topic}: {overtaken.sum()} of {len(rows)} messages came after later ones, by up to"
-            f" {late:.3g} s"
+            f"{topic}: {overtaken.sum()} of {len(rows)} messages arrived after later ones,"
+            f" by up to {late:.3g} s"
         )
         found.append(
-            Finding(
-                "note", "out_of_order", f"{words}: they are sorted by their stamps", topic=topic
-            )
+            Finding("note", "out_of_order", f"{words}: they are sorted by stamp", topic=topic)
         )
     return stamp_ns[rows], rows, found
 
@@ -80,10 +78,10 @@ def _one_clock(stamp_ns: Stamps, topic: str, log_ns: Stamps) -> tuple[Stamps, li
                 f"{topic}: the clock was set back by {back * 1e-9:.4g} s after"
                 f" {moment(stamp_ns, k)}"
             )
-            message = f"{words}: later stamps are taken for as much later"
+            message = f"{words}: later stamps are shifted by as much"
             if (silent := int(log_ns[k + 1] - log_ns[k])) > LATE_NS:
                 # The same of all topics, whenever each arrived: they belong together.
-                message = f"{message}, a hole of {silent * 1e-9:.3g} s for one of 1 s"
+                message = f"{message}, and the gap of {silent * 1e-9:.3g} s is shortened to 1 s"
                 back = back + LATE_NS
             time = float(stamp_ns[k] - stamp_ns[0]) * 1e-9
             found.append(Finding("warning", "clock_set_back", message, topic=topic, time=time))

@@ -38,7 +38,7 @@ def find_chain(model: Any, chain: Chain | None) -> MjcfChain:
     if not joints:
         raise RobotError(
             "no joint moves between base and tip",
-            "Name the bodies of base and tip: --chain base:tip",
+            "Give the bodies of base and tip: --chain base:tip",
         )
     for joint in joints:
         _require_axis(model, joint)
@@ -99,7 +99,7 @@ def name_of(model: Any, kind: str, index: int) -> str:
     try:
         name = mj.mj_id2name(model, getattr(mj.mjtObj, f"mjOBJ_{kind.upper()}"), index)
     except UnicodeDecodeError:
-        raise RobotError(f"the name of {kind} {index} is no UTF-8 text", "Rename it") from None
+        raise RobotError(f"the name of {kind} {index} is not valid UTF-8", "Rename it") from None
     return name or f"{kind}_{index}"
 
 
@@ -115,14 +115,15 @@ def _named(model: Any, chain: Chain) -> tuple[int, int]:
         if end not in names:
             close = difflib.get_close_matches(end, names, n=3) or names[1:9]
             raise RobotError(
-                f"chain {':'.join(chain)}: there is no body {end!r}",
-                f"Name two bodies, such as {', '.join(close)}",
+                f"chain {':'.join(chain)}: unknown body {end!r}",
+                f"Give two bodies, such as {', '.join(close)}",
             )
     base, tip = (names.index(end) for end in chain)
     if base != tip and tip in _below(model, base):
         return base, tip
     raise RobotError(
-        f"chain {':'.join(chain)}: {chain[1]!r} does not stand on {chain[0]!r}", "Name base and tip"
+        f"chain {':'.join(chain)}: {chain[1]!r} is not a descendant of {chain[0]!r}",
+        "Give base and tip in this order",
     )
 
 
@@ -161,7 +162,7 @@ def _only_chain(model: Any) -> tuple[int, int]:
             names = ", ".join(name_of(model, "body", child) for child in moving)
             raise RobotError(
                 f"the model branches at body {name_of(model, 'body', body)!r} into {names}",
-                "Name the bodies of base and tip: --chain base:tip",
+                "Give the bodies of base and tip: --chain base:tip",
             )
         if joints_of(model, moving[0]):
             base = body if base is None else base
@@ -169,7 +170,8 @@ def _only_chain(model: Any) -> tuple[int, int]:
         body = moving[0]
     if base is None:
         raise RobotError(
-            "no hinge moves, and no slide", "Give a model with a joint that no constraint couples"
+            "the model contains no moving hinge or slide",
+            "Give a model with a joint that no constraint couples",
         )
     return base, tip
 
@@ -204,8 +206,8 @@ def _require_axis(model: Any, joint: int) -> None:
         what = "is a ball joint" if kind == int(mj.mjtJoint.mjJNT_BALL) else "is free"
         raise RobotError(
             f"joint {name_of(model, 'joint', joint)!r} {what}",
-            "Only hinges and slides are handled: name a chain without it (--chain base:tip); joints"
-            " outside are fixed at --at",
+            "Only hinges and slides are supported: give a chain without it (--chain"
+            " base:tip); joints outside are fixed at --at",
         )
     name = name_of(model, "joint", joint)
     dof = int(model.jnt_dofadr[joint])
@@ -215,7 +217,7 @@ def _require_axis(model: Any, joint: int) -> None:
             raise RobotError(
                 f"joint {name!r} has a {term} of higher order"
                 f" ({', '.join(f'{c:g}' for c in coefficients)})",
-                f"Only linear {term} is handled: leave the higher coefficients out",
+                f"Only linear {term} is supported: omit the higher coefficients",
             )
 
 
@@ -232,7 +234,7 @@ def _refuse_couplings(model: Any, chain: MjcfChain) -> None:
                     raise RobotError(
                         f"equality {name!r} couples joint {name_of(model, 'joint', joint)!r} to"
                         " another",
-                        "Take it out, or name a chain without this joint (--chain base:tip)",
+                        "Remove it, or give a chain without this joint (--chain base:tip)",
                     )
         elif kind in (int(mj.mjtEq.mjEQ_CONNECT), int(mj.mjtEq.mjEQ_WELD)):
             bodies: tuple[int, ...] = ends
@@ -243,7 +245,7 @@ def _refuse_couplings(model: Any, chain: MjcfChain) -> None:
                 raise RobotError(
                     f"equality {name!r} closes a loop between bodies "
                     f"{' and '.join(repr(name_of(model, 'body', body)) for body in bodies)}",
-                    "Only serial chains are handled: take the constraint out",
+                    "Only serial chains are supported: remove the constraint",
                 )
     for tendon in range(model.ntendon):
         _refuse_tendon(model, chain, tendon)
@@ -266,8 +268,7 @@ def _refuse_tendon(model: Any, chain: MjcfChain, tendon: int) -> None:
     if len(links) > 1:
         raise RobotError(
             f"tendon {name_of(model, 'tendon', tendon)!r} acts on joints of the chain",
-            "Arms driven by tendons are not handled: drive the joints, or name a chain without"
-            " them",
+            "Tendon-driven arms are not supported: drive the joints, or give a chain without them",
         )
 
 
@@ -298,6 +299,6 @@ def _refuse_actuators(model: Any, chain: MjcfChain) -> None:
         for what, values in kinds.items():
             if any(int(a) == int(b) for a, b in zip(found, values, strict=True)):
                 raise RobotError(
-                    f"actuator {name!r} is {what}: its torque is not known",
+                    f"actuator {name!r} is {what}: its torque is unknown",
                     "Drive the joint by a motor, position, velocity or general actuator",
                 )

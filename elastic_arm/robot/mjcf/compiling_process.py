@@ -50,8 +50,7 @@ def _without_missing_files(spec: Any, folder: Path) -> list[str]:
     )
     if weighing:
         raise Refused(
-            f"mesh files are missing, and bodies {', '.join(weighing)} take their inertia from"
-            " them",
+            f"mesh files are missing, and bodies {', '.join(weighing)} need them for their inertia",
             f"Put the meshes into {meshes}, or give these bodies an <inertial>",
         )
     for geom in shown:
@@ -61,7 +60,7 @@ def _without_missing_files(spec: Any, folder: Path) -> list[str]:
     textures = folder / (spec.texturedir or "")
     for texture in [t for t in spec.textures if _absent(textures, t.file)]:
         spec.delete(texture)
-    return [f"{len(missing)} mesh files are missing: what they show is left out"] if missing else []
+    return [f"{len(missing)} mesh files are missing: their shapes are ignored"] if missing else []
 
 
 def _moves(body: Any) -> bool:
@@ -105,7 +104,7 @@ def main() -> None:
     except Refused as error:
         said = {"refused": error.args}
     except MemoryError:
-        said = {"mujoco": "it takes too much memory"}
+        said = {"mujoco": "it needs too much memory"}
     # RuntimeError is what becomes of an exception of C++, such as the one for a lack of memory.
     except (ValueError, TypeError, RuntimeError, mujoco.FatalError) as error:
         said = {"mujoco": " ".join(str(error).split()).removeprefix("Error: ")}

@@ -168,20 +168,20 @@ def left_out(model: Any, joint: int) -> list[str]:
         amplitude, waves = (float(v) for v in model.actuator_biasprm[k, :2])
         if model.actuator_dynprm[k, 5]:
             notes.append(
-                f"LuGre friction of actuator {name} is read as Coulomb and Stribeck friction of"
-                f" {label}: its bristles are left out, and in MuJoCo it acts with the actuator"
-                " alone"
+                f"LuGre friction of actuator {name} is read as Coulomb and Stribeck friction"
+                f" of {label}: its bristles are ignored, and in MuJoCo it acts only together"
+                " with the actuator"
             )
         if amplitude:
             notes.append(
                 f"cogging of actuator {name}, {gear * amplitude:g} Nm at {label} and {waves:g}"
-                " waves a turn of its rotor, is left out: torque_ripple needs an arm file with"
-                " transmissions"
+                " waves per turn of its rotor, is ignored: torque_ripple needs an arm file"
+                " with transmissions"
             )
         if not passive(model, k):
             notes.append(
-                f"actuator {name} is driven by voltage: a recorded motor torque is that of its"
-                " current"
+                f"actuator {name} is driven by voltage: a recorded motor torque corresponds to"
+                " its current"
             )
         lag, volts, *thermal = model.actuator_dynprm[k, :5]
         electrical = {
@@ -191,7 +191,7 @@ def left_out(model: Any, joint: int) -> list[str]:
         }
         if named := [what for what, value in electrical.items() if value]:
             notes.append(
-                f"{', '.join(named)} of actuator {name}: left out, as they act on the current"
+                f"{', '.join(named)} of actuator {name}: ignored, as they act on the current"
             )
     fed_back = [
         k
@@ -201,13 +201,13 @@ def left_out(model: Any, joint: int) -> list[str]:
     if fed_back and _servo(model, joint) is None:
         names = ", ".join(name_of(model, "actuator", k) for k in fed_back)
         notes.append(
-            f"the controller of {label} ({names}) is left out: it is not kp (r - q) + kd (dr - dq)"
-            " + ki int(r - q) of one actuator"
+            f"the controller of {label} ({names}) is ignored: it is not kp (r - q) + kd"
+            " (dr - dq) + ki int(r - q) of one actuator"
         )
     if hasattr(model, "jnt_springyield") and float(model.jnt_springyield[joint]):
         notes.append(
-            f"the spring of {label} yields at {float(model.jnt_springyield[joint]):g}: that is"
-            " left out"
+            f"the spring of {label} yields at {float(model.jnt_springyield[joint]):g},"
+            " which is ignored"
         )
     return notes
 

@@ -24,7 +24,7 @@ SECONDS = 4
 PATIENCE = 10
 MOST_BODIES = 2000
 MOST_FILES = 2000
-SMALLER = "Give the arm alone: its description needs no meshes, pictures, height fields or copies"
+SMALLER = "Give only the arm: its description needs no meshes, images, height fields or copies"
 _PROCESS = Path(__file__).with_name("compiling_process.py")
 # One thread, and no library to draw with, which takes longer to load than most models to compile.
 _ENVIRONMENT = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MUJOCO_GL": "disable"}
@@ -55,7 +55,7 @@ def compiled(path: Path) -> tuple[Any, list[str], bool]:
     model = mj.MjModel.from_binary_path("model.mjb", {"model.mjb": content})
     if model.nbody > MOST_BODIES:
         raise RobotError(
-            f"it has {model.nbody} bodies, {MOST_BODIES} are the limit", "Give the arm alone"
+            f"it has {model.nbody} bodies; the limit is {MOST_BODIES}", "Give only the arm"
         )
     return model, notes, any(b"armature" in content for content in _sources(path))
 
@@ -80,10 +80,12 @@ def _processed(path: Path, what: str) -> tuple[list[str], bytes]:
         )
     except subprocess.TimeoutExpired:
         raise RobotError(
-            f"MuJoCo takes more than {PATIENCE * SECONDS} s to compile it", SMALLER
+            f"MuJoCo takes longer than {PATIENCE * SECONDS} s to compile it", SMALLER
         ) from None
     if run.returncode in (-signal.SIGXCPU, -signal.SIGKILL):
-        raise RobotError(f"MuJoCo takes more than {SECONDS} s of processor to compile it", SMALLER)
+        raise RobotError(
+            f"MuJoCo needs more than {SECONDS} s of processor time to compile it", SMALLER
+        )
     if run.returncode < 0:
         raise RobotError(
             f"MuJoCo ends with {signal.Signals(-run.returncode).name} while it compiles it", SMALLER
@@ -91,14 +93,16 @@ def _processed(path: Path, what: str) -> tuple[list[str], bytes]:
     line, _, content = run.stdout.partition(b"\n")
     if run.returncode or not line:
         words = " ".join(run.stderr.decode("utf-8", "replace").strip().splitlines()[-1:])[:200]
-        raise RobotError(f"MuJoCo cannot compile it: {words or 'it ended without a word'}", SMALLER)
+        raise RobotError(
+            f"MuJoCo cannot compile it: {words or 'it ended without a message'}", SMALLER
+        )
     said = json.loads(line)
     if "refused" in said:
         raise RobotError(*said["refused"])
     if "mujoco" in said:
         raise RobotError(
-            f"MuJoCo refuses it: {said['mujoco']}",
-            "Mend the MJCF; MuJoCo's viewer shows the same error",
+            f"MuJoCo rejects it: {said['mujoco']}",
+            "Correct the MJCF; MuJoCo's viewer shows the same error",
         )
     return said["notes"], content
 
@@ -121,12 +125,12 @@ def _sources(path: Path) -> Iterator[bytes]:
                     continue
                 if not os.path.isfile(file):
                     raise RobotError(
-                        f"it names {name[:60]!r}, which is a pipe or a device",
-                        "Save it as a file first",
+                        f"it refers to {name[:60]!r}, which is a pipe or a device",
+                        "Save its content as a file first",
                     )
                 seen.add(file)
                 if len(seen) > MOST_FILES:
-                    raise RobotError(f"it names more than {MOST_FILES} files", SMALLER)
+                    raise RobotError(f"it refers to more than {MOST_FILES} files", SMALLER)
                 if file.suffix.lower() not in _LEAVES:
                     left.append(file)
 

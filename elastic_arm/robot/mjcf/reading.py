@@ -84,7 +84,7 @@ def _held_positions(model: Any, chain: MjcfChain, at: str | None) -> Array:
     if at:
         if not at.isprintable():
             raise RobotError(
-                f"at: {at!r} is no text", "Give joint=value,…, or the name of a keyframe"
+                f"at: {at!r} is not text", "Give joint=value,…, or the name of a keyframe"
             )
         key = mj.mj_name2id(model, mj.mjtObj.mjOBJ_KEY, at)
         if key >= 0:
@@ -119,7 +119,8 @@ def _assignments(at: str, model: Any) -> Mapping[str, float]:
         if not equals or name not in known or not np.isfinite(value):
             raise RobotError(
                 f"at: cannot read {part!r}",
-                f"Give joint=value,… of {', '.join(known)}, or the name of a keyframe ({keys})",
+                f"Give joint=value,… with joints among {', '.join(known)}, or the name of a"
+                f" keyframe ({keys})",
             )
         found[name] = value
     return found
@@ -159,7 +160,7 @@ def _robot(
     if joints[-1].link.mass == 0.0:
         raise RobotError(
             f"body {joints[-1].link_name!r} has no mass",
-            "Give it an <inertial>, or name a shorter chain",
+            "Give it an <inertial>, or select a shorter chain",
         )
     return Robot(
         name,
@@ -270,8 +271,8 @@ def _compensation(
         return []
     if any(by_motor):
         raise RobotError(
-            "gravity compensation acts through the actuators of some joints (actuatorgravcomp) and"
-            " not of others",
+            "gravity compensation acts through the actuators (actuatorgravcomp) at only"
+            " some of the joints",
             "Set it for all joints of the chain, or for none",
         )
     found = []
@@ -297,21 +298,19 @@ def _notes(model: Any, chain: MjcfChain) -> list[str]:
         name = name_of(model, "joint", joint)
         half = 0.5 * float(np.ptp(model.jnt_range[play]))
         notes.append(
-            f"joint {name_of(model, 'joint', play)} is play of ±{half:g} rad in {name}: it is fixed"
-            " in its middle; with drives of some stiffness, in an arm file, it is"
+            f"joint {name_of(model, 'joint', play)} is play of ±{half:g} rad in {name} and"
+            " is fixed at its centre; in an arm file with elastic drives, it is"
             f" backlash:{name}:half_gap={half:g}"
         )
     if chain.held:
         names = ", ".join(name_of(model, "joint", joint) for joint in chain.held)
         notes.append(
-            f"joints {names} are fixed, and their bodies are part of the link that they stand on"
+            f"joints {names} are fixed, and their bodies are part of the link that carries them"
         )
     outside = set(range(1, model.nbody)) - set(chain.link_of)
     moving = [name_of(model, "joint", j) for body in outside for j in joints_of(model, body)]
     if moving:
         notes.append(f"joints {', '.join(moving)} are outside the chain and fixed")
     if float(model.opt.density) or float(model.opt.viscosity):
-        notes.append(
-            "the fluid that MuJoCo's option states (density, viscosity) is not part of the models"
-        )
+        notes.append("the fluid in MuJoCo's options (density, viscosity) is not part of the models")
     return notes

@@ -45,7 +45,8 @@ MANIFEST = "challenge.json"
 SEALED = "truth.sealed"
 PIECES = "truth"
 MAKE_ONE = (
-    "Name the folder of a challenge, or make one in a new folder: elastic-arm challenge create DIR"
+    "Give the folder of a challenge, or create one in a new folder: elastic-arm"
+    " challenge create DIR"
 )
 ANSWERS = "answers"  # folder of answers with the whole catalogue
 WITHHELD = "withheld"  # folder of answers without the arm's effect
@@ -90,7 +91,8 @@ class ChallengeSettings:
         for count, times in ((2, self.pairs), (3, self.triples)):
             if times and len(together) < count:
                 raise DiagnosisError(
-                    f"{len(together)} effects make no set of {count}", "Name more with --effect"
+                    f"{len(together)} effects are not enough for a set of {count}",
+                    "Give more with --effect",
                 )
             kinds += [effects_together(together, count, level, rng) for _ in range(times)]
         kinds += [(e,) for e in level.foreign for _ in range(self.foreign)]
@@ -110,8 +112,8 @@ def effects_together(
         if level.sides_of(drawn):
             return drawn
     raise DiagnosisError(
-        f"no {count} of these effects show with the same sensors",
-        "Name others with --effect, or take another --level.",
+        f"no {count} of these effects are visible with the same sensors",
+        "Give others with --effect, or choose another --level.",
     )
 
 
@@ -127,14 +129,14 @@ def create(
     if path.exists():
         known = _read_manifest(path)
         if known["settings"] != plain:
-            raise DiagnosisError(f"{folder} holds another challenge", "Choose another folder")
+            raise DiagnosisError(f"{folder} contains another challenge", "Choose another folder")
         if "truth_sha256" in known:
             return str(known["truth_sha256"])
     catalogue = Catalogue.default().with_files(settings.effects_files)
     requests = settings.requests(catalogue)
     if not requests:
         raise DiagnosisError(
-            "a challenge of no arms", "Ask for some: --per-effect, --clean, --pairs or --triples"
+            "the challenge has no arms", "Request some: --per-effect, --clean, --pairs or --triples"
         )
     for k, file in enumerate(settings.effects_files):  # so that the challenge can be run again
         kept = folder / FILES / f"{k}_{Path(file).name}"
@@ -200,7 +202,7 @@ def load_manifest(folder: Path) -> dict[str, Any]:
     manifest = _read_manifest(folder / MANIFEST)
     if "truth_sha256" not in manifest or not (folder / SEALED).is_file():
         raise DiagnosisError(
-            f"{folder} holds a challenge that is not complete", "Go on with challenge create"
+            f"{folder} contains a challenge that is not complete", "Continue with challenge create"
         )
     return manifest
 
@@ -210,7 +212,8 @@ def open_sealed(folder: Path, digest: str) -> list[dict[str, Any]]:
     data = (folder / SEALED).read_bytes()
     if hashlib.sha256(data).hexdigest() != digest:
         raise DiagnosisError(
-            f"{folder / SEALED} is not what was sealed at creation", "Create the challenge again"
+            f"{folder / SEALED} differs from the file sealed at creation",
+            "Create the challenge again",
         )
     truth: list[dict[str, Any]] = _opened(data)
     return truth
@@ -317,7 +320,7 @@ def _read_manifest(path: Path) -> dict[str, Any]:
     except (ValueError, RecursionError):
         manifest = None
     if not isinstance(manifest, dict) or not isinstance(manifest.get("settings"), dict):
-        raise DiagnosisError(f"{path} is no manifest of a challenge", MAKE_ONE)
+        raise DiagnosisError(f"{path} is not a manifest of a challenge", MAKE_ONE)
     return manifest
 
 

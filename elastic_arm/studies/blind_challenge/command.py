@@ -38,12 +38,12 @@ from elastic_arm.studies.blind_challenge.score import score as score_answers
 
 challenge_app = typer.Typer(
     name="challenge",
-    help="Check the diagnosis on arms whose effect is withheld from it.",
+    help="Test the diagnosis on simulated arms with effects unknown to it.",
     no_args_is_help=True,
 )
 
 Folder = Annotated[Path, typer.Argument(help="Folder of the challenge.", show_default=False)]
-Workers = Annotated[int, typer.Option(min=1, help="Processes on this machine.")]
+Workers = Annotated[int, typer.Option(min=1, help="Number of processes on this machine.")]
 CORES = os.cpu_count() or 1
 LevelName = StrEnum("LevelName", {name: name for name in LEVELS})  # type: ignore[misc]
 EXACT = LevelName("laboratory")
@@ -53,38 +53,43 @@ EXACT = LevelName("laboratory")
 @reports_errors
 def create(
     folder: Folder,
-    seed: Annotated[int, typer.Option(min=0, help="The same seed draws the same arms.")] = 0,
-    per_effect: Annotated[int, typer.Option(min=0, help="Recordings of each effect alone.")] = 1,
-    clean: Annotated[int, typer.Option(min=0, help="Recordings of the plain arm.")] = 4,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the random numbers.")] = 0,
+    per_effect: Annotated[int, typer.Option(min=0, help="Recordings of each single effect.")] = 1,
+    clean: Annotated[int, typer.Option(min=0, help="Recordings of the arm without effects.")] = 4,
     pairs: Annotated[int, typer.Option(min=0, help="Recordings of two effects.")] = 4,
     triples: Annotated[int, typer.Option(min=0, help="Recordings of three effects.")] = 0,
     effects_files: EffectsFiles = None,
     effect: Annotated[
-        list[str] | None, typer.Option(help="Only this effect; may be repeated.")
+        list[str] | None, typer.Option(help="Use only this effect; may be repeated.")
     ] = None,
     ratio: Annotated[
-        str, typer.Option(help="Sizes LOW:HIGH, over the smallest that theory lets detect.")
+        str, typer.Option(help="Range of sizes LOW:HIGH, relative to the detection limit.")
     ] = "10:300",
     seconds: Annotated[
         float | None,
-        typer.Option(min=4.0, help="Duration of what is fitted; 12 s, beyond the laboratory 20 s."),
+        typer.Option(
+            min=4.0, help="Duration of the fitted recording, s; 12 s, above the laboratory 20 s."
+        ),
     ] = None,
     validate_seconds: Annotated[
         float | None,
-        typer.Option(min=4.0, help="Duration of what judges; 8 s, beyond the laboratory 10 s."),
+        typer.Option(
+            min=4.0, help="Duration of the judging recording, s; 8 s, above the laboratory 10 s."
+        ),
     ] = None,
     level: Annotated[
         LevelName,
         typer.Option(
-            help="laboratory: arms perfect but for their effects; workshop, field: as they are."
+            help="laboratory: arms ideal except for their effects; workshop, field: realistic arms."
         ),
     ] = EXACT,
     foreign: Annotated[
-        int, typer.Option(min=0, help="Recordings of each effect that no catalogue has.")
+        int, typer.Option(min=0, help="Recordings of each effect that is in no catalogue.")
     ] = 0,
     workers: Workers = CORES,
 ) -> None:
-    """Draw hidden arms from a seed and record them; the truth is sealed. Goes on where it stopped.
+    """Draw hidden arms from a seed and record them; the truth is sealed. Resumes if
+    interrupted.
 
     Example: elastic-arm challenge create blind --seed 7 --per-effect 2
     """
@@ -118,17 +123,19 @@ def diagnose(
     withheld: Annotated[
         bool,
         typer.Option(
-            "--withheld", help="Arms with one effect again, that effect not in the catalogue."
+            "--withheld",
+            help="Diagnose arms with one effect again, with that effect removed from the"
+            " catalogue.",
         ),
     ] = False,
     stale: Annotated[
-        bool, typer.Option("--stale", help="Again what another state of the code answered.")
+        bool, typer.Option("--stale", help="Repeat answers of other versions of the code.")
     ] = False,
     workers: Workers = CORES,
 ) -> None:
     """Diagnose every recording that has no answer yet, without looking at the truth.
 
-    With --withheld the truth is opened to know which effect each diagnosis must do without.
+    With --withheld, the truth is opened to remove the effect of each arm from the catalogue.
 
     Example: elastic-arm challenge diagnose blind
     """
@@ -148,11 +155,13 @@ def diagnose(
 def score(
     folders: Annotated[
         list[Path],
-        typer.Argument(help="Folders of challenges, judged together.", show_default=False),
+        typer.Argument(
+            help="Folders of challenges, which are scored together.", show_default=False
+        ),
     ],
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
     to: Annotated[
-        Path | None, typer.Option("--markdown", help="Write the tables to this file, too.")
+        Path | None, typer.Option("--markdown", help="Also write the tables to this file.")
     ] = None,
 ) -> None:
     """Open the sealed truth and compare the answers with it.
@@ -185,8 +194,8 @@ def score(
         )
     if len(found["code"]) > 1:
         out.print(
-            f"answers of {len(found['code'])} states of the code: --stale answers again what is not"
-            " of this one"
+            f"answers of {len(found['code'])} versions of the code: --stale repeats those"
+            " of other versions"
         )
     out.print(escape(f"{folders[0] / 'score.json'}, {page}"))
 
@@ -205,11 +214,12 @@ def _range(text: str) -> tuple[float, float]:
         low, high = (float(part) for part in text.split(":"))
     except ValueError as error:
         raise typer.BadParameter(
-            f"{text!r} is no range; write LOW:HIGH, such as 2:30", param_hint="--ratio"
+            f"{text!r} is not a range; write LOW:HIGH, such as 2:30", param_hint="--ratio"
         ) from error
     if not 0.0 < low <= high:
         raise typer.BadParameter(
-            f"{text!r} is no range: both ends above 0, the lower first", param_hint="--ratio"
+            f"{text!r} is not a range: both ends have to be above 0, the lower one first",
+            param_hint="--ratio",
         )
     return low, high
 

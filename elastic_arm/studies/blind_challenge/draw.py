@@ -338,8 +338,8 @@ class _Effects:
             if one.distance > NOTHING and self._acts_in_both(one.fault):
                 return [*friction, one]
         raise SimulationError(
-            f"{effect} changes nothing of one recording or both, wherever it was drawn",
-            "Correct its law or the range of its size, or leave it out with --effect",
+            f"{effect} does not change one recording or both, for any draw",
+            "Correct its law or the range of its size, or exclude it with --effect",
         )
 
     def _acts_in_both(self, fault: Fault) -> bool:

@@ -201,5 +201,5 @@ LEVELS = {level.name: level for level in (LABORATORY, WORKSHOP, FIELD, SERVO, PO
 def level_of(name: str) -> Level:
     """Return a level by its name; DiagnosisError where there is none."""
     if name not in LEVELS:
-        raise DiagnosisError(f"there is no level {name!r}", f"Choose one of {', '.join(LEVELS)}")
+        raise DiagnosisError(f"unknown level {name!r}", f"Choose one of {', '.join(LEVELS)}")
     return LEVELS[name]

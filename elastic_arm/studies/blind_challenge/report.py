@@ -23,20 +23,19 @@ def write_challenge_report(path: str | Path, found: Mapping[str, Any]) -> Path:
     """Write the report of a score as one HTML file."""
     sections = []
     for level, table in found["levels"].items():
-        caption = "Shares with their 95 % intervals; mark: to reach."
+        caption = "Shares with their 95 % intervals; mark: target."
         blocks: list[Any] = [
             Figure(shares(level, table), caption),
             Table(HEADINGS, table_rows(level, table)),
         ]
         if table["calibration"]:
             caption = (
-                "Every cause that was said. On the dashed line, of causes with 0.9 nine in ten are"
-                " right."
+                "All reported causes. On the dashed line, nine in ten causes with 0.9 are right."
             )
             blocks.append(Figure(reliability(table), caption))
         sections.append(Section(f"Level {level}", blocks))
     if found["by_effect"]:
-        sections.append(Section("Effect by effect", [Table(EFFECT_HEADINGS, effect_rows(found))]))
+        sections.append(Section("Results by effect", [Table(EFFECT_HEADINGS, effect_rows(found))]))
     subtitle = "; ".join(challenge(c) for c in found["challenges"])
     return write_report(path, "The challenge", sections, subtitle=subtitle)
 
@@ -62,7 +61,7 @@ def shares(level: str, table: Mapping[str, Any]) -> MplFigure:
             range(len(named)), [f"{name}  ({s['hits']}/{s['trials']})" for name, s in named]
         )
         ax.invert_yaxis()
-        ax.set(xlim=(-1, 101), xlabel="%, with 95 % binomial interval; mark: to reach")
+        ax.set(xlim=(-1, 101), xlabel="%, with 95 % binomial interval; mark: target")
     return figure
 
 

@@ -50,8 +50,8 @@ EFFECT_HEADINGS = (
     "largest multiple missed",
 )
 SIMULATED = (
-    "moved by the suite's own simulator, which shares their laws with the diagnosis and so flatters"
-    " it: {}"
+    "moved by the suite's own simulator, which shares their laws with the"
+    " diagnosis and therefore gives optimistic scores: {}"
 )
 
 

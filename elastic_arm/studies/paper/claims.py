@@ -121,8 +121,8 @@ def _mod3_follows(result: StudyResult) -> Judged:
     error = np.abs(top.error("mod3", "mod_ad", "motor")).max(axis=0)
     span = np.ptp(top.run.tau_m, axis=0)
     finding = (
-        f"largest difference {listed(error)} Nm per joint, {100 * (error / span).max():.2g} % of"
-        " the torque's span at most"
+        f"largest difference {listed(error)} Nm per joint, at most"
+        f" {100 * (error / span).max():.2g} % of the range of the torque"
     )
     return finding, list(error < 0.01 * span)
 
@@ -147,7 +147,8 @@ def _link_not_zero(result: StudyResult) -> Judged:
     "motor_mod1_mod2_close",
     "IV-C",
     "mod1 and mod2 differ very little in tau^m, most for joint 1, whose spline is the heavy one",
-    "the spline of joint 1 was given ten times the inertia of joint 2's, as the paper states",
+    "the spline of joint 1 has ten times the inertia of joint 2's, in agreement"
+    " with the statement of the paper",
 )
 def _simple_drive_in_motor_torque(result: StudyResult) -> Judged:
     top = result.at_highest()
@@ -155,8 +156,8 @@ def _simple_drive_in_motor_torque(result: StudyResult) -> Judged:
     share = difference / _rms(top.run.tau_m)
     most = int(np.argmax(difference)) + 1
     finding = (
-        f"rms difference {listed(difference)} Nm, {100 * share.max():.2g} % of tau^m at most;"
-        f" largest for joint {most}"
+        f"rms difference {listed(difference)} Nm, at most {100 * share.max():.2g} % of"
+        f" tau^m; largest for joint {most}"
     )
     return finding, [bool((share < 0.01).all()), most == 1]
 
@@ -173,8 +174,9 @@ def _detailed_drive_in_link_torque(result: StudyResult) -> Judged:
         wins.append([two.e_rmse < one.e_rmse for one, two in pairs])
     counts = ", ".join(f"{sum(w)} of {len(w)}" for w in wins)
     finding = (
-        f"mod2's e_rmse with respect to mod3 is the smaller at {counts} ratios (joint 1, 2, …)."
-        " Where S dominates, mod1's spline, counted with the link, cancels a part of the missing S"
+        f"the e_rmse of mod2 relative to mod3 is smaller at {counts} ratios (joint 1,"
+        " 2, …). Where S dominates, mod1's spline, which belongs to the link, cancels"
+        " part of the missing S"
     )
     return finding, [flag for w in wins for flag in w]
 
@@ -197,10 +199,10 @@ def _linear_in_ratio(result: StudyResult) -> Judged:
         for joint in range(1, result.robot.n)
     ]
     finding = (
-        f"a line explains at least {100 * min(line.r_squared for line in lines):.2f} % of the"
-        " variation of e_max over r_tot, which reaches"
-        f" {listed([line.highest for line in lines], 3)} Nm (mod1 joint by joint, then mod2; at"
-        f" least {LEAST:.2g} Nm wanted)"
+        f"a line explains at least {100 * min(line.r_squared for line in lines):.2f}"
+        " % of the variation of e_max over r_tot; e_max reaches"
+        f" {listed([line.highest for line in lines], 3)} Nm (mod1 joint by joint, then"
+        f" mod2; required: at least {LEAST:.2g} Nm)"
     )
     return finding, [_grows_linearly(line, LINEAR) for line in lines]
 
@@ -216,8 +218,9 @@ def _difference_linear(result: StudyResult) -> Judged:
         rms = [_rms(c.error("mod1", "mod2", "link"))[joint] for c in result.comparisons]
         gaps.append(max(rms) / min(rms))
     finding = (
-        f"its rms changes by a factor of {listed(np.array(gaps), 3)} from the lowest to the highest"
-        " ratio: the difference is the spline's inertia alone, which no ratio multiplies"
+        f"its rms changes by a factor of {listed(np.array(gaps), 3)} from the lowest"
+        " to the highest ratio: the difference is only the inertia of the spline,"
+        " which is not multiplied by a ratio"
     )
     return finding, [gap > 1.5 for gap in gaps]
 
@@ -255,9 +258,9 @@ def _shape_of_coupling(result: StudyResult) -> Judged:
 
     never = [entry for entry in expected if entry not in there and entry not in tilting]
     finding = (
-        f"the zeros of (8) are zero: {'yes' if zero else 'no'}. Not zero and constant:"
-        f" {names(there)}; only under bearing tilt: {names(tilting)}; zero for every pose and tilt:"
-        f" {names(never)}"
+        f"the zeros of (8) are zero: {'yes' if zero else 'no'}. Nonzero and"
+        f" constant: {names(there)}; nonzero only under bearing tilt: {names(tilting)};"
+        f" zero for every pose and tilt: {names(never)}"
     )
     return finding, [zero, len(there) + len(tilting) == len(expected)]
 
@@ -277,9 +280,9 @@ def _coupling_halves_motor_error(result: StudyResult) -> Judged:
         gains.append(1.0 - three / two)
     better = [gain > 0.5 for gain in gains]
     finding = (
-        f"at r_tot = {result.highest:g}, mod3's e_rmse is {listed(100 * np.array(gains), 3)} % less"
-        " than mod2's (joint 1, 2, …); where S does not enter a joint's tau^m, there is nothing to"
-        " gain"
+        f"at r_tot = {result.highest:g}, the e_rmse of mod3 is"
+        f" {listed(100 * np.array(gains), 3)} % smaller than that of mod2 (joint 1, 2,"
+        " …); there is no difference at joints whose tau^m does not contain S"
     )
     return finding, better
 
@@ -291,10 +294,11 @@ def _mod3_linear(result: StudyResult) -> Judged:
         for joint in range(1, result.robot.n + 1)
     ]
     finding = (
-        f"a line explains {listed([100 * line.r_squared for line in lines], 4)} % of e_max; slopes"
-        f" {listed([line.slope for line in lines])} Nm per unit of r_tot; e_max reaches"
-        f" {listed([line.highest for line in lines])} Nm (joint 1, 2, …). Below {LEAST:.2g} Nm, a"
-        " hundredth of the sensor's noise, an error counts as none"
+        f"a line explains {listed([100 * line.r_squared for line in lines], 4)} % of"
+        f" e_max; slopes {listed([line.slope for line in lines])} Nm per unit of r_tot;"
+        f" e_max reaches {listed([line.highest for line in lines])} Nm (joint 1, 2,"
+        f" …). Errors below {LEAST:.2g} Nm, a hundredth of the sensor noise, count as"
+        " zero"
     )
     return finding, [_grows_linearly(line, 0.95) for line in lines]
 
@@ -385,7 +389,7 @@ def _largest_motor_errors(result: StudyResult) -> np.ndarray:
     "motor_first_below_half",
     "VII",
     "the largest error of tau_1^m is below 0.5 Nm at every r_tot",
-    "the inertias of the arm file were chosen so that it stays below",
+    "the inertias of the arm file were chosen to satisfy this bound",
 )
 def _first_joint_bound(result: StudyResult) -> Judged:
     largest = _largest_motor_errors(result)
@@ -404,8 +408,8 @@ def _only_first_below_noise(result: StudyResult) -> Judged:
     below = largest < 0.5
     finding = (
         f"largest errors of tau^m: {listed(largest, 3)} Nm (joint 1, 2, …):"
-        f" {'all are' if below.all() else 'not all are'} of that size or below, not those of joint"
-        " 1 alone"
+        f" {'all are' if below.all() else 'not all are'} of this size or smaller, not"
+        " only those of joint 1"
     )
     return finding, [bool(below[0]), bool(not below[1:].any())]
 
@@ -434,9 +438,9 @@ def _counts(result: StudyResult) -> Judged:
         for m in MODELS
     )
     finding = (
-        f"{text}. mod2 and mod3 alike, mod1 fewer:"
-        f" {'yes' if ours[0] == ours[1] > ours[2] else 'no'}; the numbers differ, as the paper"
-        " counts parameters it does not name"
+        f"{text}. mod2 and mod3 equal, mod1 fewer:"
+        f" {'yes' if ours[0] == ours[1] > ours[2] else 'no'}; the numbers differ"
+        " because the paper counts parameters that it does not name"
     )
     return finding, [ours[0] == ours[1], ours[1] > ours[2], ours == [75, 75, 65]]
 
@@ -471,8 +475,8 @@ def _shares(result: StudyResult) -> Judged:
     ]
     sizes = min(len(e.names) for e in found), min(len(e.merged_error) for e in found)
     finding = (
-        f"low / mid / high at r_tot = {result.highest:g}, no noise: {texts[0]}. With what the"
-        f" motion cannot tell apart merged: {texts[1]}"
+        f"low / mid / high at r_tot = {result.highest:g}, no noise: {texts[0]}. After"
+        f" merging coefficients that the motion does not separate: {texts[1]}"
     )
     return finding, _orders(plain, 100.0 / sizes[0]) + _orders(merged, 100.0 / sizes[1])
 
@@ -486,9 +490,10 @@ def _mod1_mostly_high(result: StudyResult) -> Judged:
     other = shares(found.unfolded_error)
     readings = found.shares.high, other.high
     finding = (
-        f"{readings[0]:.1f} % at r_tot = {result.highest:g}, where the spline, folded into the"
-        " link, is a part of the true combinations. Without it there, the other reading of mod1's"
-        f" true Psi: {readings[1]:.1f} % (low / mid / high {_listed_shares(other)})"
+        f"{readings[0]:.1f} % at r_tot = {result.highest:g}, where the merged spline"
+        " is part of the true combinations. Without it, which is the other"
+        f" interpretation of mod1's true Psi: {readings[1]:.1f} % (low / mid / high"
+        f" {_listed_shares(other)})"
     )
     return finding, [beyond_noise(high - 50.0, 50.0 / len(found.names)) for high in readings]
 
@@ -569,8 +574,8 @@ def _accuracy(result: StudyResult) -> Judged:
                 f"r_tot {r_tot:g}, {what}: " + " / ".join(f"{value:.2g}" for value in errors)
             )
     finding = (
-        f"rms error under feed-forward of the identified mod1 / mod2 / mod3, mm: {'; '.join(text)}."
-        " The rest of the tool's error is the bearings' tilt, which no model with locked bearings"
-        " sees"
+        "rms error under feed-forward of the identified mod1 / mod2 / mod3, mm:"
+        f" {'; '.join(text)}. The rest of the tool error is the tilt of the bearings,"
+        " which no model with locked bearings represents"
     )
     return finding, parts

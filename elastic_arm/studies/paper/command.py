@@ -26,20 +26,20 @@ def paper(
     folder: Annotated[
         Path, typer.Option("--out", help="Folder for report.html, CSV and JSON.")
     ] = Path("paper"),
-    quick: Annotated[bool, typer.Option(help="Less of everything, in a minute.")] = False,
+    quick: Annotated[bool, typer.Option(help="Run a reduced study, in a minute.")] = False,
     workers: Annotated[
-        int, typer.Option(min=1, help="Processes for the prototype's runs.")
+        int, typer.Option(min=1, help="Number of processes for the prototype.")
     ] = os.cpu_count() or 1,
-    seed: Annotated[int, typer.Option(min=0, help="Of noise and searches.")] = 1,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of noise and searches.")] = 1,
     json: Annotated[
         bool, typer.Option("--json", help="Print the claims as JSON, for scripts.")
     ] = False,
     force: Force = False,
 ) -> None:
-    """Reproduce the paper: mod1, mod2, mod3 against a virtual prototype, over the ratios, down to
-    the parameters.
+    """Reproduce the paper: compare mod1, mod2 and mod3 with a virtual prototype over five gear
+    ratios.
 
-    Writes report.html with every figure and claim, and all numbers as CSV and JSON beside it.
+    Writes report.html with every figure and claim, and all numbers as CSV and JSON.
 
     Examples:
 

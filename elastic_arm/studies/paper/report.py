@@ -74,23 +74,24 @@ def _summary(result: StudyResult, claims: list[Claim]) -> Section:
     chosen = [claim for claim in claims if claim.by_choice]
     blocks: list[Block] = [
         Text(
-            f"Of {len(claims)} claims of the paper, with our numbers, {counts[HOLDS]} hold,"
-            f" {counts[IN_PART]} hold in part, {counts[FAILS]} do not, and {counts[UNDECIDED]} are"
-            " left undecided by the study's own noise (seeds of noise, searches and guesses).",
+            f"Of {len(claims)} claims of the paper, with our numbers, {counts[HOLDS]}"
+            f" hold, {counts[IN_PART]} hold in part, {counts[FAILS]} do not hold, and"
+            f" {counts[UNDECIDED]} are undecided because of the noise of the study (seeds"
+            " of noise, searches and guesses).",
             "good" if not counts[FAILS] + counts[UNDECIDED] else "warn",
         ),
         Text(
-            "The paper prints no inertial or stiffness values. Those of the nominal arm file are"
-            " ours, of the size of catalogue parts, and were chosen to the paper's numbers in"
-            " three places: the masses sum to 139 kg, the circular spline of joint 1 has ten times"
-            " the inertia of joint 2's flex spline, and the motor-torque error of joint 1 stays"
-            f" below 0.5 Nm (S_11 = {_entry(result, 0, 0):.3g} kg m^2, S_23 ="
-            f" {_entry(result, 1, 2):.3g} kg m^2 at r_tot = {result.highest:g}). {len(chosen)}"
-            " claims rest on these choices and are marked *: that they hold for this arm shows"
-            " nothing."
+            "The paper gives no inertial or stiffness values. The values of the nominal"
+            " arm file are our own, typical of catalogue parts. Three of them were chosen"
+            " to match the paper: the total mass of 139 kg, a circular spline of joint 1"
+            " with ten times the inertia of joint 2's flex spline, and a motor-torque"
+            f" error of joint 1 below 0.5 Nm (S_11 = {_entry(result, 0, 0):.3g} kg m^2,"
+            f" S_23 = {_entry(result, 1, 2):.3g} kg m^2 at r_tot = {result.highest:g})."
+            f" {len(chosen)} claims depend on these choices and are marked *: that they"
+            " hold for this arm is no evidence for the paper."
         ),
         Table(
-            ("section", "claim of the paper", "what decides it here", "verdict"),
+            ("section", "claim of the paper", "evidence in this study", "verdict"),
             [
                 (
                     c.section,
@@ -101,7 +102,7 @@ def _summary(result: StudyResult, claims: list[Claim]) -> Section:
                 for c in claims
                 for note in [f". * {c.by_choice.capitalize()}." if c.by_choice else ""]
             ],
-            caption="* rests on a number that was chosen so",
+            caption="* depends on a number that was chosen to match the paper",
         ),
     ]
     return Section("Claims", blocks)
@@ -162,15 +163,16 @@ def figures_1_and_2(result: StudyResult) -> Section:
         for k, (name, row) in enumerate(table_i(robot))
     ]
     caption = (
-        "Left, Fig. 1: the arm turned out of its zero pose, and its transmissions by joint, which"
-        f" the rotor drives through a belt (r_b) and a harmonic drive (r_hd): {carriers}. Right,"
-        " Fig. 2: the frames of (2) and (3) at the zero pose: O_G on the ground, O_0 at joint 1,"
-        " O_i at the far end of link i; x red, y green, z blue."
+        "Left, Fig. 1: the arm in a pose other than zero, and its transmissions by"
+        " joint; the rotor drives them through a belt (r_b) and a harmonic drive"
+        f" (r_hd): {carriers}. Right, Fig. 2: the frames of (2) and (3) at the zero"
+        " pose: O_G on the ground, O_0 at joint 1, O_i at the far end of link i; x"
+        " red, y green, z blue."
     )
     table = Table(
         ("frame", "a_i [m]", "d_i [m]", "alpha_i", "theta_i"),
         rows,
-        caption="Table I, as the arm file has it",
+        caption="Table I, from the arm file",
     )
     return Section("Figs. 1 and 2, Table I: the arm", [Figure(figure, caption), table])
 
@@ -215,14 +217,16 @@ def _arm(ax: Axes3D, robot: Robot, pose: np.ndarray) -> np.ndarray:
 def prototype(result: StudyResult) -> Section:
     """What the models are compared with."""
     words = (
-        f"Links, rotors, wave generators and splines are bodies of a {result.engine} model, which"
-        " shares no dynamics code with mod1 to mod3. The link hangs on its spline by a bushing of"
-        f" six springs and dampers, whose translations have {Bushing().translation_stiffness:.0e}"
-        " N/m. Rotors, wave generators and splines are driven exactly: the engine's mass matrix"
-        " and bias forces are projected on theta and the bushings, the bushings are integrated"
-        " (Runge-Kutta, fourth order), and the torque at the harmonic-drive output follows. tau^l"
-        " of a model is the residual of its first row on the prototype's motion. With locked"
-        f" bushings mod3 leaves {result.locked_link:.1g} Nm of it."
+        f"Links, rotors, wave generators and splines are bodies of a {result.engine}"
+        " model, which shares no dynamics code with mod1 to mod3. A bushing of six"
+        " springs and dampers connects the link to its spline, with"
+        f" {Bushing().translation_stiffness:.0e} N/m in translation. Rotors, wave"
+        " generators and splines follow exact ratios: the engine's mass matrix and"
+        " bias forces are projected on theta and the bushings, the bushings are"
+        " integrated (Runge-Kutta, fourth order), and the torque at the harmonic-drive"
+        " output follows. tau^l of a model is the residual of its first row on the"
+        " prototype's motion. With locked bushings, mod3 leaves"
+        f" {result.locked_link:.1g} Nm of it."
     )
     return Section("The virtual prototype mod_ad", [Text(words)])
 
@@ -230,8 +234,9 @@ def prototype(result: StudyResult) -> Section:
 def figure_4a(result: StudyResult) -> Section:
     """Fig. 4a."""
     caption = (
-        "The same motion. In tau^m the models cannot be told apart by eye (third row: by how much"
-        " they differ); in tau^l mod1 and mod2 leave what S would explain."
+        "The same motion. In tau^m the models are visually indistinguishable (third"
+        " row: their differences); in tau^l mod1 and mod2 leave the part that S would"
+        " explain."
     )
     return Section(
         "Fig. 4a: the three models", [Figure(_torques(result.at_highest(), MODELS), caption)]
@@ -288,14 +293,14 @@ def figure_4c(result: StudyResult) -> Section:
         [
             Figure(
                 _stacked_metrics(result.against_prototype, MODELS, result.ratios, n),
-                "Stacked as in the paper: e_max below, e_rmse above. The part of tau^l that no"
-                " model explains is the ringing of the bearings.",
+                "Stacked as in the paper: e_max below, e_rmse above. The part of tau^l that"
+                " no model explains is the vibration of the bearings.",
             ),
             Table(
                 ("model", "side", *joints),
                 [(m, s, *map(float, values)) for (m, s), values in rms.items()],
-                "e_rmse on a ramp without jumps of acceleration (quintic), where little rings, at"
-                " the highest ratio",
+                "e_rmse on a ramp without jumps of acceleration (quintic), which excites"
+                " little vibration, at the highest ratio",
                 3,
             ),
             _metric_table(result.against_prototype),
@@ -306,9 +311,9 @@ def figure_4c(result: StudyResult) -> Section:
                     *(f"{what}, {joint}" for what in ("e_max", "e_rmse") for joint in joints),
                 ),
                 translations,
-                "tau^l with respect to mod_ad at the highest ratio, by the translation stiffness of"
-                " the bushing, which the paper does not state: which model is best by e_max at a"
-                " joint depends on it",
+                "tau^l relative to mod_ad at the highest ratio, for several translational"
+                " stiffnesses of the bushing, which the paper does not state: they determine"
+                " which model is best by e_max at a joint",
                 3,
             ),
         ],
@@ -322,12 +327,12 @@ def figure_3(result: StudyResult) -> Section:
         [
             Figure(
                 _torques(result.at_highest(), (PROTOTYPE, "mod3")),
-                "Step ramp of 0.1 rad in 1 s (cubic), all joints at once from the zero pose, r_tot"
-                f" = {result.highest:g}. As in the paper, tau^m of mod3 lies on that of mod_ad, and"
-                " tau^l of mod3 is not zero: the bearings tilt and ring after the jumps of the"
-                " ramp's acceleration. Samples at 1 kHz; at the two jumps the sample is the limit"
-                " from before, as in the half millisecond after a jump the bushings have not yet"
-                " answered.",
+                "Step ramp of 0.1 rad in 1 s (cubic), all joints at once from the zero pose,"
+                f" r_tot = {result.highest:g}. As in the paper, tau^m of mod3 coincides with"
+                " that of mod_ad, and tau^l of mod3 is not zero: the bearings tilt and vibrate"
+                " after the jumps of the ramp's acceleration. Samples at 1 kHz; at the two"
+                " jumps the sample is the limit from before the jump, because the bushings"
+                " have not yet responded half a millisecond after it.",
             )
         ],
     )
@@ -431,8 +436,8 @@ def coupling(result: StudyResult) -> Section:
         "The coupling S",
         [
             Text(
-                f"With the bearings locked, S = {pattern}, derived in symbols by the recursion that"
-                " also makes the numbers."
+                f"With locked bearings, S = {pattern}, derived symbolically by the recursion"
+                " that also gives the numbers."
             ),
             Table(("entry", "terms as in (9)"), terms, caption="Bearings locked"),
             Table(
@@ -446,7 +451,7 @@ def coupling(result: StudyResult) -> Section:
             Table(
                 ("part of tau^m", *(f"joint {j + 1} [Nm]" for j in range(n))),
                 values,
-                caption="What tau^m of the step ramp is made of at the highest ratio, rms",
+                caption="Contributions to tau^m of the step ramp at the highest ratio, rms",
             ),
         ],
     )
@@ -563,10 +568,10 @@ def figure_5(result: StudyResult) -> Section:
         (m, None, f"paper, of {PAPER_COUNTS[m]}", None, *PAPER_SHARES[m], None) for m in MODELS
     ]
     caption = (
-        "'merged': coefficients that this motion does not tell apart (columns dependent to 1e-4)"
-        " are one; 'unfolded': mod1 against a true Psi without the splines that it counts with the"
-        " links; mean ± standard deviation over seeds of torque noise of"
-        f" {result.robot.torque_noise_std} Nm"
+        "'merged': coefficients that this motion does not separate (columns dependent"
+        " to 1e-4) are merged; 'unfolded': mod1 relative to a true Psi without the"
+        " splines, which it counts with the links; mean ± standard deviation over"
+        f" seeds of torque noise of {result.robot.torque_noise_std} Nm"
     )
     shown = f"r_tot = {result.highest:g}, 100 samples at 10 Hz, no noise, (11) to (13)."
     table = Table(("model", "r_tot", "", "coefficients", *NAMES), rows, caption, 4)
@@ -578,12 +583,13 @@ def figure_5(result: StudyResult) -> Section:
 def noise(result: StudyResult) -> Section:
     """Where errors come from."""
     caption = (
-        "Per coefficient: the model's own error (prototype with locked bushings), what the bushing"
-        f" adds, and the standard deviation under torque noise of {result.robot.torque_noise_std}"
-        " Nm at 10 Hz and at 1 kHz. Bands: the paper's mid and high."
+        "Per coefficient: the error of the model (prototype with locked bushings),"
+        " the contribution of the bushing, and the standard deviation under torque"
+        f" noise of {result.robot.torque_noise_std} Nm at 10 Hz and at 1 kHz. Bands:"
+        " mid and high as in the paper."
     )
     shown = Figure(_error_sources([result.estimate(m) for m in MODELS]), caption)
-    return Section("Noise, sample rate, and where errors come from", [shown])
+    return Section("Noise, sample rate and sources of errors", [shown])
 
 
 def tracking(result: StudyResult) -> Section:
@@ -617,53 +623,54 @@ def tracking(result: StudyResult) -> Section:
         "q, rms [mrad]", "feedback torque, rms [Nm]",
     )  # fmt: skip
     caption = (
-        f"Motions that no identification saw, feedback of natural frequency {FEEDBACK_FREQUENCY:g}"
-        " rad/s on the motor side; 'true mod3' has the description's numbers: what is left is the"
-        " bearings' tilt, in no model here"
+        "Held-out motions, feedback with a natural frequency of"
+        f" {FEEDBACK_FREQUENCY:g} rad/s on the motor side; 'true mod3' uses the numbers"
+        " of the description: its remaining error is the tilt of the bearings, which"
+        " no model here represents"
     )
     shown = Figure(
         figure, "Tool error of the prototype under feed-forward of each identified model."
     )
-    return Section("What does a better model buy?", [shown, Table(header, rows, caption)])
+    return Section("Benefit of a better model", [shown, Table(header, rows, caption)])
 
 
 READINGS = Section(
     "Readings",
     [
         Text(
-            "The paper says both that mod1 folds the spline into the link (IV-B) and that I_spl is"
-            " absent from M (IV-C). Only folding gives tau_3^l a constant error, so it is folded"
-            " here."
+            "The paper states both that mod1 merges the spline into the link (IV-B) and"
+            " that I_spl is absent from M (IV-C). Only merging gives tau_3^l a constant"
+            " error, so it is merged here."
         ),
         Text(
-            "The step ramp is read as the cubic STEP; r_tot is split into r_b and r_hd as the arm"
-            " file says."
+            "The step ramp is interpreted as the cubic STEP; r_tot is split into r_b and"
+            " r_hd according to the arm file."
         ),
         Text(
-            "The errors of Fig. 4b are those of mod1 and mod2 with respect to mod3, as the paper"
-            " states. Those of Fig. 4c are read with respect to mod_ad: the paper names no"
-            " reference there, but mod3 has an error, and with respect to itself it would have"
-            " none."
+            "The errors of Fig. 4b are those of mod1 and mod2 relative to mod3, as the"
+            " paper states. Those of Fig. 4c are interpreted relative to mod_ad: the paper"
+            " names no reference there, but mod3 has an error, and relative to itself it"
+            " would have none."
         ),
         Text(
-            f"The Fourier series of the excitation is read as {SHAPE.harmonics} harmonics of"
-            f" 1/{SHAPE.period:g} Hz a joint, and a constant; the paper states the duration of 10 s"
-            " and refers to another work for the rest. The optimiser is a pattern search, as in"
-            " the paper."
+            f"The Fourier series of the excitation is interpreted as {SHAPE.harmonics}"
+            f" harmonics of 1/{SHAPE.period:g} Hz per joint, and a constant; the paper"
+            " states the duration of 10 s and refers to another work for the rest. The"
+            " optimiser is a pattern search, as in the paper."
         ),
         Text(
-            "The bushing's translation stiffness (2e8 N/m) is ours: the paper calls it high. What"
-            " depends on it is listed under Fig. 4c."
+            "The translational stiffness of the bushing (2e8 N/m) is our assumption: the"
+            " paper calls it high. Its influence is listed under Fig. 4c."
         ),
         Text(
-            "The true Psi of mod1 counts the spline with the link that it is folded into. The other"
-            " reading leaves it out; its shares are under Fig. 5, too."
+            "The true Psi of mod1 counts the spline with the link into which it is"
+            " merged. The other interpretation omits it; its shares are also under Fig. 5."
         ),
         Text(
-            "The paper counts 64 coefficients for mod1 and 38 for mod2 and mod3 (its percentages"
-            " are those of 19/64, 40/64, 23/38 and 26/38) without naming them. Ours are the base"
-            " parameters of each model's regressor with solids of revolution reduced to mass, first"
-            " moment and two moments of inertia."
+            "The paper counts 64 coefficients for mod1 and 38 for mod2 and mod3 (its"
+            " percentages correspond to 19/64, 40/64, 23/38 and 26/38) without naming"
+            " them. Ours are the base parameters of each model's regressor, with solids of"
+            " revolution reduced to mass, first moment and two moments of inertia."
         ),
     ],
 )

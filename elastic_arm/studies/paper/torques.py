@@ -195,8 +195,8 @@ def studied_ratios(robot: Robot) -> tuple[float, ...]:
     transmissions(robot)
     if len(robot.total_ratios_studied) < 2:
         raise RobotError(
-            f"robot {robot.name} describes {len(robot.total_ratios_studied)} total ratios, the"
-            " study compares several",
+            f"robot {robot.name} describes {len(robot.total_ratios_studied)} total ratios,"
+            " but the study compares several",
             "Give 'total_ratios_studied: {r_tot: [belt, harmonic drive], …}' in the arm file",
         )
     return tuple(sorted(robot.total_ratios_studied))

@@ -148,7 +148,7 @@ class HiddenArm:
         if not np.isfinite(found.states).all():
             k = int(np.flatnonzero(~np.isfinite(found.states).all(axis=1))[0])
             raise SimulationError(
-                f"the hidden arm left the finite numbers at {t[k]:.3f} s", "Draw smaller effects"
+                f"the simulation of the hidden arm diverged at {t[k]:.3f} s", "Draw smaller effects"
             )
         self._check(found)
         tau_m = 0.5 * (found.commands[1:N] + found.commands[: N - 1])
@@ -177,8 +177,8 @@ class HiddenArm:
             expected[n : 2 * n] += self._armature * rate[dof + n : dof + 2 * n]
             if not np.allclose(applied, expected, rtol=1e-8, atol=1e-6):
                 raise SimulationError(
-                    f"at sample {k} the hidden arm's equations are not Pinocchio's, by "
-                    f"{np.abs(applied - expected).max():.1e} Nm",
+                    f"at sample {k} the equations of the hidden arm differ from Pinocchio's by"
+                    f" {np.abs(applied - expected).max():.1e} Nm",
                     "Report this: the challenge's engine is wrong",
                 )
 

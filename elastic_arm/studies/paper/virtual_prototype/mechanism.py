@@ -114,8 +114,8 @@ def transmissions(robot: Robot) -> list[Transmission]:
         if carrier_index(robot, transmission.spline.carrier) != index:
             raise RobotError(
                 f"the spline of {joint.name} is carried by {transmission.spline.carrier}",
-                "The virtual prototype needs each output spline on the link before its joint; set"
-                " 'carrier' so",
+                "The virtual prototype needs each output spline on the link before its joint;"
+                " set 'carrier' accordingly",
             )
         found.append(transmission)
     return found

@@ -315,7 +315,7 @@ class Prototype:
     def _refuse_unless_finite(self, state: np.ndarray, step: float) -> None:
         if not np.isfinite(state).all():
             raise SimulationError(
-                f"the virtual prototype left the finite numbers at a step of {step:g} s",
+                f"the simulation of the virtual prototype diverged at a step of {step:g} s",
                 "Choose a smaller step, a softer bushing or smaller torques",
             )
 
