@@ -352,7 +352,9 @@ def test_the_format_goes_by_the_ending(
     )
     if found is None:
         assert (
-            result.exit_code == 2 and "extension" in result.stderr and not (tmp_path / name).exists()
+            result.exit_code == 2
+            and "extension" in result.stderr
+            and not (tmp_path / name).exists()
         )
     else:
         root = {"urdf": "<robot", "mjcf": "<mujoco"}[found]
