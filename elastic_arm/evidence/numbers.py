@@ -90,7 +90,8 @@ def numbers_of(
                 feature.effect.number if (SCALE, feature.joint) in errors else SCALE
             )  # one gain is all of them
             std = priors.controller if what == SCALE else priors.gain_ratio
-            found.append(Number(what, feature.joint, "1", std, 1.0, error=feature))
+            limit = LARGEST_SCALE / std
+            found.append(Number(what, feature.joint, "1", std, 1.0, error=feature, limit=limit))
         chosen = _single_choices(feature)
         if feature.effect.prior is None or feature.joint is None or chosen is None:
             continue

@@ -101,9 +101,15 @@ class Search:
         return None
 
     def _added(self, fit: Fit) -> Iterator[Fit]:
+        """Yield the best fit with one more term.
+
+        The first-order gain counts what others leave as noise, and so hides which of several terms
+        that act alike it is: all that are proposed are evaluated.
+        """
         if len(fit.optional) < MOST:
-            for t in (*self.proposals(fit), *possible_changes(self.linear, fit)):
-                yield self._with(fit.optional, t, fit)
+            more = (*self.proposals(fit), *possible_changes(self.linear, fit))
+            found = [self._with(fit.optional, t, fit) for t in more]
+            yield from sorted(found, key=lambda one: -one.score)[:1]
 
     def proposals(
         self, fit: Fit, count: int = TRIED, instead: Instead | None = None, needed: float = 0.0
