@@ -23,6 +23,7 @@ from elastic_arm.diagnosis.confirmation import (
 from elastic_arm.diagnosis.context import DiagnosisContext
 from elastic_arm.diagnosis.estimates import ParameterEstimate, averaged, estimated
 from elastic_arm.diagnosis.events import Event, blocks_of, events_of
+from elastic_arm.diagnosis.far_numbers import Name, beyond, named_numbers, probabilities
 from elastic_arm.diagnosis.gap import Gap, Shrink, shrink
 from elastic_arm.diagnosis.preparation import Prepared, prepare
 from elastic_arm.diagnosis.question import Question
@@ -53,6 +54,7 @@ from elastic_arm.evidence.changes import CHANGE, bends
 from elastic_arm.evidence.grams import OCTAVES, Bands
 from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.model import Fit
+from elastic_arm.evidence.pool import number_term
 from elastic_arm.evidence.priors import LEFT, LISTED, MOTION, NOISY, RELATED
 from elastic_arm.evidence.problem import FITTED, JUDGING
 from elastic_arm.evidence.relinearise import Explanation, explain, theta_of
@@ -65,12 +67,11 @@ from elastic_arm.identification.verdict import SURE
 from elastic_arm.recording import Recording
 from elastic_arm.recording.recording import recordings_of
 
-LAW = "law"
+LAW, NUMBER = "law", "number"
 AGAIN = 3  # times that recordings are explained anew without the events that are found
 MOUNTED = float(
     np.radians(STEP)
 )  # rad, to which a mounting is known where no tilt is found beside it
-Name = tuple[str, str | None]  # effect and joint: the same law on two sides is one cause
 
 
 @threadpool_limits.wrap(
@@ -158,8 +159,26 @@ class Answer:
         return sorted(found, key=lambda one: -one[0])
 
     def probability(self, name: Name) -> float:
-        """Return the probability that an effect is there, on whatever side."""
-        return self.explanation.search.probability(lambda key: _name(key) == name)
+        """Return the probability that an effect is there, on whatever side, or a number is off."""
+        return self._probabilities.get(name, 0.0)
+
+    @cached_property
+    def _probabilities(self) -> dict[Name, float]:
+        """The probability of each effect that some set holds, and of each number that may be
+        off."""
+        found: dict[Name, float] = {}
+        for p, fit in self.sets:
+            for name, there in self._in_set(fit).items():
+                found[name] = found.get(name, 0.0) + p * there
+        return found
+
+    def _in_set(self, fit: Fit) -> dict[Name, float]:
+        """Return the probability of each effect and of each number that may be off, in a set."""
+        problem, values = self.prepared.problem, self.explanation.linear.values
+        named = named_numbers(problem.numbers, problem.far)
+        effects = [t for t in fit.optional if t.kind not in (LAW, CHANGE, NUMBER)]
+        of_numbers = probabilities(fit, values, problem.numbers, named)
+        return of_numbers | {_name(t.key): 1.0 for t in effects}
 
     # -- the recordings that judge
 
@@ -354,11 +373,11 @@ class Answer:
             own = held_out(best)
             found = dict(answer.confirmations)
             for term in best.optional:
-                if term.kind not in (LAW, CHANGE) and term.key not in found:
+                if term.key not in found and answer._is_cause(term):
                     less = answer._less(term)
                     nats = own - held_out(less.explanation.best)
                     share = answer._share_without(term, less)
-                    sized = has_size(answer.explanation.sized, term)
+                    sized = term.kind == NUMBER or has_size(answer.explanation.sized, term)
                     over = takes_over(answer._numbers[1], less._numbers[1])
                     found[term.key] = Confirmation(nats, share, sized, over)
             doubtful = [t for t in best.optional if t.key in found and not found[t.key].confirms]
@@ -371,6 +390,12 @@ class Answer:
             kept = {key: one for key, one in found.items() if key not in alike}
             answer = replace(answer._less(worst), refused=refused, confirmations=kept)
 
+    def _is_cause(self, term: Term) -> bool:
+        """Whether a term of the best set is a cause: no law without a form, no ordinary number."""
+        if term.kind == NUMBER:
+            return _name(term.key) in self._there(self.explanation.best)
+        return term.kind not in (LAW, CHANGE)
+
     def _share_without(self, term: Term, less: Answer) -> float | None:
         """Return the share of the gap at the places of a term that comes back without it."""
         own = Gap.of(self.judging.data, self.added[term.ident])
@@ -381,7 +406,10 @@ class Answer:
     def not_confirmed(self) -> tuple[UnconfirmedCause, ...]:
         """Return what is likely by the fit and gains nothing on the recordings that judge."""
         found = []
+        there = self._there(self.best)
         for name, share in self.refused:
+            if name in there:
+                continue
             found.append(UnconfirmedCause(*name, self.probability(name), share))
         return tuple(found)
 
@@ -399,19 +427,21 @@ class Answer:
         """Return the effects that are likelier there than not, most important first, each with what
         it leaves alone."""
         found = []
-        names = dict.fromkeys(
-            _name(k) for _, fit in self.sets for k in fit.keys if k[0] not in (LAW, CHANGE)
-        )
         # One that the recording does not tell from others is there where they are together likelier
         # than not.
-        best = {_name(k) for k in self.best.keys}
+        best = self._there(self.best)
         refused = {name for name, _ in self.refused} - best
-        for name in (name for name in names if name not in refused):
-            p = self.probability(name)
+        for name, p in self._probabilities.items():
+            if name in refused:
+                continue
             if p > 0.5 or (name in best and p + sum(self._instead(name).values()) > 0.5):
                 found.append(self._cause(name, p))
         found.sort(key=lambda one: -one[0].shrink)
         return [self._mounted(found), *found] if self.prepared.mounting is not None else found
+
+    def _there(self, fit: Fit) -> set[Name]:
+        """Return the effects of a set, and the numbers that are more likely than not off in it."""
+        return {name for name, p in self._in_set(fit).items() if p > 0.5}
 
     def _mounted(self, found: list[tuple[Cause, list[Array]]]) -> tuple[Cause, list[Array]]:
         """Return the tilt of an arm that is mounted otherwise than described, with what was found
@@ -447,12 +477,9 @@ class Answer:
         return cause, self.before
 
     def _cause(self, name: Name, probability: float) -> tuple[Cause, list[Array]]:
-        every = (
-            (p, fit, t) for p, fit in self.sets for t in fit.optional if t.kind not in (LAW, CHANGE)
-        )
-        holding = [(p, fit, t) for p, fit, t in every if _name(t.key) == name]
-        _, fit, term = holding[0]
         problem = self.prepared.problem
+        holding = [(p, fit, t) for p, fit in self.sets for t in self._terms_of(fit, name)]
+        _, fit, term = holding[0]
         values = self.explanation.linear.values
         each: list[tuple[float, dict[str, ParameterEstimate]]] = []
         _, instance = estimated(fit.model.of_fitted(fit), term, problem.numbers, values)
@@ -476,8 +503,8 @@ class Answer:
             ),
             None,
         )
-        here = next((t for t in self.best.optional if _name(t.key) == name), None)
-        alone = self.before if here is None else _minus(self.before, [self.added[here.ident]])
+        here = next(iter(self._terms_of(self.best, name)), None)
+        alone = self.before if here is None else _minus(self.before, [self._added_alone(here)])
         share = shrink(self.gaps[0], Gap.of(self.judging.data, alone)).share
         confirmation = None if here is None else self.confirmations.get(here.key)
         cause = Cause(
@@ -496,13 +523,35 @@ class Answer:
         )
         return cause, alone
 
+    def _terms_of(self, fit: Fit, name: Name) -> list[Term]:
+        """Return the terms of a fit that are an effect; of a number that no term makes wide, one
+        that stands for it."""
+        terms = [t for t in fit.optional if t.kind not in (LAW, CHANGE) and _name(t.key) == name]
+        if terms or name not in self._there(fit):
+            return terms
+        numbers = self.prepared.problem.numbers
+        own = named_numbers(numbers, self.prepared.problem.far)[name]
+        first = numbers[own[0]]
+        assert first.cause is not None
+        moves = np.eye(len(numbers))[:, own]
+        return [number_term(first, fit.model.N, first.cause.key, moves)]
+
+    def _added_alone(self, term: Term) -> list[Array]:
+        """Return what a cause alone adds to the residuals of each stretch, Nm."""
+        if term.kind != NUMBER:
+            return self.added[term.ident]
+        total, ordinary = self._numbers
+        at = ordinary if self.question.refit else np.where(self._of_one, ordinary, 0.0)
+        step = np.where(term.what.any(axis=1), total - at, 0.0)
+        return [N @ (self._shares * step) for N in self.judging.plain_numbers]
+
     def _instead(self, name: Name) -> dict[Name, float]:
         """Return the probabilities of what is there in the sets without a cause and not in the most
         probable one."""
-        best = {_name(k) for k in self.best.keys}
+        best = self._there(self.best)
         found: dict[Name, float] = {}
         for p, fit in self.sets:
-            own = {_name(k) for k in fit.keys if k[0] not in (LAW, CHANGE)}
+            own = self._there(fit)
             if name not in own:
                 for other in own - best:
                     found[other] = found.get(other, 0.0) + p
@@ -585,10 +634,8 @@ class Answer:
         """Return what the recordings say of each number."""
         problem, total = self.prepared.problem, self._numbers[0]
         stds = np.sqrt(np.maximum(np.diag(self.best.number_covariance), 0.0))
-        off = sum(
-            (np.abs(t.what).sum(axis=1) for t in self.best.optional if t.kind == "number"),
-            np.zeros(len(total)),
-        )
+        values = self.explanation.linear.values
+        off = beyond(self.best, values, problem.numbers) > 0.5
         sources = problem.sources
         return tuple(
             Imperfection(
@@ -598,11 +645,11 @@ class Answer:
                 p.value(value),
                 float(std * p.slope(value)),
                 p.prior_std,
-                not far,
+                not bool(far),
                 None if p.recording is None else sources[p.recording],
                 p.neutral,
             )
-            for p, value, std, far in zip(problem.numbers, total, stds, off > 0.0, strict=True)
+            for p, value, std, far in zip(problem.numbers, total, stds, off, strict=True)
             if p.is_number
         )
 

@@ -295,9 +295,7 @@ def _drive_entries(
     return Entries(values, rows, numbers, (3 * n, len(parameters)))
 
 
-def _of_gain(
-    model: Model, parameter: Number, part: Part, acting: Sequence[ActingEffect]
-) -> Array:
+def _of_gain(model: Model, parameter: Number, part: Part, acting: Sequence[ActingEffect]) -> Array:
     """Return how what the controller of a joint makes falls (N,) Nm with the logarithm of a gain.
 
         torque_scale: tau_m = s [kp (r - q) + kd rate],   d tau_m / d ln s = tau_m

@@ -126,6 +126,25 @@ def _turnovers(joint: Joint, turning: float, std: float, sides: Sequence[str]) -
             )
 
 
+def resolved_speeds(pieces: Sequence[Motion], n: int, cutoff: float) -> Array:
+    """Return the speeds (n,) by which velocities change within half a period of a frequency (Hz)
+    where they reverse, rad/s.
+
+    Below them residuals that are compared up to that frequency do not show when friction turns
+    over.
+    """
+    squares, count = np.zeros(n), np.zeros(n)
+    for piece in pieces:
+        of_motor = piece.ddq is None
+        dq, ddq = (piece.dtheta, piece.ddtheta) if of_motor else (piece.dq, piece.ddq)
+        if dq is None or ddq is None:
+            continue
+        reverses = np.signbit(dq[1:]) != np.signbit(dq[:-1])
+        squares += np.sum(np.square(ddq[1:]), axis=0, where=reverses)
+        count += reverses.sum(axis=0)
+    return np.asarray(np.sqrt(squares / np.maximum(count, 1.0)) / (2.0 * cutoff))
+
+
 def _motor_inertias(pieces: Sequence[Motion]) -> Array | None:
     """Return the motor inertias (n,) kg m² that alone would need all the motor torque; None where
     none was recorded.

@@ -72,6 +72,8 @@ SCATTER = (
 )
 # probability that a size is wrong where something is unknown: of 23 causes at such joints 21 were
 UNSURE = 0.9
+# Deviations of its prior within which a number is ordinary, as more likely than not (contract).
+ORDINARY = 3.0
 MOTION = 8.0  # Hz; above, what is left is the encoders'
 # power that a place may keep over its sensors' noise, in that noise: how badly a noise is known
 NOISY = 2.0
