@@ -390,8 +390,16 @@ class Answer:
             kept = {key: one for key, one in found.items() if key not in alike}
             answer = replace(answer._less(worst), refused=refused, confirmations=kept)
 
+    @cached_property
+    def _given(self) -> set[Name]:
+        """What the user knows to be there, on whatever side of a drive."""
+        return {(i.effect.id, i.joint) for i in self.prepared.problem.given}
+
     def _is_cause(self, term: Term) -> bool:
-        """Whether a term of the best set is a cause: no law without a form, no ordinary number."""
+        """Whether a term of the best set is a cause: no law without a form, no ordinary number, not
+        what is known."""
+        if _name(term.key) in self._given:
+            return False
         if term.kind == NUMBER:
             return _name(term.key) in self._there(self.explanation.best)
         return term.kind not in (LAW, CHANGE)
@@ -406,7 +414,7 @@ class Answer:
     def not_confirmed(self) -> tuple[UnconfirmedCause, ...]:
         """Return what is likely by the fit and gains nothing on the recordings that judge."""
         found = []
-        there = self._there(self.best)
+        there = self._there(self.explanation.best)
         for name, share in self.refused:
             if name in there:
                 continue
@@ -429,10 +437,10 @@ class Answer:
         found = []
         # One that the recording does not tell from others is there where they are together likelier
         # than not.
-        best = self._there(self.best)
+        best = self._there(self.explanation.best)
         refused = {name for name, _ in self.refused} - best
         for name, p in self._probabilities.items():
-            if name in refused:
+            if name in refused or name in self._given:
                 continue
             if p > 0.5 or (name in best and p + sum(self._instead(name).values()) > 0.5):
                 found.append(self._cause(name, p))
@@ -503,7 +511,7 @@ class Answer:
             ),
             None,
         )
-        here = next(iter(self._terms_of(self.best, name)), None)
+        here = next(iter(self._terms_of(self.explanation.best, name)), None)
         alone = self.before if here is None else _minus(self.before, [self._added_alone(here)])
         share = shrink(self.gaps[0], Gap.of(self.judging.data, alone)).share
         confirmation = None if here is None else self.confirmations.get(here.key)
@@ -548,7 +556,7 @@ class Answer:
     def _instead(self, name: Name) -> dict[Name, float]:
         """Return the probabilities of what is there in the sets without a cause and not in the most
         probable one."""
-        best = self._there(self.best)
+        best = self._there(self.explanation.best)
         found: dict[Name, float] = {}
         for p, fit in self.sets:
             own = self._there(fit)

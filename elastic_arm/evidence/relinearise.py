@@ -354,6 +354,7 @@ def _explained(
     while trust not in tried:
         search = Search(linear, model.trusting(trust), screens, shared.thetas, refused or {})
         search.is_over = shared.watch.is_over
+        search.is_far = _far
         tried[trust], best = search, search.run(terms, moves=moves, most=most)
         path += search.path
         log += [f"{trust}: {line}" for line in search.log]

@@ -68,6 +68,7 @@ class Search:
     )  # beside which sets a range was scanned
     log: list[str] = field(default_factory=list)
     is_over: Callable[[], bool] = Watch().is_over
+    is_far: Callable[[Fit], bool] = lambda fit: False
     path: list[Fit] = field(
         default_factory=list
     )  # better and better sets, the last one the most probable
@@ -85,6 +86,8 @@ class Search:
             self.log.append(f"{better.score - best.score:+.1f}: {words_of(better, best)}")
             best = better
             self.path.append(best)
+            if self.is_far(best):
+                break
         self._let_go(best)
         return best
 
