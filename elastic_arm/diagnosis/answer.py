@@ -23,7 +23,13 @@ from elastic_arm.diagnosis.confirmation import (
 from elastic_arm.diagnosis.context import DiagnosisContext
 from elastic_arm.diagnosis.estimates import ParameterEstimate, averaged, estimated
 from elastic_arm.diagnosis.events import Event, blocks_of, events_of
-from elastic_arm.diagnosis.far_numbers import Name, beyond, named_numbers, probabilities
+from elastic_arm.diagnosis.far_numbers import (
+    Name,
+    beyond,
+    gain_beyond,
+    named_numbers,
+    probabilities,
+)
 from elastic_arm.diagnosis.gap import Gap, Shrink, shrink
 from elastic_arm.diagnosis.preparation import Prepared, prepare
 from elastic_arm.diagnosis.question import Question
@@ -440,12 +446,25 @@ class Answer:
         best = self._there(self.explanation.best)
         refused = {name for name, _ in self.refused} - best
         for name, p in self._probabilities.items():
-            if name in refused or name in self._given:
+            if name in refused or name in self._given or not self._gains(name):
                 continue
             if p > 0.5 or (name in best and p + sum(self._instead(name).values()) > 0.5):
                 found.append(self._cause(name, p))
         found.sort(key=lambda one: -one[0].shrink)
         return [self._mounted(found), *found] if self.prepared.mounting is not None else found
+
+    def _gains(self, name: Name) -> bool:
+        """Whether a number that no term makes wide is confirmed by the recordings that judge.
+
+        Terms were confirmed one by one (:meth:`confirmed`).
+        """
+        best, problem = self.explanation.best, self.prepared.problem
+        named = named_numbers(problem.numbers, problem.far)
+        if name not in named or any(_name(t.key) == name for t in best.optional):
+            return True
+        values = self.explanation.linear.values
+        gains = gain_beyond(best, self.explanation.sized, values, problem.numbers)
+        return bool(gains[named[name]].max() > 0.0)
 
     def _there(self, fit: Fit) -> set[Name]:
         """Return the effects of a set, and the numbers that are more likely than not off in it."""

@@ -90,6 +90,9 @@ COMPARED = 100.0
 RELATED = 0.1  # correlation of two terms from which one may stand for both
 MOST = 24  # terms of a set
 FIRST = 4  # effects of an arm that is exactly as described, at the first look
+# nats behind the best up to which a set is expanded as well: what one more term is often worth
+OPEN = 10.0
+RUNNERS_UP = 2  # sets behind the best whose linearisations are kept; memory
 ELSEWHERE = 2  # other sets that are linearised for themselves, up to COMPARED nats behind
 
 
