@@ -29,6 +29,7 @@ from elastic_arm.diagnosis.far_numbers import (
     gain_beyond,
     named_numbers,
     probabilities,
+    stated_beyond,
 )
 from elastic_arm.diagnosis.gap import Gap, Shrink, shrink
 from elastic_arm.diagnosis.preparation import Prepared, prepare
@@ -182,9 +183,9 @@ class Answer:
         """Return the probability of each effect and of each number that may be off, in a set."""
         problem, values = self.prepared.problem, self.explanation.linear.values
         named = named_numbers(problem.numbers, problem.far)
-        effects = [t for t in fit.optional if t.kind not in (LAW, CHANGE, NUMBER)]
+        effects = [t for t in fit.optional if t.kind == "effect"]
         of_numbers = probabilities(fit, values, problem.numbers, named)
-        return of_numbers | {_name(t.key): 1.0 for t in effects}
+        return of_numbers | stated_beyond(fit) | {_name(t.key): 1.0 for t in effects}
 
     # -- the recordings that judge
 
@@ -273,14 +274,13 @@ class Answer:
             return [X @ each[part.recording] for X, part in parts]
         if term.kind == "law":
             return [X @ self.best.beta(term) for X in term.what.plain(self.judging.data)]
-        beta = term.mean if stated and term.trusted else self._coefficients(term)
+        beta = term.stated if stated and term.stated is not None else self._coefficients(term)
         columns = self._columns(term)
         added = [X @ beta for X in columns]
-        if (
-            term.trusted and term.what is not None
-        ):  # what its columns do not show of its law as stated
+        # What its columns do not show of its law as stated.
+        if term.stated is not None and term.what is not None:
             laws = zip(added, self.judging.data.plain(*term.what), columns, strict=True)
-            return [more + W.sum(axis=2) - X @ term.mean for more, W, X in laws]
+            return [more + W.sum(axis=2) - X @ term.stated for more, W, X in laws]
         return added
 
     def _columns(self, term: Term) -> list[Array]:
@@ -383,7 +383,7 @@ class Answer:
                     less = answer._less(term)
                     nats = own - held_out(less.explanation.best)
                     share = answer._share_without(term, less)
-                    sized = term.kind == NUMBER or has_size(answer.explanation.sized, term)
+                    sized = term.kind != "effect" or has_size(answer.explanation.sized, term)
                     over = takes_over(answer._numbers[1], less._numbers[1])
                     found[term.key] = Confirmation(nats, share, sized, over)
             doubtful = [t for t in best.optional if t.key in found and not found[t.key].confirms]
@@ -406,7 +406,7 @@ class Answer:
         what is known."""
         if _name(term.key) in self._given:
             return False
-        if term.kind == NUMBER:
+        if term.kind in (NUMBER, "stated"):
             return _name(term.key) in self._there(self.explanation.best)
         return term.kind not in (LAW, CHANGE)
 
@@ -526,7 +526,7 @@ class Answer:
             (
                 i
                 for _, i in problem.known
-                if term.kind == "stated" and (i.effect.id, i.joint) == name
+                if (term.kind == "stated" or term.trusted) and (i.effect.id, i.joint) == name
             ),
             None,
         )
@@ -556,6 +556,9 @@ class Answer:
         terms = [t for t in fit.optional if t.kind not in (LAW, CHANGE) and _name(t.key) == name]
         if terms or name not in self._there(fit):
             return terms
+        known = [t for t in fit.terms if t.trusted and _name(t.key) == name]
+        if known:
+            return known
         numbers = self.prepared.problem.numbers
         own = named_numbers(numbers, self.prepared.problem.far)[name]
         first = numbers[own[0]]
@@ -565,6 +568,8 @@ class Answer:
 
     def _added_alone(self, term: Term) -> list[Array]:
         """Return what a cause alone adds to the residuals of each stretch, Nm."""
+        if term.trusted:
+            return _minus(self.added[term.ident], [self._added(term, stated=True)])
         if term.kind != NUMBER:
             return self.added[term.ident]
         total, ordinary = self._numbers
