@@ -23,6 +23,14 @@ from elastic_arm.diagnosis.confirmation import (
 from elastic_arm.diagnosis.context import DiagnosisContext
 from elastic_arm.diagnosis.estimates import ParameterEstimate, averaged, estimated
 from elastic_arm.diagnosis.events import Event, blocks_of, events_of
+from elastic_arm.diagnosis.far_numbers import (
+    Name,
+    beyond,
+    gain_beyond,
+    named_numbers,
+    probabilities,
+    stated_beyond,
+)
 from elastic_arm.diagnosis.gap import Gap, Shrink, shrink
 from elastic_arm.diagnosis.preparation import Prepared, prepare
 from elastic_arm.diagnosis.question import Question
@@ -53,6 +61,7 @@ from elastic_arm.evidence.changes import CHANGE, bends
 from elastic_arm.evidence.grams import OCTAVES, Bands
 from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.model import Fit
+from elastic_arm.evidence.pool import number_term
 from elastic_arm.evidence.priors import LEFT, LISTED, MOTION, NOISY, RELATED
 from elastic_arm.evidence.problem import FITTED, JUDGING
 from elastic_arm.evidence.relinearise import Explanation, explain, theta_of
@@ -65,12 +74,11 @@ from elastic_arm.identification.verdict import SURE
 from elastic_arm.recording import Recording
 from elastic_arm.recording.recording import recordings_of
 
-LAW = "law"
+LAW, NUMBER = "law", "number"
 AGAIN = 3  # times that recordings are explained anew without the events that are found
 MOUNTED = float(
     np.radians(STEP)
 )  # rad, to which a mounting is known where no tilt is found beside it
-Name = tuple[str, str | None]  # effect and joint: the same law on two sides is one cause
 
 
 @threadpool_limits.wrap(
@@ -157,8 +165,26 @@ class Answer:
         return sorted(found, key=lambda one: -one[0])
 
     def probability(self, name: Name) -> float:
-        """Return the probability that an effect is there, on whatever side."""
-        return self.explanation.search.probability(lambda key: _name(key) == name)
+        """Return the probability that an effect is there, on whatever side, or a number is off."""
+        return self._probabilities.get(name, 0.0)
+
+    @cached_property
+    def _probabilities(self) -> dict[Name, float]:
+        """The probability of each effect that some set holds, and of each number that may be
+        off."""
+        found: dict[Name, float] = {}
+        for p, fit in self.sets:
+            for name, there in self._in_set(fit).items():
+                found[name] = found.get(name, 0.0) + p * there
+        return found
+
+    def _in_set(self, fit: Fit) -> dict[Name, float]:
+        """Return the probability of each effect and of each number that may be off, in a set."""
+        problem, values = self.prepared.problem, self.explanation.linear.values
+        named = named_numbers(problem.numbers, problem.far)
+        effects = [t for t in fit.optional if t.kind == "effect"]
+        of_numbers = probabilities(fit, values, problem.numbers, named)
+        return of_numbers | stated_beyond(fit) | {_name(t.key): 1.0 for t in effects}
 
     # -- the recordings that judge
 
@@ -247,14 +273,13 @@ class Answer:
             return [X @ each[part.recording] for X, part in parts]
         if term.kind == "law":
             return [X @ self.best.beta(term) for X in term.what.plain(self.judging.data)]
-        beta = term.mean if stated and term.trusted else self._coefficients(term)
+        beta = term.stated if stated and term.stated is not None else self._coefficients(term)
         columns = self._columns(term)
         added = [X @ beta for X in columns]
-        if (
-            term.trusted and term.what is not None
-        ):  # what its columns do not show of its law as stated
+        # What its columns do not show of its law as stated.
+        if term.stated is not None and term.what is not None:
             laws = zip(added, self.judging.data.plain(*term.what), columns, strict=True)
-            return [more + W.sum(axis=2) - X @ term.mean for more, W, X in laws]
+            return [more + W.sum(axis=2) - X @ term.stated for more, W, X in laws]
         return added
 
     def _columns(self, term: Term) -> list[Array]:
@@ -353,11 +378,11 @@ class Answer:
             own = held_out(best)
             found = dict(answer.confirmations)
             for term in best.optional:
-                if term.kind not in (LAW, CHANGE) and term.key not in found:
+                if term.key not in found and answer._is_cause(term):
                     less = answer._less(term)
                     nats = own - held_out(less.explanation.best)
                     share = answer._share_without(term, less)
-                    sized = has_size(answer.explanation.sized, term)
+                    sized = term.kind != "effect" or has_size(answer.explanation.sized, term)
                     over = takes_over(answer._numbers[1], less._numbers[1])
                     found[term.key] = Confirmation(nats, share, sized, over)
             doubtful = [t for t in best.optional if t.key in found and not found[t.key].confirms]
@@ -370,6 +395,20 @@ class Answer:
             kept = {key: one for key, one in found.items() if key not in alike}
             answer = replace(answer._less(worst), refused=refused, confirmations=kept)
 
+    @cached_property
+    def _given(self) -> set[Name]:
+        """What the user knows to be there, on whatever side of a drive."""
+        return {(i.effect.id, i.joint) for i in self.prepared.problem.given}
+
+    def _is_cause(self, term: Term) -> bool:
+        """Whether a term of the best set is a cause: no law without a form, no ordinary number, not
+        what is known."""
+        if _name(term.key) in self._given:
+            return False
+        if term.kind in (NUMBER, "stated"):
+            return _name(term.key) in self._there(self.explanation.best)
+        return term.kind not in (LAW, CHANGE)
+
     def _share_without(self, term: Term, less: Answer) -> float | None:
         """Return the share of the gap at the places of a term that comes back without it."""
         own = Gap.of(self.judging.data, self.added[term.ident])
@@ -380,7 +419,10 @@ class Answer:
     def not_confirmed(self) -> tuple[UnconfirmedCause, ...]:
         """Return what is likely by the fit and gains nothing on the recordings that judge."""
         found = []
+        there = self._there(self.explanation.best)
         for name, share in self.refused:
+            if name in there:
+                continue
             found.append(UnconfirmedCause(*name, self.probability(name), share))
         return tuple(found)
 
@@ -398,19 +440,34 @@ class Answer:
         """Return the effects that are likelier there than not, most important first, each with what
         it leaves alone."""
         found = []
-        names = dict.fromkeys(
-            _name(k) for _, fit in self.sets for k in fit.keys if k[0] not in (LAW, CHANGE)
-        )
         # One that the recording does not tell from others is there where they are together likelier
         # than not.
-        best = {_name(k) for k in self.best.keys}
+        best = self._there(self.explanation.best)
         refused = {name for name, _ in self.refused} - best
-        for name in (name for name in names if name not in refused):
-            p = self.probability(name)
+        for name, p in self._probabilities.items():
+            if name in refused or name in self._given or not self._gains(name):
+                continue
             if p > 0.5 or (name in best and p + sum(self._instead(name).values()) > 0.5):
                 found.append(self._cause(name, p))
         found.sort(key=lambda one: -one[0].shrink)
         return [self._mounted(found), *found] if self.prepared.mounting is not None else found
+
+    def _gains(self, name: Name) -> bool:
+        """Whether a number that no term makes wide is confirmed by the recordings that judge.
+
+        Terms were confirmed one by one (:meth:`confirmed`).
+        """
+        best, problem = self.explanation.best, self.prepared.problem
+        named = named_numbers(problem.numbers, problem.far)
+        if name not in named or any(_name(t.key) == name for t in best.optional):
+            return True
+        values = self.explanation.linear.values
+        gains = gain_beyond(best, self.explanation.sized, values, problem.numbers)
+        return bool(gains[named[name]].max() > 0.0)
+
+    def _there(self, fit: Fit) -> set[Name]:
+        """Return the effects of a set, and the numbers that are more likely than not off in it."""
+        return {name for name, p in self._in_set(fit).items() if p > 0.5}
 
     def _mounted(self, found: list[tuple[Cause, list[Array]]]) -> tuple[Cause, list[Array]]:
         """Return the tilt of an arm that is mounted otherwise than described, with what was found
@@ -446,12 +503,9 @@ class Answer:
         return cause, self.before
 
     def _cause(self, name: Name, probability: float) -> tuple[Cause, list[Array]]:
-        every = (
-            (p, fit, t) for p, fit in self.sets for t in fit.optional if t.kind not in (LAW, CHANGE)
-        )
-        holding = [(p, fit, t) for p, fit, t in every if _name(t.key) == name]
-        _, fit, term = holding[0]
         problem = self.prepared.problem
+        holding = [(p, fit, t) for p, fit in self.sets for t in self._terms_of(fit, name)]
+        _, fit, term = holding[0]
         values = self.explanation.linear.values
         each: list[tuple[float, dict[str, ParameterEstimate]]] = []
         _, instance = estimated(fit.model.of_fitted(fit), term, problem.numbers, values)
@@ -471,12 +525,12 @@ class Answer:
             (
                 i
                 for _, i in problem.known
-                if term.kind == "stated" and (i.effect.id, i.joint) == name
+                if (term.kind == "stated" or term.trusted) and (i.effect.id, i.joint) == name
             ),
             None,
         )
-        here = next((t for t in self.best.optional if _name(t.key) == name), None)
-        alone = self.before if here is None else _minus(self.before, [self.added[here.ident]])
+        here = next(iter(self._terms_of(self.explanation.best, name)), None)
+        alone = self.before if here is None else _minus(self.before, [self._added_alone(here)])
         share = shrink(self.gaps[0], Gap.of(self.judging.data, alone)).share
         confirmation = None if here is None else self.confirmations.get(here.key)
         cause = Cause(
@@ -495,13 +549,40 @@ class Answer:
         )
         return cause, alone
 
+    def _terms_of(self, fit: Fit, name: Name) -> list[Term]:
+        """Return the terms of a fit that are an effect; of a number that no term makes wide, one
+        that stands for it."""
+        terms = [t for t in fit.optional if t.kind not in (LAW, CHANGE) and _name(t.key) == name]
+        if terms or name not in self._there(fit):
+            return terms
+        known = [t for t in fit.terms if t.trusted and _name(t.key) == name]
+        if known:
+            return known
+        numbers = self.prepared.problem.numbers
+        own = named_numbers(numbers, self.prepared.problem.far)[name]
+        first = numbers[own[0]]
+        assert first.cause is not None
+        moves = np.eye(len(numbers))[:, own]
+        return [number_term(first, fit.model.N, first.cause.key, moves)]
+
+    def _added_alone(self, term: Term) -> list[Array]:
+        """Return what a cause alone adds to the residuals of each stretch, Nm."""
+        if term.trusted:
+            return _minus(self.added[term.ident], [self._added(term, stated=True)])
+        if term.kind != NUMBER:
+            return self.added[term.ident]
+        total, ordinary = self._numbers
+        at = ordinary if self.question.refit else np.where(self._of_one, ordinary, 0.0)
+        step = np.where(term.what.any(axis=1), total - at, 0.0)
+        return [N @ (self._shares * step) for N in self.judging.plain_numbers]
+
     def _instead(self, name: Name) -> dict[Name, float]:
         """Return the probabilities of what is there in the sets without a cause and not in the most
         probable one."""
-        best = {_name(k) for k in self.best.keys}
+        best = self._there(self.explanation.best)
         found: dict[Name, float] = {}
         for p, fit in self.sets:
-            own = {_name(k) for k in fit.keys if k[0] not in (LAW, CHANGE)}
+            own = self._there(fit)
             if name not in own:
                 for other in own - best:
                     found[other] = found.get(other, 0.0) + p
@@ -584,10 +665,8 @@ class Answer:
         """Return what the recordings say of each number."""
         problem, total = self.prepared.problem, self._numbers[0]
         stds = np.sqrt(np.maximum(np.diag(self.best.number_covariance), 0.0))
-        off = sum(
-            (np.abs(t.what).sum(axis=1) for t in self.best.optional if t.kind == "number"),
-            np.zeros(len(total)),
-        )
+        values = self.explanation.linear.values
+        off = beyond(self.best, values, problem.numbers) > 0.5
         sources = problem.sources
         return tuple(
             Imperfection(
@@ -597,11 +676,11 @@ class Answer:
                 p.value(value),
                 float(std * p.slope(value)),
                 p.prior_std,
-                not far,
+                not bool(far),
                 None if p.recording is None else sources[p.recording],
                 p.neutral,
             )
-            for p, value, std, far in zip(problem.numbers, total, stds, off > 0.0, strict=True)
+            for p, value, std, far in zip(problem.numbers, total, stds, off, strict=True)
             if p.is_number
         )
 

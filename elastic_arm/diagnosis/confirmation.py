@@ -20,11 +20,10 @@ from scipy.stats import chi2, norm
 from elastic_arm.arrays import Array
 from elastic_arm.diagnosis.gap import Gap
 from elastic_arm.evidence.model import Fit
-from elastic_arm.evidence.priors import WORTH
+from elastic_arm.evidence.priors import ORDINARY, WORTH
 from elastic_arm.evidence.term import Term
 
 TWO = 2.0  # deviations within which a size is none (contract)
-ORDINARY = 3.0  # deviations within which a number is ordinary (contract)
 
 
 @dataclass(frozen=True)

@@ -161,6 +161,7 @@ def prepare(
         question.model,
         observed,
         layout,
+        band,
         uncertain,
         [*seen[0], *seen[1]],
         largest,

@@ -15,7 +15,7 @@ from elastic_arm.dynamics import Model, build_model
 from elastic_arm.effects.arm_equations import ArmEquations
 from elastic_arm.equations.numbers import GAINS, SCALE, Number
 from elastic_arm.equations.places import scaling
-from elastic_arm.equations.robot_at import LEAST, calibrated_robot
+from elastic_arm.equations.robot_at import calibrated_robot
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.known_torques import ActingEffect
 from elastic_arm.estimation.motion import CompletedMotion, drive_constants, rates_of
@@ -93,7 +93,6 @@ def shared_columns(
     parameters: Sequence[Number],
     features: Mapping[int, Feature],
     which: int,
-    values: Array,
 ) -> tuple[list[int], list[Array]]:
     """Return what an effect that acts adds to the columns of gains: which gains, and (N', R, m) of
     each stretch.
@@ -102,7 +101,7 @@ def shared_columns(
     this.
 
     data: whitened residuals, in whose predicted torques it acts; parameters, features: the numbers,
-    and the effects that some of them are, as of :func:`features_at`; values: (k,) of the numbers.
+    and the effects that some of them are, as of :func:`features_at`.
     """
     effect, found, numbers = data.acting[which], [list[Array]() for _ in data.parts], list[int]()
     for k, feature in features.items():
@@ -129,11 +128,9 @@ def shared_columns(
         ):
             continue
         numbers.append(k)
-        size = parameter.prior_std / max(LEAST, 1.0 + values[k] * parameter.prior_std)
         for out, part in zip(found, data.parts, strict=True):
-            out.append(
-                _in_row(data, part, 2 * len(joints) + j, -size * part.shares[which][1][:, j])
-            )
+            scaled = -parameter.prior_std * part.shares[which][1][:, j]
+            out.append(_in_row(data, part, 2 * len(joints) + j, scaled))
     return numbers, data.weighted(
         [np.stack(own, axis=2) for own in found], in_place=True
     ) if numbers else []
@@ -290,7 +287,7 @@ def _drive_entries(
         elif parameter.what == "damping" and gear is not None:
             found.append((n + j, k, D[j] / K[j] * rates[:, j]))
         elif parameter.what in GAINS:
-            found.append((2 * n + j, k, _of_gain(model, nominal, parameter, part, acting)))
+            found.append((2 * n + j, k, _of_gain(model, parameter, part, acting)))
     values = np.empty((len(motion), len(found)))
     for column, (_, k, law) in enumerate(found):
         values[:, column] = law * parameters[k].prior_std
@@ -298,34 +295,32 @@ def _drive_entries(
     return Entries(values, rows, numbers, (3 * n, len(parameters)))
 
 
-def _of_gain(
-    model: Model, nominal: Robot, parameter: Number, part: Part, acting: Sequence[ActingEffect]
-) -> Array:
-    """Return how what the controller of a joint makes falls (N,) Nm with a gain, in ratios to the
-    described one.
+def _of_gain(model: Model, parameter: Number, part: Part, acting: Sequence[ActingEffect]) -> Array:
+    """Return how what the controller of a joint makes falls (N,) Nm with the logarithm of a gain.
 
-    What is left of the predicted torque is that of the error of the angle: the angle's own noise is
-    in the made torque, too, and gains of zero would explain all of it. At its limit a torque does
-    not change. Laws without a linear size are left out, as they are of the columns of masses: else
-    they would tell the scale that both have.
+        torque_scale: tau_m = s [kp (r - q) + kd rate],   d tau_m / d ln s = tau_m
+        kd:           tau_m = s [kp (r - q) + g kd rate], d tau_m / d ln g = s g kd rate
+
+    The torque is the predicted one: the angle's own noise is in the made torque, too, and gains of
+    zero would explain all of it. At its limit a torque does not change. Laws without a linear size
+    are left out, as they are of the columns of masses: else they would tell the scale that both
+    have.
     """
-    motion, signals, j = (
-        part.stretch.quiet,
-        part.signals,
-        model.robot.joint_names.index(parameter.joint),
-    )
-    now, stated = model.robot.joints[j].controller, nominal.joints[j].controller
-    assert now is not None and stated is not None
-    (kp, kd, _), (kp_stated, kd_stated, _) = now.gains, stated.gains
+    motion, signals = part.stretch.quiet, part.signals
+    j = model.robot.joint_names.index(parameter.joint)
+    controller = model.robot.joints[j].controller
+    assert controller is not None
     tau_m, fed, dr = (signals.values[name][:, j] for name in ("tau_m", "fed", "dr"))
     tau_m = tau_m - sum(
         share[1][:, j] for e, share in zip(acting, part.shares, strict=True) if e.feature.fixed
     )
-    of_rate = now.follows_rate * dr - motion.dtheta[:, j]
-    changed = kd_stated * of_rate
-    if parameter.what == SCALE and kp:
-        changed = changed + kp_stated / kp * (tau_m - fed - kd * of_rate)
-    limits = [one for one in (now.torque, model.robot.joints[j].limits.torque) if one is not None]
+    if parameter.what == SCALE:
+        changed = tau_m - fed
+    else:
+        _, kd, _ = controller.gains
+        changed = kd * (controller.follows_rate * dr - motion.dtheta[:, j])
+    stated = controller.torque, model.robot.joints[j].limits.torque
+    limits = [one for one in stated if one is not None]
     return np.where(np.abs(tau_m) < min(limits, default=np.inf), -changed, 0.0)
 
 

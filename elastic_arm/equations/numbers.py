@@ -44,7 +44,7 @@ class Number:
     def is_logarithmic(self) -> bool:
         """Whether its logarithm has the prior: a drive is half as stiff as it is stated as easily
         as twice."""
-        return self.what in ("stiffness", "damping")
+        return self.what in ("stiffness", "damping", *GAINS)
 
     def value(self, x: float) -> float:
         """Return the number at x standard deviations of its prior."""

@@ -69,8 +69,8 @@ def _changed(joint: Joint, deviation: dict[str, float]) -> Joint:
         )
     controller, armature = joint.controller, joint.armature
     if controller is not None:
-        kp = 1.0 + deviation.get(SCALE, 0.0)
-        controller = controller.scaled(max(LEAST, kp), max(LEAST, kp + deviation.get(RATIO, 0.0)))
+        scale, ratio = (1.0 + deviation.get(what, 0.0) for what in (SCALE, RATIO))
+        controller = controller.scaled(scale, scale * ratio)
     if armature:
         armature *= max(LEAST, 1.0 + deviation["rotor_inertia"])
     elif armature is not None:

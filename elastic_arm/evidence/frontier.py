@@ -10,9 +10,9 @@ linearisation. So
 2. the last set of the path is linearised about itself. Where it is better there, it is the best
   known set;
 3. where it is not, the step was too long: the set half way along the path is tried;
-4. a set from which no path leads to a better one is expanded by more expensive moves. The search
-  ends when there are
-   none left.
+4. a set from which no path leads to a better one is expanded by more expensive moves;
+5. when there are none left, a runner-up that is a few nats behind is expanded once: its next move
+  may overtake. The search ends when no such set is left.
 
 A set that was linearised about itself keeps that score wherever it is met again.
 """
@@ -23,7 +23,7 @@ from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
-from elastic_arm.evidence.priors import WORTH
+from elastic_arm.evidence.priors import OPEN, RUNNERS_UP, WORTH
 from elastic_arm.evidence.watch import Watch
 
 
@@ -47,6 +47,7 @@ class Node:
     linear: Any  # the linearisation
     depth: int = 0  # of the moves that are next
     found: Any = None  # what the last search from it found
+    is_expanded: bool = False  # whether there was one
 
 
 Path = Sequence[Scored]
@@ -68,30 +69,49 @@ class Frontier:
     depths: int
     is_over: Callable[[], bool] = Watch().is_over
     scores: dict[Hashable, float] = field(default_factory=dict)
+    # The likeliest sets behind the best one; few, as each holds its linearisation.
+    runners_up: list[Node] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self.scores[self.best.fit.keys] = self.best.fit.score
 
     def run(self) -> Node:
         """Return the best set, all its moves tried."""
-        while self.best.depth < self.depths and not self.is_over():
-            node = self.best
+        while not self.is_over():
+            node = self._next()
+            if node is None:
+                break
             path = self.expand(node, self.scores)
-            if not self.follow(path):
+            node.is_expanded = True
+            if not self.follow(path, node):
                 node.depth += 1
         return self.best
 
-    def follow(self, path: Path) -> bool:
+    def _next(self) -> Node | None:
+        """Return the set to expand: the best while it has moves, then runners-up that were not."""
+        if self.best.depth < self.depths:
+            return self.best
+        least = self.best.fit.score - OPEN
+        for node in self.runners_up:
+            if node.fit.score > least and not node.is_expanded:
+                return node
+        return None
+
+    def follow(self, path: Path, start: Node | None = None) -> bool:
         """Return whether a set on a path is better than the best at its own linearisation; it is
-        the best then."""
-        start = self.best
+        the best then.
+
+        start: the node at which the path begins; None for the best one.
+        """
+        before = self.best
+        start = start or before
         last = len(path) - 1
         while last > 0 and not self.is_over():
             fit = path[last]
             # The numbers of the start itself may have moved on.
             if fit.keys not in self.scores or fit.keys == start.fit.keys:
-                self.take(fit)
-            if self.best is not start:
+                self.take(fit, start)
+            if self.best is not before:
                 return True
             last //= 2
         return False
@@ -104,5 +124,8 @@ class Frontier:
         node = self.linearise(fit, near or self.best)
         known = self.scores.get(node.fit.keys, node.fit.score)
         self.scores[node.fit.keys] = max(known, node.fit.score)
+        other = node
         if node.fit.score > self.best.fit.score + WORTH:
-            self.best = node
+            self.best, other = node, self.best
+        ranked = sorted([*self.runners_up, other], key=lambda one: -one.fit.score)
+        self.runners_up = ranked[:RUNNERS_UP]

@@ -155,9 +155,7 @@ class Linearisation:
         """What effects that act, but need not be there, add to the columns of some numbers."""
         found = []
         for e, effect in ((e, effect) for e, effect in enumerate(self.acting) if not effect.known):
-            numbers, plain = shared_columns(
-                self.data, self.problem.numbers, self._features, e, self.values
-            )
+            numbers, plain = shared_columns(self.data, self.problem.numbers, self._features, e)
             if numbers:
                 X = self.data.whiten(plain)
                 found.append(

@@ -90,7 +90,8 @@ def numbers_of(
                 feature.effect.number if (SCALE, feature.joint) in errors else SCALE
             )  # one gain is all of them
             std = priors.controller if what == SCALE else priors.gain_ratio
-            found.append(Number(what, feature.joint, "1", std, 1.0, error=feature))
+            limit = LARGEST_SCALE / std
+            found.append(Number(what, feature.joint, "1", std, 1.0, error=feature, limit=limit))
         chosen = _single_choices(feature)
         if feature.effect.prior is None or feature.joint is None or chosen is None:
             continue
@@ -123,6 +124,25 @@ def _turnovers(joint: Joint, turning: float, std: float, sides: Sequence[str]) -
                 speeds=speeds,
                 side=side,
             )
+
+
+def resolved_speeds(pieces: Sequence[Motion], n: int, cutoff: float) -> Array:
+    """Return the speeds (n,) by which velocities change within half a period of a frequency (Hz)
+    where they reverse, rad/s.
+
+    Below them residuals that are compared up to that frequency do not show when friction turns
+    over.
+    """
+    squares, count = np.zeros(n), np.zeros(n)
+    for piece in pieces:
+        of_motor = piece.ddq is None
+        dq, ddq = (piece.dtheta, piece.ddtheta) if of_motor else (piece.dq, piece.ddq)
+        if dq is None or ddq is None:
+            continue
+        reverses = np.signbit(dq[1:]) != np.signbit(dq[:-1])
+        squares += np.sum(np.square(ddq[1:]), axis=0, where=reverses)
+        count += reverses.sum(axis=0)
+    return np.asarray(np.sqrt(squares / np.maximum(count, 1.0)) / (2.0 * cutoff))
 
 
 def _motor_inertias(pieces: Sequence[Motion]) -> Array | None:

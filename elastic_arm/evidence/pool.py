@@ -209,12 +209,12 @@ def number_terms(parameters: Sequence[Number], N: Array, far: Set[str]) -> list[
             for i, other in enumerate(parameters):
                 if (other.what, other.joint) == (RATIO, parameter.joint):
                     moves[i] = -parameter.prior_std / other.prior_std
-        found.append(_number(parameter, N, key, moves))
+        found.append(number_term(parameter, N, key, moves))
         if parameter.is_of_link:
             own = [
                 i for i, p in enumerate(parameters) if p.is_of_link and p.joint == parameter.joint
             ]
-            found.append(_number(parameter, N, key, unit[:, own]))
+            found.append(number_term(parameter, N, key, unit[:, own]))
         if parameter.cause.effect.scope is Scope.EACH_OR_ARM:
             together.setdefault((key[0], None, key[2]), []).append(k)
     for key, own in together.items():
@@ -222,11 +222,11 @@ def number_terms(parameters: Sequence[Number], N: Array, far: Set[str]) -> list[
             first = parameters[own[0]]
             moves = np.zeros((len(parameters), 1))
             moves[own, 0] = [first.prior_std / parameters[k].prior_std for k in own]
-            found.append(_number(first, N, key, moves))
+            found.append(number_term(first, N, key, moves))
     return found
 
 
-def _number(parameter: Number, N: Array, key: Key, moves: Array) -> Term:
+def number_term(parameter: Number, N: Array, key: Key, moves: Array) -> Term:
     """Return the term of numbers that move by (K, k) for each coefficient, the first of them a
     parameter."""
     count = moves.shape[1]

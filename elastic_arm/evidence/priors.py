@@ -72,6 +72,8 @@ SCATTER = (
 )
 # probability that a size is wrong where something is unknown: of 23 causes at such joints 21 were
 UNSURE = 0.9
+# Deviations of its prior within which a number is ordinary, as more likely than not (contract).
+ORDINARY = 3.0
 MOTION = 8.0  # Hz; above, what is left is the encoders'
 # power that a place may keep over its sensors' noise, in that noise: how badly a noise is known
 NOISY = 2.0
@@ -88,6 +90,9 @@ COMPARED = 100.0
 RELATED = 0.1  # correlation of two terms from which one may stand for both
 MOST = 24  # terms of a set
 FIRST = 4  # effects of an arm that is exactly as described, at the first look
+# nats behind the best up to which a set is expanded as well: what one more term is often worth
+OPEN = 10.0
+RUNNERS_UP = 2  # sets behind the best whose linearisations are kept; memory
 ELSEWHERE = 2  # other sets that are linearised for themselves, up to COMPARED nats behind
 
 

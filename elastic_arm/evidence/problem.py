@@ -5,6 +5,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
+import numpy as np
+
 from elastic_arm.arrays import Array
 from elastic_arm.effects import Effect, EffectInstance
 from elastic_arm.effects.arm_equations import ArmEquations
@@ -15,7 +17,12 @@ from elastic_arm.estimation.band import Band
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.equation_sets import EquationSet
 from elastic_arm.estimation.observation import Observation
-from elastic_arm.evidence.numbers import numbers_of, of_each_recording, unreferenced
+from elastic_arm.evidence.numbers import (
+    numbers_of,
+    of_each_recording,
+    resolved_speeds,
+    unreferenced,
+)
 from elastic_arm.evidence.priors import Priors
 from elastic_arm.evidence.term import Key
 from elastic_arm.robot import Robot
@@ -99,6 +106,7 @@ def uncertain_numbers(
     model: str,
     observed: tuple[Observations, Observations],
     layout: EquationSet,
+    band: Band,
     effects: Sequence[Effect],
     known: Sequence[EffectInstance],
     largest: Array,
@@ -119,9 +127,10 @@ def uncertain_numbers(
         if not feature.effect.scales_friction or any(feature.scales(one) for one in friction)
     ]
     pieces, first = [piece for one in observed[0] for piece in one.pieces], observed[0][0]
-    found = numbers_of(
-        robot, shown, first.rate, priors, pieces, largest, first.turning, layout.sides
-    )
+    turning = resolved_speeds(pieces, robot.n, band.cutoff)
+    if first.turning is not None:
+        turning = np.maximum(turning, first.turning)
+    found = numbers_of(robot, shown, first.rate, priors, pieces, largest, turning, layout.sides)
     if layout.reads_torque_by_deflection:
         found = tuple(unreferenced(number) for number in found)
     count = len(observed[0]) + (0 if held_back else len(observed[1]))

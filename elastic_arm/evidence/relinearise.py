@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from elastic_arm.arrays import Array
 from elastic_arm.effects.effect import ControllerEffect, EffectInstance, SensorEffect
 from elastic_arm.equations.places import scaling
+from elastic_arm.equations.robot_at import LEAST
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.known_torques import ActingEffect
 from elastic_arm.evidence.changes import CHANGE, change_of
@@ -354,6 +355,7 @@ def _explained(
     while trust not in tried:
         search = Search(linear, model.trusting(trust), screens, shared.thetas, refused or {})
         search.is_over = shared.watch.is_over
+        search.is_far = _far
         tried[trust], best = search, search.run(terms, moves=moves, most=most)
         path += search.path
         log += [f"{trust}: {line}" for line in search.log]
@@ -409,6 +411,7 @@ def known_terms(linear: Linearisation) -> tuple[list[Term], list[Term]]:
 
 def _known_terms(linear: Linearisation) -> tuple[list[Term], list[Term]]:
     problem, always, off = linear.problem, [], []
+    acting = {one.feature.key: one.coefficients for one in linear.acting if one.known}
     for i, (feature, instance) in enumerate(problem.known):
         (feature,) = linear.placed([feature])
         theta = _theta(feature, instance)
@@ -431,20 +434,33 @@ def _known_terms(linear: Linearisation) -> tuple[list[Term], list[Term]]:
         if i >= len(problem.stated):
             always.append(Term(feature.key, "effect", X, std, feature=feature, theta=theta))
             continue
-        mean = _coefficients(feature, instance.parameters)
+        stated = _coefficients(feature, instance.parameters)
         law = _whole(feature, instance)
         # Its columns are the law to first order alone: what is stated is known beyond.
-        offset = None if law is None else linear.columns(*law).sum(axis=1) - X @ mean
-        width = STATED * np.where(mean == 0.0, 1e-3 * std, np.abs(mean))
+        offset = None if law is None else linear.columns(*law).sum(axis=1) - X @ stated
+        mean, width = _prior_of_stated(stated, acting.get(feature.key, stated))
+        width = np.where(stated == 0.0, 1e-3 * STATED * std, width)
         term = Term(
             feature.key, "effect", X, width, mean=mean, feature=feature, theta=theta, trusted=True
         )
-        always.append(replace(term, offset=offset, what=law))
+        always.append(replace(term, offset=offset, what=law, stated=stated))
         # Less than no friction would be a gain.
         bounded = all(p.least == 0.0 for p in feature.linear)
-        low = -mean if bounded else np.full(len(mean), -np.inf)
+        low = -stated if bounded else np.full(len(stated), -np.inf)
         off.append(Term(feature.key, "stated", X, std, low=low, feature=feature, theta=theta))
     return always, off
+
+
+def _prior_of_stated(stated: Array, now: Array) -> tuple[Array, Array]:
+    """Return mean and deviation (k,) of the Gaussian that a prior of the logarithm is at a size.
+
+        p(ln b) = N(ln b_0, s²):  mean = b (1 - ln(b / b_0)),  deviation = s b
+
+    stated, now: b_0 and b, (k,). A size of another sign than the stated one counts as small.
+    """
+    nonzero = np.where(stated == 0.0, 1.0, stated)
+    ratio = np.maximum(np.where(stated == 0.0, 1.0, now / nonzero), LEAST)
+    return stated * ratio * (1.0 - np.log(ratio)), STATED * np.abs(stated) * ratio
 
 
 def _theta(feature: Feature, instance: EffectInstance) -> tuple[float, ...]:

@@ -68,6 +68,7 @@ class Search:
     )  # beside which sets a range was scanned
     log: list[str] = field(default_factory=list)
     is_over: Callable[[], bool] = Watch().is_over
+    is_far: Callable[[Fit], bool] = lambda fit: False
     path: list[Fit] = field(
         default_factory=list
     )  # better and better sets, the last one the most probable
@@ -85,6 +86,8 @@ class Search:
             self.log.append(f"{better.score - best.score:+.1f}: {words_of(better, best)}")
             best = better
             self.path.append(best)
+            if self.is_far(best):
+                break
         self._let_go(best)
         return best
 
@@ -101,9 +104,15 @@ class Search:
         return None
 
     def _added(self, fit: Fit) -> Iterator[Fit]:
+        """Yield the best fit with one more term.
+
+        The first-order gain counts what others leave as noise, and so hides which of several terms
+        that act alike it is: all that are proposed are evaluated.
+        """
         if len(fit.optional) < MOST:
-            for t in (*self.proposals(fit), *possible_changes(self.linear, fit)):
-                yield self._with(fit.optional, t, fit)
+            more = (*self.proposals(fit), *possible_changes(self.linear, fit))
+            found = [self._with(fit.optional, t, fit) for t in more]
+            yield from sorted(found, key=lambda one: -one.score)[:1]
 
     def proposals(
         self, fit: Fit, count: int = TRIED, instead: Instead | None = None, needed: float = 0.0

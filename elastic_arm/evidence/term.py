@@ -47,6 +47,7 @@ class Term:
     is_scaled: bool = False  # whether it was chosen among others
     # whether the trust in the description scales its prior: of what the description states
     trusted: bool = False
+    stated: Array | None = None  # (k,) sizes that the description states
     # of a law without a form: the law. Of numbers: (K, k) how nu moves with the coefficients.
     what: Any = None
     fitted: int = 0  # of a change between recordings: how many are fitted, which come first

@@ -116,18 +116,9 @@ def test_what_no_actuator_of_mujoco_has_is_named(number: str, size: float, effec
     assert number == "dead_band" or found.std > diagnosed.torque_scale["lift"].std * found.value
 
 
-PLAY = pytest.param(
-    *("play", 0.015, 0.1),
-    marks=pytest.mark.xfail(
-        reason=(
-            "the frontier ends with dead bands, a gain and laws: no move exchanges three terms for"
-            " the play"
-        )
-    ),
+@pytest.mark.parametrize(
+    ("kind", "size", "within"), [("play", 0.015, 0.1), ("elasticity", 40.0, 0.05)]
 )
-
-
-@pytest.mark.parametrize(("kind", "size", "within"), [PLAY, ("elasticity", 40.0, 0.05)])
 def test_a_joint_that_yields_behind_its_encoder_is_named(
     tmp_path: Path, kind: str, size: float, within: float
 ) -> None:

@@ -39,7 +39,7 @@ def six_axes() -> Diagnosis:
 
 
 @pytest.mark.xfail(
-    reason="not seen to hold since the search is a frontier; friction of real drives fills its sets"
+    reason="unexplained at a5 and a6 and not at a2, whose counterbalance friction laws take over"
 )
 def test_what_a_model_lacks_is_not_taken_for_noise(six_axes: Diagnosis) -> None:
     """Axis 2's counterbalance leaves the KR300 `unknown` at its place; its spring and the payload

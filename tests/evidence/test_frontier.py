@@ -92,3 +92,16 @@ def test_a_search_that_is_ended_gives_the_best_set_so_far(steps: int) -> None:
     frontier = problem.frontier()
     frontier.is_over = lambda: len(problem.linearised) >= steps
     assert letters(frontier.run().fit.keys) == "abc"[:steps]
+
+
+def test_a_runner_up_within_a_few_nats_is_expanded() -> None:
+    """Its next move overtakes the best set; one that is far behind is not looked at."""
+    own = {"": 0.0, "a": 50.0, "b": 45.0, "bc": 60.0, "d": 20.0}
+    paths = {("", 0): ["a"], ("b", 0): ["bc"], ("d", 0): ["a"]}
+    problem = Problem(own, paths)
+    frontier = problem.frontier()
+    frontier.follow([made("", 0.0), made("a", 100.0)])
+    frontier.take(made("b", 100.0))
+    frontier.take(made("d", 100.0))
+    assert letters(frontier.run().fit.keys) == "bc"
+    assert ("d", 0) not in problem.expanded

@@ -1,0 +1,122 @@
+"""Which numbers of an arm and its sensors are beyond their ordinary deviations.
+
+    P(abs(nu_k) > 3 s_k | y) = sum over sets p(S | y) P(abs(nu_k) > 3 s_k | y, S)
+
+with s_k the deviation that the priors state, whatever the trust in the description. Of a number
+that is a ratio, 3 s_k is a ratio of 1 + 3 s_k or its inverse: too large and too small are equally
+far.
+"""
+
+from collections.abc import Mapping, Sequence, Set
+
+import numpy as np
+from scipy.stats import norm
+
+from elastic_arm.arrays import Array
+from elastic_arm.equations.numbers import Number
+from elastic_arm.evidence.model import Fit
+from elastic_arm.evidence.priors import ORDINARY, STATED
+
+Name = tuple[str, str | None]  # effect and joint
+
+
+def bounds_of(numbers: Sequence[Number]) -> Array:
+    """Return how far (K,) each number is ordinarily off, in its standard deviations."""
+    stds = np.array([p.prior_std for p in numbers])
+    logarithmic = np.array([p.is_logarithmic for p in numbers], dtype=bool)
+    return np.where(logarithmic, np.log1p(ORDINARY * stds) / stds, ORDINARY)
+
+
+def named_numbers(numbers: Sequence[Number], effects: Set[str]) -> dict[Name, list[int]]:
+    """Return which numbers are reported as each effect and joint.
+
+    effects: as which numbers that are far off are reported.
+    """
+    found: dict[Name, list[int]] = {}
+    for k, p in enumerate(numbers):
+        if p.cause is None or p.cause.effect.id not in effects:
+            continue
+        own = [k]
+        if p.is_of_link:
+            of_joint = enumerate(numbers)
+            own = [i for i, other in of_joint if other.is_of_link and other.joint == p.joint]
+        found.setdefault((p.cause.key[0], p.joint), []).extend(own)
+    return found
+
+
+def beyond(fit: Fit, values: Array, numbers: Sequence[Number]) -> Array:
+    """Return the probability (K,) that each number is beyond its ordinary deviations, by a fit.
+
+    values: (K,) of the numbers where the fit is linearised. What recordings leave open is not told
+    to be off: a deviation counts as the ordinary one at most.
+    """
+    mean = values + fit.numbers
+    std = np.sqrt(np.maximum(np.diag(fit.number_covariance), 0.0))
+    std = np.clip(std, np.finfo(float).eps, 1.0)
+    bounds = bounds_of(numbers)
+    return np.asarray(norm.sf((bounds - mean) / std) + norm.cdf((-bounds - mean) / std))
+
+
+def probabilities(
+    fit: Fit, values: Array, numbers: Sequence[Number], named: Mapping[Name, Sequence[int]]
+) -> dict[Name, float]:
+    """Return the probability of each effect and joint that its numbers are beyond, by a fit.
+
+    What a term of the fit moves has the name of that term alone: where kp is larger and kd is as
+    stated, it is kp that is off, and not their ratio.
+    """
+    each = beyond(fit, values, numbers)
+    found: dict[Name, float] = {}
+    moved = np.zeros(len(numbers), dtype=bool)
+    for term in fit.optional:
+        if term.kind == "number":
+            own = term.what.any(axis=1)
+            found[term.key[0], term.key[1]] = float(each[own].max())
+            moved |= own
+    for name, indices in named.items():
+        rest = [k for k in indices if not moved[k]]
+        if rest:
+            found.setdefault(name, float(each[rest].max()))
+    return found
+
+
+def stated_beyond(fit: Fit) -> dict[Name, float]:
+    """Return the probability that each effect which the description states is of another size.
+
+    Its size is a ratio to the stated one, whether or not a term makes its prior wide.
+    """
+    found: dict[Name, float] = {}
+    bound = np.log1p(ORDINARY * STATED)
+    for term in fit.terms:
+        if term.stated is None or not term.stated.any():
+            continue
+        rows = fit.rows(term)
+        for more in fit.optional:
+            if more.kind == "stated" and more.key == term.key:
+                rows = rows + fit.rows(more)
+        along = term.stated @ rows / float(term.stated @ term.stated)
+        ratio = float(along @ fit.found.x)
+        std = float(np.sqrt(along @ fit.found.S @ along))
+        low, high = np.exp(-bound), np.exp(bound)
+        p = norm.cdf((low - ratio) / std) + norm.sf((high - ratio) / std)
+        found[term.key[0], term.key[1]] = float(p)
+    return found
+
+
+def gain_beyond(whole: Fit, fitted: Fit, values: Array, numbers: Sequence[Number]) -> Array:
+    """Return what the recordings that judge gain (K,) nats by each number beyond its bounds.
+
+    Beside the ordinary value that is nearest,
+
+        ln p(y' | y) - ln p(y' | y, bound) = d²/2 of all recordings - d²/2 of the fitted ones
+
+    with d the distance of the mean from the bound in posterior deviations, the rest refitted.
+    """
+    bounds = bounds_of(numbers)
+    found = []
+    for fit in (whole, fitted):
+        mean = values + fit.numbers
+        variance = np.maximum(np.diag(fit.number_covariance), np.finfo(float).tiny)
+        past = mean - np.clip(mean, -bounds, bounds)
+        found.append(0.5 * past**2 / variance)
+    return found[0] - found[1]
