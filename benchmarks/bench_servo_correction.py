@@ -30,6 +30,7 @@ from elastic_arm.errors import RobotError
 from elastic_arm.mujoco.closed_loop import with_controllers
 from elastic_arm.mujoco.judgement import Judging, closed_loop
 from elastic_arm.mujoco.recorder import record_commands
+from elastic_arm.mujoco.refinable import with_refined
 from elastic_arm.recording import Recording
 from elastic_arm.robot import Robot, load_robot
 from elastic_arm.robot.mjcf import MjcfArm, open_mjcf
@@ -37,7 +38,6 @@ from elastic_arm.studies.blind_challenge.draw import Request
 from elastic_arm.studies.blind_challenge.levels import LEVELS
 from elastic_arm.studies.blind_challenge.servo_arms import ServoArm, drawn, mjcf, opened
 
-# Effects that are found beside the scale, by the gain that they change: what of the scale they hold.
 FAR = 5.0  # deviations, beyond which an estimate is wrong
 
 
@@ -60,9 +60,7 @@ def outcome(folder: Path, level: str, seed: int, kind: str | None) -> Outcome:
     request = Request(name, () if kind is None else (kind,), (seed, number), of.seconds)
     one = drawn(folder, request, of)
     true, base = opened(one.true, folder / "true.xml", one.step), folder / "arm.xml"
-    fit, judge = (
-        record_commands(true, told, rate=one.rate, bits=of.bits) for told in one.commands
-    )
+    fit, judge = (record_commands(true, told, rate=one.rate, bits=of.bits) for told in one.commands)
     base.write_text(mjcf(one.stated, one.step))
     robot = load_robot(base)
     return corrected(name, one, robot, base, true, fit, judge, folder)
@@ -87,13 +85,14 @@ def corrected(
     seconds = diagnosed - begin, time.process_time() - diagnosed
     arms = {"described": robot, "found": repaired_robot(robot, found), "written": written.robot}
     models = {kind: robot if arm is None else arm for kind, arm in arms.items()}
-    errors = {
-        kind: error_of(correction, arm, folder, judge) for kind, arm in models.items()
-    } | {"true": played(true, judge)}
+    errors = {kind: error_of(correction, arm, folder, judge) for kind, arm in models.items()} | {
+        "true": played(true, judge)
+    }
     causes = [f"{cause.effect}:{cause.joint or 'all'}" for cause in found.causes]
     said = f"{found.verdict}: {', '.join(causes) or 'no cause'}"
     back = () if written.choice is None else written.choice.taken_back
     said += f"; taken back: {', '.join(back)}" if back else ""
+    found = with_refined(found, written.refined)
     return Outcome(name, said, errors, scales_of(found, one), seconds)
 
 

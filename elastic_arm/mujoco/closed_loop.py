@@ -55,6 +55,11 @@ class Play:
     resolution: Array  # (n,) the smallest step between recorded positions
     motion: "Motion"
 
+    def after(self, seconds: float) -> "Play":
+        """Return it without what it begins with."""
+        kept = self.t >= self.t[0] + seconds
+        return replace(self, t=self.t[kept], errors=self.errors[kept])
+
 
 @dataclass(frozen=True)
 class Motion:

@@ -1,6 +1,6 @@
 """How the motion of a commanded arm depends on its numbers p, to first order about a motion.
 
-    R = kp (r - q) - kd dq + ki int(r - q) - [inverse dynamics + B ddq + D dq + dry friction + spring]
+    R = kp (r - q) - kd dq + ki int(r - q) - inverse dynamics - B ddq - D dq - friction - spring
 
 is null along a simulated motion, so that its change dq of the angles obeys
 
@@ -9,11 +9,13 @@ is null along a simulated motion, so that its change dq of the angles obeys
 where q' is the derivative of the angles by a number. Derivatives of R are differences of it at all
 samples at once, whatever the number is. Dry friction is a share of its limit, as what is left of R
 without it; where a joint sticks, the share follows the speed, and C is as large as the two say.
+Accelerations are those with which R is null, so that derivatives by numbers that only scale all
+torques cancel.
 One solution by backward differences of second order takes as long as a simulation or two, with any
 count of numbers.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -71,32 +73,34 @@ class _Equation:
 
     def __init__(self, robot: Robot, motion: Motion, sampled: _Sampled) -> None:
         self.robot, self.motion, self.sampled = robot, motion, sampled
-        self.model = _model(robot, stated_arm(robot))
-        arm = stated_arm(robot)
-        t, q, dq, ddq = sampled.t, sampled.q, sampled.dq, sampled.ddq
-        limit = np.array([one.friction_loss for one in arm.joints])
-        left = self._without_dry(robot, arm, self.model, q, dq, ddq)
+        self.arm = stated_arm(robot)
+        self.model = _model(robot, self.arm)
+        self.step = float(sampled.t[1] - sampled.t[0])
+        n, q, dq, ddq = robot.n, sampled.q, sampled.dq, sampled.ddq
+        limit = np.array([one.friction_loss for one in self.arm.joints])
+        self.share = np.zeros_like(q)
+        left = self._residual(robot, q, dq, ddq)
         with np.errstate(divide="ignore", invalid="ignore"):
             share = np.where(limit > 0.0, left / limit, np.tanh(dq / SLOW))
         self.share = np.clip(share, -1.0, 1.0)
         sticks = (np.abs(self.share) < SLIDING) & (self.share * dq > 0.0)
-        own = np.where(sticks, limit * self.share / np.where(sticks, dq, 1.0), 0.0)
-        self.step = float(t[1] - t[0])
-        n, here = robot.n, self._residual(robot, q, dq, ddq)
-        unit = SHIFT * np.eye(n)
+        stuck = np.where(sticks, limit * self.share / np.where(sticks, dq, 1.0), 0.0)
+        here, unit = self._residual(robot, q, dq, ddq), SHIFT * np.eye(n)
         by_angle = [self._residual(robot, q + e, dq, ddq) - here for e in unit]
         by_rate = [self._residual(robot, q, dq + e, ddq) - here for e in unit]
         by_rate_2 = [self._residual(robot, q, dq, ddq + e) - here for e in unit]
         self.K, self.C, self.M = (
             -np.stack(rows, axis=2) / SHIFT for rows in (by_angle, by_rate, by_rate_2)
         )
-        self.C[:, np.arange(n), np.arange(n)] += own
-        self.here = here
+        self.C[:, np.arange(n), np.arange(n)] += stuck
+        # Accelerations with which the residual is null: then a ratio of all torques and masses
+        # changes no motion.
+        self.ddq = ddq + np.linalg.solve(self.M, here[:, :, None])[:, :, 0]
+        self.here = self._residual(robot, q, dq, self.ddq)
 
     def changed(self, robot: Robot) -> Array:
         """Return by how much the residual (N, n) is another one with other numbers of the arm."""
-        s = self.sampled
-        return self._residual(robot, s.q, s.dq, s.ddq) - self.here
+        return self._residual(robot, self.sampled.q, self.sampled.dq, self.ddq) - self.here
 
     def solved(self, right: Array) -> Array:
         """Return angles (N, n, k) for right sides (N, n, k), from rest."""
@@ -121,23 +125,13 @@ class _Equation:
 
     def _residual(self, robot: Robot, q: Array, dq: Array, ddq: Array) -> Array:
         """Return R (N, n) of an arm along a motion."""
-        arm = self.arm_of(robot)
-        model = self.model if robot is self.robot else _model(robot, arm)
-        limit = np.array([one.friction_loss for one in arm.joints])
-        return self._without_dry(robot, arm, model, q, dq, ddq) - limit * self.share
-
-    def arm_of(self, robot: Robot) -> StatedArm:
-        """Return the numbers of an arm."""
-        if not hasattr(self, "_own"):
-            self._own = stated_arm(self.robot)
-        return self._own if robot is self.robot else stated_arm(robot)
-
-    def _without_dry(
-        self, robot: Robot, arm: StatedArm, model: Model, q: Array, dq: Array, ddq: Array
-    ) -> Array:
+        own = robot is self.robot
+        arm = self.arm if own else stated_arm(robot)
+        model = self.model if own else _model(robot, arm)
         found = -model.inverse_dynamics(q, dq, ddq)
-        for i, (joint, own) in enumerate(zip(robot.joints, arm.joints, strict=True)):
-            passive = own.damping * dq[:, i] + own.stiffness * (q[:, i] - own.rest)
+        for i, (joint, numbers) in enumerate(zip(robot.joints, arm.joints, strict=True)):
+            passive = numbers.damping * dq[:, i] + numbers.stiffness * (q[:, i] - numbers.rest)
+            passive += numbers.friction_loss * self.share[:, i]
             found[:, i] += self._driven(joint.controller, i, q[:, i], dq[:, i]) - passive
         return found
 
@@ -147,13 +141,9 @@ class _Equation:
         given = np.interp(t - drive.delay, self.motion.t[:-1], self.motion.commands[:, i])
         error = given - q
         acting = error - np.clip(error, -drive.dead_band, drive.dead_band)
-        integral = np.concatenate([[0.0], np.cumsum(0.5 * self.step_of(error))])
+        integral = np.concatenate([[0.0], np.cumsum(0.5 * self.step * (error[1:] + error[:-1]))])
         made = drive.kp * acting - drive.kd * dq + drive.ki * integral
         return made if drive.torque is None else np.clip(made, -drive.torque, drive.torque)
-
-    def step_of(self, error: Array) -> Array:
-        """Return twice the integral of an error over each step."""
-        return np.diff(self.sampled.t) * (error[1:] + error[:-1])
 
 
 def _controller(controller: JointController | None) -> JointController:

@@ -244,9 +244,7 @@ def drawn(folder: Path, request: Request, level: Level) -> ServoArm:
     true, faults = ordinary(stated, rng), list[Fault]()
     told = [commands(rate, seconds, len(true), rng) for seconds in request.seconds]
     folder.mkdir(parents=True, exist_ok=True)
-    plain = record_commands(
-        opened(true, folder / f"{request.name}.xml", step), told[0], rate=rate
-    )
+    plain = record_commands(opened(true, folder / f"{request.name}.xml", step), told[0], rate=rate)
     assert plain.link is not None and plain.link.position is not None
     q = plain.link.position
     kp, kv = (np.array([one.servo[name] for one in true]) for name in ("kp", "kv"))
