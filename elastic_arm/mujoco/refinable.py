@@ -50,7 +50,16 @@ class Refinable:
     std: float  # of the posterior
     least: float = -np.inf  # below which no simulator takes it
     stated: float = 0.0  # where the description has it
-    prior: float = np.inf  # how far it is ordinarily from there; of a cause nothing is known
+    prior: float = np.inf  # how far it is ordinarily from there
+    is_cause: bool = False  # whether it is the size of a cause: then as far from there as was found
+
+    @staticmethod
+    def of_cause(
+        what: str, joint: str | None, std: float, least: float, stated: float
+    ) -> "Refinable":
+        """Return the size of a cause: what the recordings do not tell of it returns to the
+        description."""
+        return Refinable(what, joint, std, least, stated, abs(stated) or np.inf, is_cause=True)
 
 
 @dataclass(frozen=True)
@@ -78,7 +87,7 @@ def refinable(found: Diagnosis, robot: Robot) -> tuple[Refinable, ...]:
         *_of_description(found),
         *_of_friction(found, robot),
         *_of_masses(found),
-        *_of_controllers(found),
+        *_of_controllers(found, robot),
     )
 
 
@@ -89,15 +98,18 @@ def _of_description(found: Diagnosis) -> Iterator[Refinable]:
         told = one.std < TOLD * one.prior_std or one.what in (SCALE, RATIO) or not one.ordinary
         if not told or one.std <= 0.0:
             continue
-        prior = one.prior_std if one.ordinary else np.inf
         if one.what in RATIOS and one.unit == "1" and one.value > 0.0:
+            what, std = RATIOS[one.what], one.std / one.value
             stated = float(np.log(one.neutral / one.value))
-            yield Refinable(
-                RATIOS[one.what], one.joint, one.std / one.value, stated=stated, prior=prior
-            )
         elif one.what.startswith("link_com_"):
-            what = one.what.removeprefix("link_")
-            yield Refinable(what, one.joint, one.std, stated=-one.value, prior=prior)
+            what, std = one.what.removeprefix("link_"), one.std
+            stated = -one.value
+        else:
+            continue
+        if one.ordinary:
+            yield Refinable(what, one.joint, std, stated=stated, prior=one.prior_std)
+        else:
+            yield Refinable.of_cause(what, one.joint, std, -np.inf, stated)
 
 
 def _of_friction(found: Diagnosis, robot: Robot) -> Iterator[Refinable]:
@@ -122,11 +134,12 @@ def _of_friction(found: Diagnosis, robot: Robot) -> Iterator[Refinable]:
         value, std = size[parameter]
         if not std:
             continue
-        stated, prior = 0.0, np.inf
-        if (effect, joint) in described and (effect, joint) not in causes:
-            before = float(described[effect, joint][parameter])
-            stated, prior = before - float(value), STATED * before or np.inf
-        yield Refinable(effect, joint, float(std), -float(value), stated, prior)
+        before = float(described.get((effect, joint), {}).get(parameter, 0.0))
+        stated, least = before - float(value), -float(value)
+        if before and (effect, joint) not in causes:
+            yield Refinable(effect, joint, float(std), least, stated, STATED * before)
+        else:
+            yield Refinable.of_cause(effect, joint, float(std), least, stated)
 
 
 def _of_masses(found: Diagnosis) -> Iterator[Refinable]:
@@ -134,18 +147,26 @@ def _of_masses(found: Diagnosis) -> Iterator[Refinable]:
         if cause.effect in MASSES:
             mass, position = cause.parameters["mass"], cause.parameters["position"]
             joint = cause.joint or found.joints[-1]
-            yield Refinable(f"{cause.effect}.mass", joint, float(mass.std), -float(mass.value))
+            least = -float(mass.value)
+            yield Refinable.of_cause(f"{cause.effect}.mass", joint, float(mass.std), least, least)
             for axis, std in zip("xyz", position.std, strict=True):
-                yield Refinable(f"{cause.effect}.position_{axis}", joint, float(std))
+                name = f"{cause.effect}.position_{axis}"
+                yield Refinable.of_cause(name, joint, float(std), -np.inf, 0.0)
 
 
-def _of_controllers(found: Diagnosis) -> Iterator[Refinable]:
+def _of_controllers(found: Diagnosis, robot: Robot) -> Iterator[Refinable]:
     for cause in found.causes:
-        if cause.effect in CONTROLLERS:
-            what, parameter = CONTROLLERS[cause.effect]
-            size = cause.parameters[parameter]
-            if size.std:
-                yield Refinable(what, cause.joint, float(size.std), -float(size.value))
+        if cause.effect not in CONTROLLERS:
+            continue
+        what, parameter = CONTROLLERS[cause.effect]
+        size = cause.parameters[parameter]
+        least, stated = -float(size.value), -float(size.value)
+        if what == "limit":  # a size of none is the limit that is stated, if any is
+            drive = robot.joints[robot.joint_names.index(cause.joint)].controller
+            limit = None if drive is None else drive.torque
+            stated = 0.0 if limit is None else limit - float(size.value)
+        if size.std:
+            yield Refinable.of_cause(what, cause.joint, float(size.std), least, stated)
 
 
 def by_words(one: Moved) -> str:

@@ -8,9 +8,9 @@ x are numbers of the arm, q the angles that MuJoCo's servos reach under the comm
 samples of the recordings that were fitted, s_j² the mean square of a joint's errors there, but no
 less than the variance that the encoder's steps make, and d and p what the description states and
 how far numbers ordinarily are from it (with the tails of Student's t, as causes may have been
-missed). Sizes of causes have no prior. The search begins where the diagnosis ends, or at the
-description with its causes where that is nearer, by Levenberg's and Marquardt's steps; derivatives
-are those of :mod:`.sensitivity`.
+missed); of a cause's size, how far it was found. The search begins where the diagnosis ends, or at
+the description with its causes where that is nearer, by Levenberg's and Marquardt's steps;
+derivatives are those of :mod:`.sensitivity`.
 """
 
 import copy
@@ -102,7 +102,8 @@ class _Search:
 
     def best(self) -> tuple[Moved, ...]:
         """Return the numbers where they are best; none where no simulator takes the arm."""
-        described = np.where(np.isfinite(self.prior), np.maximum(self.stated, self.least), 0.0)
+        of_causes = np.array([one.is_cause for one in self.numbers])
+        described = np.where(of_causes, 0.0, np.maximum(self.stated, self.least))
         starts = np.zeros(len(self.numbers)), described
         found = [point for x in starts if (point := self.at(x)) is not None]
         if not found:
@@ -119,7 +120,7 @@ class _Search:
                     here = there
                     damping *= 0.1
                     break
-                damping *= 10.0
+                damping = max(DAMPING, 10.0 * damping)
             normal, gradient = self.linear(here)
             if gained < LITTLE:
                 break
