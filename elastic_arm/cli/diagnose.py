@@ -49,7 +49,7 @@ from elastic_arm.memory import keep_memory
 from elastic_arm.mujoco import Replay
 from elastic_arm.mujoco.judgement import Judging
 from elastic_arm.mujoco.left_out import SAMPLES
-from elastic_arm.mujoco.refinement import refinable
+from elastic_arm.mujoco.refinable import refinable, with_refined
 from elastic_arm.output_files import write_result
 from elastic_arm.recording import Recording, write_recording
 from elastic_arm.recording.inspection.check import misread
@@ -193,6 +193,7 @@ def diagnose_command(
         if wrong is None:
             corrected = correct(found, robot, out_dir, correction, judges or recordings, recordings)
         if corrected.choice is not None:
+            found = with_refined(found, corrected.refined)
             found = found.with_closed_loop(corrected.choice.errors, corrected.choice.taken_back)
             refined = [words] if (words := corrected.note()) else []
             found = replace(found, notes=(*found.notes, *refined))
@@ -276,7 +277,7 @@ def correct(
         folder,
         deviations(found),
         caused=bool(found.causes),
-        numbers=refinable(found),
+        numbers=refinable(found, robot),
         fitted=before if held_back else whole,
     )
 

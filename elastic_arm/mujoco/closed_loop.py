@@ -55,6 +55,21 @@ class Play:
     t: Array  # (N,) s from the first command
     errors: Array  # (N, n) rad, or m of joints that slide
     resolution: Array  # (n,) the smallest step between recorded positions
+    motion: "Motion"
+
+    def after(self, seconds: float) -> "Play":
+        """Return it without what it begins with."""
+        kept = self.t >= self.t[0] + seconds
+        return replace(self, t=self.t[kept], errors=self.errors[kept])
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What a model did: K time steps of it."""
+
+    t: Array  # (K + 1,) s, as of a play
+    angles: Array  # (K + 1, n) rad
+    commands: Array  # (K, n) that were given over each step, rad
 
 
 def play(
@@ -97,11 +112,12 @@ def play(
         state = _settled(arm, state, commands, before, known, t[start])
     found = servo_motion(arm, state, commands, before)
     times = t[start] + step * np.arange(count + 1)
-    angles = _interpolated(t[played], times, np.vstack([state.angles[None], found]))
+    motion = Motion(times, np.vstack([state.angles[None], found]), commands)
+    angles = interpolated(t[played], times, motion.angles)
     moved = np.abs(np.diff(side.position[whole], axis=0))
     smallest = np.min(np.where(moved > 0.0, moved, np.inf), axis=0, initial=np.inf)
     resolution = np.where(np.isfinite(smallest), smallest, 0.0)
-    return Play(t[played], angles - side.position[played], resolution)
+    return Play(t[played], angles - side.position[played], resolution, motion)
 
 
 def has_servos(arm: MjcfArm) -> bool:
@@ -300,7 +316,7 @@ def _commands(arm: MjcfArm, given: Array, values: Array) -> Callable[[Array], Ar
         last = np.clip(np.searchsorted(given, times - behind + 1e-6, side="right") - 1, 0, None)
         if all(is_held):
             return np.asarray(values[last])
-        return np.where(is_held, values[last], _interpolated(times, given, values))
+        return np.where(is_held, values[last], interpolated(times, given, values))
 
     return at
 
@@ -332,7 +348,7 @@ def _settled(
     step = float(arm.model.opt.timestep)
     first = commands[: max(1, round(SETTLED / step))]
     times = np.asarray(at + step * np.arange(1, len(first) + 1), dtype=np.float64)
-    wanted = _interpolated(times, *known)
+    wanted = interpolated(times, *known)
     found, which = state.integrals.copy(), np.flatnonzero(_integrating(arm))
     size = 0.01  # rad s: the motion is linear in an integral, but for limits
     for _ in range(2):
@@ -348,6 +364,7 @@ def _settled(
     return replace(state, integrals=found)
 
 
-def _interpolated(at: Array, t: Array, values: Array) -> Array:
+def interpolated(at: Array, t: Array, values: Array) -> Array:
+    """Return values (K, n) at times t (K,) at others (N,)."""
     columns: Sequence[Array] = [np.interp(at, t, column) for column in values.T]
     return np.stack(columns, axis=1)

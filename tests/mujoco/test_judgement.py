@@ -9,11 +9,14 @@ import numpy as np
 import pytest
 
 from elastic_arm.cli.mujoco.corrected import Correction
+from elastic_arm.diagnosis.result import Imperfection
 from elastic_arm.effects import Catalogue
 from elastic_arm.mujoco.judgement import Choice, Judging, chosen, closed_loop
-from elastic_arm.mujoco.refinement import Refinable, refine, robot_at
+from elastic_arm.mujoco.refinable import Moved, Refinable, robot_at, with_refined
+from elastic_arm.mujoco.refinement import refine
 from elastic_arm.robot import Robot, with_joints_of
 from elastic_arm.robot.mjcf import MjcfArm
+from tests.diagnosis.test_result import diagnosis
 from tests.helpers.servo_arms import EXAMPLE, recorded, servo_arm
 
 PAN, LIFT, ELBOW = (f'kp="17.8" kv="0.6" joint="{name}"' for name in ("pan", "lift", "elbow"))
@@ -95,17 +98,17 @@ def test_numbers_are_refined_on_the_recording() -> None:
     robot = true.robot
     numbers = (
         Refinable("coulomb_friction", "elbow", 0.02, -0.12),
-        Refinable("scale", "lift", 0.1, -0.9),
+        Refinable("scale", "lift", 0.1),
         Refinable("viscous_friction", "pan", 0.02, -0.05),
-        Refinable("mass", "elbow", 0.1, -0.9),
+        Refinable("mass", "elbow", 0.1),
     )
     off = np.array([0.015, 0.1, -0.01, -0.08])
     wrong = robot_at(robot, numbers, off)
-    start = _model(wrong)
-    by = refine(start, wrong, numbers, [Judging(recorded(true, 100.0, 17))])
+    start = model_of(wrong)
+    moved = refine(start, wrong, numbers, [Judging(recorded(true, 100.0, 17))])
+    by = np.array([one.by for one in moved])
     np.testing.assert_allclose(by[[0, 2]], -off[[0, 2]], atol=2e-3)
-    assert (1.0 + by[1]) * (1.0 + off[1]) == pytest.approx(1.0, abs=0.02)
-    assert (1.0 + by[3]) * (1.0 + off[3]) == pytest.approx(1.0, abs=0.02)
+    np.testing.assert_allclose(by[[1, 3]], -off[[1, 3]], atol=0.02)
 
 
 def test_a_true_arm_is_not_refined_away() -> None:
@@ -113,13 +116,35 @@ def test_a_true_arm_is_not_refined_away() -> None:
     true = servo_arm()
     numbers = (
         Refinable("coulomb_friction", "elbow", 0.02, -0.05),
-        Refinable("scale", "lift", 0.1, -0.9),
+        Refinable("scale", "lift", 0.1),
     )
-    by = refine(true, true.robot, numbers, [Judging(recorded(true, 50.0, 12))])
-    assert np.all(np.abs(by) < 0.2 * np.array([one.std for one in numbers]))
+    moved = refine(true, true.robot, numbers, [Judging(recorded(true, 50.0, 12))])
+    assert all(abs(one.by) < 0.2 * one.number.std for one in moved) and len(moved) == 2
 
 
-def _model(robot: Robot) -> MjcfArm:
+def test_what_a_recording_does_not_tell_of_a_cause_returns_to_the_description() -> None:
+    """A limit of torque that no motion reaches was found too low: it becomes the stated one."""
+    true = servo_arm()
+    limits = [joint.controller.torque for joint in true.robot.joints if joint.controller]
+    stated = limits[1]
+    assert stated is not None
+    limit = Refinable.of_cause("limit", true.robot.joint_names[1], 0.1, -0.9 * stated, 0.1 * stated)
+    lower = robot_at(true.robot, [limit], np.array([-0.1 * stated]))
+    (moved,) = refine(model_of(lower), lower, [limit], [Judging(recorded(true, 50.0, 12))])
+    assert moved.by == pytest.approx(0.1 * stated, rel=0.05) and moved.std > 0.05 * stated
+
+
+def test_a_diagnosis_holds_what_was_refined() -> None:
+    """Ratios move by their logarithms, sizes of causes with their deviations."""
+    scale = Imperfection("torque_scale", "joint_1", "1", 1.12, 0.04, 0.2, True, neutral=1.0)
+    found = replace(diagnosis(), imperfections=(scale,), made=("joint_1",))
+    number = Refinable("scale", "joint_1", 0.04, stated=-0.1, prior=0.2)
+    refined = with_refined(found, [Moved(number, 0.02, 0.01)]).torque_scale["joint_1"]
+    assert refined.value == pytest.approx(1.12 * np.exp(0.02))
+    assert refined.std == pytest.approx(0.01 * refined.value)
+
+
+def model_of(robot: Robot) -> MjcfArm:
     """Return the example's model with the numbers of an arm, by way of the file that is written."""
     from tempfile import TemporaryDirectory
 
@@ -156,7 +181,7 @@ def test_what_is_written_never_moves_worse(
         assert one.corrected <= one.described + 1e-4
 
 
-def test_a_correction_of_an_arm_file_is_judged_by_a_new_model(judging: list[Judging]) -> None:
+def test_a_correction_of_an_arm_file_is_judged_by_a_newmodel_of(judging: list[Judging]) -> None:
     """Where the arm came from no MJCF, MuJoCo plays one that is made of it."""
     described, found = servo_arm().robot, servo_arm(ROUGH).robot
     correction = Correction(None, None, None, Catalogue.default())

@@ -20,7 +20,8 @@ from elastic_arm.mujoco.closed_loop import with_controllers
 from elastic_arm.mujoco.judgement import Choice, Judging, chosen
 from elastic_arm.mujoco.left_out import Motion
 from elastic_arm.mujoco.new_model import playable
-from elastic_arm.mujoco.refinement import DELAY, Refinable, by_words, refine, robot_at
+from elastic_arm.mujoco.refinable import DELAY, Moved, Refinable, by_words, robot_at
+from elastic_arm.mujoco.refinement import refine
 from elastic_arm.results import ClosedLoopError
 from elastic_arm.robot import Robot
 from elastic_arm.robot.loading import is_mjcf, parse_chain
@@ -45,18 +46,14 @@ class Written:
     choice: Choice | None = (
         None  # of a commanded arm, what of the correction it holds, and how the arm moves with it
     )
-    refined: tuple[
-        tuple[Refinable, float], ...
-    ] = ()  # numbers of it that were refined in closed loop, and by how much
+    refined: tuple[Moved, ...] = ()  # numbers of it that were refined in closed loop
 
     def note(self) -> str:
-        """Return in a sentence which numbers differ from those found; empty if none does."""
-        far = [(abs(by) / number.std, number, by) for number, by in self.refined]
-        told = [
-            by_words(number, by)
-            for share, number, by in sorted(far, key=lambda one: -one[0])
-            if share > 1.0
-        ]
+        """Return in a sentence which numbers differ from those that were found; empty where none
+        does."""
+        far = [(abs(one.by) / one.number.std, one) for one in self.refined]
+        far.sort(key=lambda pair: -pair[0])
+        told = [by_words(one) for share, one in far if share > 1.0]
         if not told:
             return ""
         more = len(told) - NAMED
@@ -141,15 +138,12 @@ class Correction:
         fitted.
         """
         choice = None
-        by = np.zeros(len(numbers))
+        moved: tuple[Moved, ...] = ()
 
         def arm_without(back: frozenset[str]) -> Robot:
-            kept = [
-                (one, float(x)) for one, x in zip(numbers, by, strict=True) if _stays(one, back)
-            ]
-            return robot_at(
-                corrected(back), [one for one, _ in kept], np.array([x for _, x in kept])
-            )
+            kept = _kept(moved, back)
+            by = np.array([one.by for one in kept])
+            return robot_at(corrected(back), [one.number for one in kept], by)
 
         with TemporaryDirectory() as temporary:
 
@@ -159,7 +153,7 @@ class Correction:
             try:
                 if fitted:
                     found = corrected(frozenset())
-                    by = refine(build(frozenset()), found, numbers, fitted)
+                    moved = refine(build(frozenset()), found, numbers, fitted)
             except (RobotError, MissingExtraError):
                 pass  # numbers that no simulator takes: they are taken back below
             try:
@@ -181,10 +175,8 @@ class Correction:
             errors = {name: as_described(one) for name, one in choice.errors.items()}
             return Written(choice.reason or None, None, choice.with_errors(errors))
         arm = arm_without(back)
-        moved = tuple(
-            (one, float(x)) for one, x in zip(numbers, by, strict=True) if x and _stays(one, back)
-        )
-        return Written(self.write(arm, folder, None if moved else deviations), arm, choice, moved)
+        kept = _kept(moved, back)
+        return Written(self.write(arm, folder, None if kept else deviations), arm, choice, kept)
 
     def _exported(self, robot: Robot, file: Path, deviations: Deviations | None = None) -> Exported:
         assert self.base is not None
@@ -207,9 +199,10 @@ class Correction:
         return with_controllers(self.open(file), robot)
 
 
-def _stays(number: Refinable, back: frozenset[str]) -> bool:
-    """Whether a number is of what is not taken back."""
-    return number.joint not in back and not (number.joint is None and DELAY in back)
+def _kept(moved: Sequence[Moved], back: frozenset[str]) -> tuple[Moved, ...]:
+    """Return the numbers that are of what is not taken back."""
+    places = [one.number.joint or DELAY for one in moved]  # a delay alone may be of all joints
+    return tuple(one for one, place in zip(moved, places, strict=True) if place not in back)
 
 
 def as_described(error: ClosedLoopError) -> ClosedLoopError:

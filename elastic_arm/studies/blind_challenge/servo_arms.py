@@ -223,10 +223,22 @@ def commands(rate: float, seconds: float, n: int, rng: np.random.Generator) -> A
     return np.asarray(middle + 0.5 * motion / motion.std(axis=0) * start**2 * (3.0 - 2.0 * start))
 
 
-def record_servos(folder: Path, request: Request, level: Level) -> dict[str, Any]:
-    """Draw a servo arm, record it into a challenge, and return its truth.
+@dataclass(frozen=True)
+class ServoArm:
+    """A servo arm as described and as it is, and the commands that it is to follow."""
 
-    With its description.
+    stated: list[ServoJoint]
+    true: list[ServoJoint]
+    faults: list[Fault]
+    commands: list[Array]  # (N, n) rad each, at `rate`
+    rate: float  # Hz
+    step: float  # s, of MuJoCo
+
+
+def drawn(folder: Path, request: Request, level: Level) -> ServoArm:
+    """Draw a servo arm with the effects that are asked for.
+
+    folder: where a file of the model is kept meanwhile, by which MuJoCo takes it.
     """
     rng = np.random.default_rng(request.seed)
     rate = float(rng.choice(level.rates))
@@ -235,9 +247,8 @@ def record_servos(folder: Path, request: Request, level: Level) -> dict[str, Any
     true = ordinary(stated, rng)
     faults = list[Fault]()
     told = [commands(rate, seconds, len(true), rng) for seconds in request.seconds]
-    robot = folder / "robots" / f"{request.name}.xml"
-    robot.parent.mkdir(parents=True, exist_ok=True)
-    plain = record_commands(opened(true, robot, step), told[0], rate=rate)
+    folder.mkdir(parents=True, exist_ok=True)
+    plain = record_commands(opened(true, folder / f"{request.name}.xml", step), told[0], rate=rate)
     assert plain.link is not None and plain.link.position is not None
     q = plain.link.position
     kp, kv = (np.array([one.servo[name] for one in true]) for name in ("kp", "kv"))
@@ -245,12 +256,22 @@ def record_servos(folder: Path, request: Request, level: Level) -> dict[str, Any
     for effect in request.effects:
         true, fault = with_effect(true, effect, peaks, rng)
         faults.append(fault)
-    arm = opened(true, robot, step)
-    for bag, given in zip(bags_of(folder, request.name), told, strict=True):
+    return ServoArm(stated, true, faults, told, rate, step)
+
+
+def record_servos(folder: Path, request: Request, level: Level) -> dict[str, Any]:
+    """Draw a servo arm and record it into the folder of a challenge, with its description; return
+    its truth."""
+    robots = folder / "robots"
+    one = drawn(robots, request, level)
+    robot = robots / f"{request.name}.xml"
+    arm = opened(one.true, robot, one.step)
+    for bag, given in zip(bags_of(folder, request.name), one.commands, strict=True):
         if not (bag / "metadata.yaml").is_file():
-            write_recording(bag, record_commands(arm, given, rate=rate, bits=level.bits))
-    robot.write_text(mjcf(stated, step))
-    plain_faults = [asdict(fault) for fault in faults]
+            write_recording(bag, record_commands(arm, given, rate=one.rate, bits=level.bits))
+    robot.write_text(mjcf(one.stated, one.step))
+    plain_faults = [asdict(fault) for fault in one.faults]
+    faults = one.faults
     return {
         "name": request.name,
         "model": "mod3",

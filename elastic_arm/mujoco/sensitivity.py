@@ -1,0 +1,158 @@
+"""How the motion of a commanded arm depends on its numbers p, to first order about a motion.
+
+    R = kp (r - q) - kd dq + ki int(r - q) - inverse dynamics - B ddq - D dq - friction - spring
+
+is null along a simulated motion, so that its change dq of the angles obeys
+
+    M ddq' + C dq' + K q' + ki int q' = dR/dp,    K = -dR/dq, C = -dR/d(dq), M = -dR/d(ddq)
+
+where q' is the derivative of the angles by a number. Derivatives of R are differences of it at all
+samples at once, whatever the number is. Dry friction is a share of its limit, as what is left of R
+without it; where a joint sticks, the share follows the speed, and C is as large as the two say.
+Accelerations are those with which R is null, so that derivatives by numbers that only scale all
+torques cancel.
+One solution by backward differences of second order takes as long as a simulation or two, with any
+count of numbers.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from elastic_arm.arrays import Array
+from elastic_arm.dynamics import Model, build_model
+from elastic_arm.mujoco.closed_loop import Motion, interpolated
+from elastic_arm.mujoco.stated_arm import StatedArm, stated_arm
+from elastic_arm.robot import JointController, Robot
+
+STEP = 4e-3  # s, of the equation of the derivatives
+SLIDING = 0.95  # share of its limit, beyond which dry friction no longer follows the speed
+SLOW = 1e-3  # rad/s, of the sign of a speed where a joint has no dry friction yet
+SHIFT = 1e-6  # rad, rad/s and rad/s², of differences by the motion
+
+
+@dataclass(frozen=True)
+class _Sampled:
+    """A motion, sampled: (N, n) each."""
+
+    t: Array  # (N,) s
+    q: Array
+    dq: Array
+    ddq: Array
+
+    @staticmethod
+    def of(motion: Motion) -> "_Sampled":
+        """Sample a simulated motion at STEP."""
+        step = float(motion.t[1] - motion.t[0])
+        every = max(1, round(STEP / step))
+        angles = motion.angles[::every]
+        h = every * step
+        ddq = np.zeros_like(angles)
+        ddq[1:-1] = np.diff(angles, 2, axis=0) / h**2
+        return _Sampled(motion.t[::every], angles, np.gradient(angles, h, axis=0), ddq)
+
+
+def derivatives(
+    robot: Robot, others: Sequence[tuple[Robot, float]], motion: Motion, at: Array
+) -> Array:
+    """Return the derivatives (k, N, n) of the angles at times (N,) s by numbers.
+
+    robot: the arm that moved; others: arms with one number changed each, and by how much; motion:
+    its own, with at least four samples at STEP.
+    """
+    sampled = _Sampled.of(motion)
+    equation = _Equation(robot, motion, sampled)
+    right = np.stack([equation.changed(other) / by for other, by in others], axis=2)
+    angles = equation.solved(right)
+    return np.stack([interpolated(at, sampled.t, own) for own in np.moveaxis(angles, 2, 0)])
+
+
+class _Equation:
+    """The equation of the derivatives along one motion."""
+
+    def __init__(self, robot: Robot, motion: Motion, sampled: _Sampled) -> None:
+        self.robot, self.motion, self.sampled = robot, motion, sampled
+        self.arm = stated_arm(robot)
+        self.model = _model(robot, self.arm)
+        self.step = float(sampled.t[1] - sampled.t[0])
+        n, q, dq, ddq = robot.n, sampled.q, sampled.dq, sampled.ddq
+        limit = np.array([one.friction_loss for one in self.arm.joints])
+        self.share = np.zeros_like(q)
+        left = self._residual(robot, q, dq, ddq)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            share = np.where(limit > 0.0, left / limit, np.tanh(dq / SLOW))
+        self.share = np.clip(share, -1.0, 1.0)
+        sticks = (np.abs(self.share) < SLIDING) & (self.share * dq > 0.0)
+        stuck = np.where(sticks, limit * self.share / np.where(sticks, dq, 1.0), 0.0)
+        here, unit = self._residual(robot, q, dq, ddq), SHIFT * np.eye(n)
+        by_angle = [self._residual(robot, q + e, dq, ddq) - here for e in unit]
+        by_rate = [self._residual(robot, q, dq + e, ddq) - here for e in unit]
+        by_rate_2 = [self._residual(robot, q, dq, ddq + e) - here for e in unit]
+        self.K, self.C, self.M = (
+            -np.stack(rows, axis=2) / SHIFT for rows in (by_angle, by_rate, by_rate_2)
+        )
+        self.C[:, np.arange(n), np.arange(n)] += stuck
+        # Accelerations with which the residual is null: then a ratio of all torques and masses
+        # changes no motion.
+        self.ddq = ddq + np.linalg.solve(self.M, here[:, :, None])[:, :, 0]
+        self.here = self._residual(robot, q, dq, self.ddq)
+
+    def changed(self, robot: Robot) -> Array:
+        """Return by how much the residual (N, n) is another one with other numbers of the arm."""
+        return self._residual(robot, self.sampled.q, self.sampled.dq, self.ddq) - self.here
+
+    def solved(self, right: Array) -> Array:
+        """Return angles (N, n, k) for right sides (N, n, k), from rest."""
+        ki = np.array([_controller(joint.controller).ki for joint in self.robot.joints])[:, None]
+        b = 2.0 / 3.0 * self.step
+        integral = b**3 * np.diag(ki[:, 0])
+        inverse = np.linalg.inv(self.M + b * self.C + b**2 * self.K + integral)
+        angles = np.zeros_like(right)
+        zero = np.zeros(right.shape[1:])
+        q, q_before, v, v_before, z, z_before = (zero,) * 6
+        for i in range(1, len(right)):
+            rate = (4.0 * v - v_before) / 3.0
+            angle = (4.0 * q - q_before) / 3.0 + b * rate
+            held = (4.0 * z - z_before) / 3.0 + b * angle
+            known = right[i] - self.C[i] @ rate - self.K[i] @ angle - ki * held
+            acceleration = inverse[i] @ known
+            v_before, v = v, rate + b * acceleration
+            q_before, q = q, angle + b**2 * acceleration
+            z_before, z = z, held + b**3 * acceleration
+            angles[i] = q
+        return angles
+
+    def _residual(self, robot: Robot, q: Array, dq: Array, ddq: Array) -> Array:
+        """Return R (N, n) of an arm along a motion."""
+        own = robot is self.robot
+        arm = self.arm if own else stated_arm(robot)
+        model = self.model if own else _model(robot, arm)
+        found = -model.inverse_dynamics(q, dq, ddq)
+        for i, (joint, numbers) in enumerate(zip(robot.joints, arm.joints, strict=True)):
+            passive = numbers.damping * dq[:, i] + numbers.stiffness * (q[:, i] - numbers.rest)
+            passive += numbers.friction_loss * self.share[:, i]
+            found[:, i] += self._driven(joint.controller, i, q[:, i], dq[:, i]) - passive
+        return found
+
+    def _driven(self, controller: JointController | None, i: int, q: Array, dq: Array) -> Array:
+        """Return the torque (N,) of a joint's drive."""
+        drive, t = _controller(controller), self.sampled.t
+        given = np.interp(t - drive.delay, self.motion.t[:-1], self.motion.commands[:, i])
+        error = given - q
+        acting = error - np.clip(error, -drive.dead_band, drive.dead_band)
+        integral = np.concatenate([[0.0], np.cumsum(0.5 * self.step * (error[1:] + error[:-1]))])
+        made = drive.kp * acting - drive.kd * dq + drive.ki * integral
+        return made if drive.torque is None else np.clip(made, -drive.torque, drive.torque)
+
+
+def _controller(controller: JointController | None) -> JointController:
+    return controller or JointController()
+
+
+def _model(robot: Robot, arm: StatedArm) -> Model:
+    """Return the dynamics of an arm with what of its effects is a number of it."""
+    plain = robot.with_(effects=(), gravity=tuple(arm.gravity))
+    for joint, link, own in zip(robot.joints, arm.links, arm.joints, strict=True):
+        plain = plain.with_joint(joint.name, link=link, armature=own.armature)
+    return build_model(plain, "mod2")
