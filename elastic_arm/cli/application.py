@@ -102,8 +102,8 @@ SUBCOMMANDS = {
     "export": Subcommand(
         "cli.mujoco.export",
         "export",
-        "Write an arm, such as a diagnosis' robot.yaml, as MJCF, URDF or USD, and list what changes"
-        " and what is left.",
+        "Write an arm, such as a diagnosis' robot.yaml, as MJCF, URDF or USD, or its torque as a"
+        " function in C, Python or CasADi, and list what changes and what is left.",
     ),
     "replay": Subcommand(
         "cli.mujoco.replay",
