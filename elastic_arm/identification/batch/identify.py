@@ -9,6 +9,7 @@ import numpy as np
 
 from elastic_arm.effects.library.base_tilt import TILT
 from elastic_arm.effects.library.friction import PLAIN
+from elastic_arm.effects.library.masses import LOAD, PAYLOAD
 from elastic_arm.effects.text import parse_laws
 from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.motion import Motion
@@ -24,6 +25,7 @@ from elastic_arm.identification.batch.selection import (
     identifier_of,
     with_trace,
 )
+from elastic_arm.identification.carried import carried_of, with_carried
 from elastic_arm.identification.consistent import (
     correlation_of_errors,
     odd_masses,
@@ -163,7 +165,8 @@ def identify_with(
         )
     if result.identified is not None:
         # Of the arm that is written, after validation has had its say.
-        result = result.with_(notes=(*result.notes, *odd_masses(robot, result.identified)))
+        odd = odd_masses(with_carried(robot, result.carried), result.identified)
+        result = result.with_(notes=(*result.notes, *odd))
     return result, trial.identifier, trial.derived[0].first
 
 
@@ -207,6 +210,9 @@ def _estimated(trials: Trials, choice: BatchChoice) -> tuple[Identification, Bat
     if trials.settings.consistent:
         trials.report("physical consistency", 1.0)
         laws = (*trials.effects, *choice.laws)
+        if not any(law.effect.id in (PAYLOAD.id, LOAD.id) for law in laws):
+            carried = carried_of(identifier.fit(), identifier.equations, correlated)
+            result = result.with_(carried=carried)
         result = with_consistency(result, identifier, trials.robot, laws, correlated=correlated)
     return result, trial, correlated
 
