@@ -57,10 +57,7 @@ from elastic_arm.robot import Robot, require_robot
 # by more. What repeats in all parts of a recording shows no need of a prior, and still predicts
 # another motion badly.
 LOOSE = 3.0
-MOTOR_INERTIA = (
-    "the description states no motor inertia: it was identified too (armature; a URDF cannot"
-    " hold it)"
-)
+MOTOR_INERTIA = "the description states no motor inertia: it was identified too (armature)"
 BARE = "without a torque, and so without an equation: what it alone would show is not determined"
 UNSEEN = "left out, as it acts at a joint without a torque"
 FELT = "taken as what the joint torque sensors feel (side=link), as no motor torque was recorded"
