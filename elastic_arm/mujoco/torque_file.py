@@ -229,7 +229,7 @@ def _about(
     left: Sequence[tuple[EffectInstance, str]],
     notes: Sequence[str],
 ) -> list[str]:
-    """Return what the comment at the beginning of the file says."""
+    """Return the lines of the comment at the beginning of the file."""
     units: Any = robot.units
     joints = [
         f"  {i} {joint.name} ({units.at(joint.name, 'rad')}, {units.at(joint.name, 'Nm')})"
