@@ -54,15 +54,18 @@ def carried_of(fit: Fit, equations: BaseRegression, correlated: float = 1.0) -> 
             for (_, prior), noise in zip(kinds, noises, strict=True)
         ]
     )
-    found = {}
+    found, others = {}, []
     for (name, column), scale, k in product(columns.items(), SCALES.tolist(), range(len(kinds))):
         of_body = (column * (scale * SIZES) ** 2) @ column.T
         odds = ODDS / len(columns) / len(SCALES) * kinds[k][1]
         mean, covariance = _body(z, column, noises[k], scale)
-        # Of the prior of a mass, which is symmetric, the half that a body can have.
-        positive = np.log(2.0) + norm.logcdf(mean[0] / np.sqrt(covariance[0, 0]))
-        found[name, scale, k] = np.log(odds) + positive + _log_evidence(z, noises[k] + of_body)
-    whole = logsumexp([none, *found.values()])
+        # Of the prior of a mass, which is symmetric, a body has the positive half. What the other
+        # half explains is no body, and where the mass is not determined that is as probable.
+        sure = mean[0] / np.sqrt(covariance[0, 0])
+        evidence = np.log(odds) + _log_evidence(z, noises[k] + of_body)
+        found[name, scale, k] = np.log(2.0) + norm.logcdf(sure) + evidence
+        others.append(np.log(2.0) + norm.logcdf(-sure) + evidence)
+    whole = logsumexp([none, *others, *found.values()])
     link = max(columns, key=lambda name: logsumexp([v for at, v in found.items() if at[0] == name]))
     of_link = {at: value for at, value in found.items() if at[0] == link}
     probability = float(np.exp(logsumexp(list(of_link.values())) - whole))
