@@ -6,7 +6,8 @@
 R and z are the recording's equations in base parameters, without what no description states. e are
 errors of the description as a whole, of a relative size s by its kind, and b the ten parameters of
 a body of any mass within reach of the link's frame. Which link carries one follows from the
-evidence, summed over kinds and masses, and from the odds that an arm has an effect.
+evidence, summed over kinds and masses, and from the odds that an arm has an effect: half of them
+are the last link's, as what arms carry is mostly at the flange.
 """
 
 from itertools import product
@@ -45,34 +46,33 @@ def carried_of(fit: Fit, equations: BaseRegression, correlated: float = 1.0) -> 
     spread[np.ix_(own, own)] = of_own
     links = [joint.link_name for joint in equations.model.robot.joints]
     bodies = [one for one in equations.model.bodies.bodies if one.name in links]
-    columns = {one.name: R @ equations.base.T[:, list(one.parameters)] for one in bodies}
-    kinds = [(kind.factor * Priors().mass, kind.prior) for kind in TRUST.values()]
-    noises = [np.eye(len(z)) + error**2 * R @ spread @ R.T for error, _ in kinds]
-    none = logsumexp(
-        [
-            np.log(prior) + _log_evidence(z, noise)
-            for (_, prior), noise in zip(kinds, noises, strict=True)
-        ]
-    )
-    found, others = {}, []
-    for (name, column), scale, k in product(columns.items(), SCALES.tolist(), range(len(kinds))):
-        of_body = (column * (scale * SIZES) ** 2) @ column.T
-        odds = ODDS / len(columns) / len(SCALES) * kinds[k][1]
-        mean, covariance = _body(z, column, noises[k], scale)
-        # Of the prior of a mass, which is symmetric, a body has the positive half. What the other
-        # half explains is no body, and where the mass is not determined that is as probable.
-        sure = mean[0] / np.sqrt(covariance[0, 0])
-        evidence = np.log(odds) + _log_evidence(z, noises[k] + of_body)
-        found[name, scale, k] = np.log(2.0) + norm.logcdf(sure) + evidence
-        others.append(np.log(2.0) + norm.logcdf(-sure) + evidence)
-    whole = logsumexp([none, *others, *found.values()])
-    link = max(columns, key=lambda name: logsumexp([v for at, v in found.items() if at[0] == name]))
-    of_link = {at: value for at, value in found.items() if at[0] == link}
-    probability = float(np.exp(logsumexp(list(of_link.values())) - whole))
+    shares = {link: 0.5 / max(len(links) - 1, 1) for link in links[:-1]} | {links[-1]: 0.5}
+    without, others = [], []
+    found: dict[str, list[tuple[float, Array, Array]]] = {link: [] for link in links}
+    for kind in TRUST.values():
+        noise = np.eye(len(z)) + (kind.factor * Priors().mass) ** 2 * R @ spread @ R.T
+        root = np.linalg.cholesky(noise)
+        rest = np.linalg.solve(root, z)
+        known = np.log(kind.prior) - np.log(np.diag(root)).sum() - 0.5 * rest @ rest
+        without.append(known)
+        for body, scale in product(bodies, SCALES.tolist()):
+            columns = np.linalg.solve(root, R @ equations.base.T[:, list(body.parameters)])
+            gain, mean, covariance = _with_body(columns, rest, scale * SIZES)
+            odds = np.log(ODDS * shares[body.name] / len(SCALES))
+            # Of the prior of a mass, which is symmetric, a body has the positive half. What the
+            # other half explains is no body, and where the mass is not determined that is as
+            # probable.
+            sure = mean[0] / np.sqrt(covariance[0, 0])
+            whole = np.log(2.0) + odds + known + gain
+            found[body.name].append((whole + norm.logcdf(sure), mean, covariance))
+            others.append(whole + norm.logcdf(-sure))
+    evidence = {link: logsumexp([value for value, *_ in of]) for link, of in found.items()}
+    link = max(evidence, key=lambda name: evidence[name])
+    every = logsumexp([*without, *others, *evidence.values()])
+    probability = float(np.exp(evidence[link] - every))
     if probability <= 0.5:
         return None
-    _, scale, k = max(of_link, key=lambda at: of_link[at])
-    mean, covariance = _body(z, columns[link], noises[k], scale)
+    _, mean, covariance = max(found[link], key=lambda one: one[0])
     return Carried(
         link,
         float(mean[0]),
@@ -81,6 +81,17 @@ def carried_of(fit: Fit, equations: BaseRegression, correlated: float = 1.0) -> 
         probability,
         link == links[-1],
     )
+
+
+def _with_body(columns: Array, rest: Array, sizes: Array) -> tuple[float, Array, Array]:
+    """Return by how much a body raises the log-evidence of what is left, with noise of one, its
+    most probable parameters, and their covariance."""
+    information = np.eye(len(sizes)) + (columns * sizes).T @ (columns * sizes)
+    right = (columns * sizes).T @ rest
+    covariance = np.linalg.inv(information)
+    mean = covariance @ right
+    gain = 0.5 * (right @ mean - np.linalg.slogdet(information)[1])
+    return float(gain), sizes * mean, covariance * np.outer(sizes, sizes)
 
 
 def with_carried(robot: Robot, carried: Carried | None) -> Robot:
@@ -100,15 +111,3 @@ def _equations(fit: Fit, equations: BaseRegression, correlated: float) -> tuple[
     left, _, _ = np.linalg.svd(unstated)
     rest = left[:, np.linalg.matrix_rank(unstated) :].T
     return rest @ rows, rest @ (right - rows @ equations.described)
-
-
-def _log_evidence(z: Array, covariance: Array) -> float:
-    _, size = np.linalg.slogdet(covariance)
-    return float(-0.5 * (size + z @ np.linalg.solve(covariance, z)))
-
-
-def _body(z: Array, column: Array, noise: Array, scale: float) -> tuple[Array, Array]:
-    """Return the ten parameters of a body, and their covariance."""
-    prior = np.diag((scale * SIZES) ** 2)
-    pulled = prior @ column.T @ np.linalg.inv(noise + column @ prior @ column.T)
-    return pulled @ z, prior - pulled @ column @ prior
