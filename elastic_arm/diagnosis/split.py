@@ -37,8 +37,7 @@ def split(
             if any(_contains(r, judge) for r in recordings):
                 raise DiagnosisError(
                     f"{judge.source or 'the validation recording'} is also what is fitted",
-                    "Validate on another recording, or leave --validate out: the last third then"
-                    " judges",
+                    "Judge on another recording, or give none: the last third then judges",
                 )
         return list(recordings), list(validate)
     least = SHORTEST / HELD_BACK
@@ -49,7 +48,7 @@ def split(
             raise DiagnosisError(
                 f"{r.source or 'the recording'} lasts {lasts[-1]:.1f} s, too short to hold a third"
                 " back for judging",
-                f"Record at least {least:.0f} s, or give another recording with --validate",
+                f"Record at least {least:.0f} s, or give another recording to judge on",
             )
         ends.append(float(np.interp(lasts[-1] * (1.0 - HELD_BACK), lasts, times)))
     first = [r.between(0.0, end) for r, end in zip(recordings, ends, strict=True)]
