@@ -24,6 +24,7 @@ from elastic_arm.robot import Robot, load_robot, to_urdf
 from elastic_arm.robot.urdf import parse_urdf
 from elastic_arm.simulation.assembly import law_rows
 from elastic_arm.simulation.simulator import SIGN_SPEED
+from tests.helpers.command_line import run
 from tests.helpers.effect_samples import INSTANCES
 from tests.helpers.mujoco_arms import random_motion
 from tests.robot.test_urdf import random_chain, two_joints
@@ -247,3 +248,16 @@ def test_unknown_motor_inertia_is_noted(tmp_path: Path) -> None:
     assert "motor inertia of one, two" in note and note in " ".join(out.read_text().split())
     known = with_friction(parse_urdf(two_joints()))
     assert not export_torque(known, None, out, language=Language.python).notes
+
+
+def test_a_torque_function_has_no_base(tmp_path: Path) -> None:
+    """`--base` goes with URDF and MJCF alone, and the ending has to be that of the language."""
+    urdf = tmp_path / "arm.urdf"
+    urdf.write_text(two_joints())
+    out = tmp_path / "arm.c"
+    said = run("export", urdf, "--base", urdf, "--out", out)
+    assert said.exit_code == 2 and "always a new file" in said.stderr and not out.exists()
+    said = run("export", urdf, "--to", "casadi", "--out", out)
+    assert said.exit_code == 2 and "ending" in said.stderr and not out.exists()
+    said = run("export", urdf, "--to", "c", "--out", out)
+    assert said.exit_code == 0 and "motor inertia" in said.stdout
