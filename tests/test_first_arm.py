@@ -2,11 +2,16 @@
 
 import json
 import re
+import runpy
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from elastic_arm.identification import Identification
+from elastic_arm.robot import load_robot
+from tests.helpers import six_axes
 from tests.helpers.pages import run_page
 
 pytestmark = pytest.mark.slow(10)
@@ -44,18 +49,92 @@ def table(seed: int) -> np.ndarray:
     )
 
 
-def test_the_commands_of_the_page_lead_to_the_friction(tmp_path: Path) -> None:
-    """Every command ends without an error; the friction that the URDF lacks is found, and then
-    nothing is left."""
-    page = (ROOT / "docs" / "first_arm.md").read_text()
-    header = re.search(r"```\n(time.*)\n", page)
-    (tmp_path / "arm.urdf").write_text(URDF)
+def written_tables(folder: Path, arm: str) -> None:
+    """Write what a user has: the URDF and two tables."""
+    n = len(six_axes.JOINTS)
+    names = [
+        f"{kind}_{i}" for kind in ("actual_q", "actual_qd", "actual_current") for i in range(n)
+    ]
+    own = {
+        "six axes": (six_axes.urdf(), six_axes.table, ",".join(["time [s]", *names])),
+        "one joint": (URDF, table, "time [s],shoulder position [rad],shoulder torque [Nm]"),
+    }
+    urdf, rows, header = own[arm]
+    (folder / "arm.urdf").write_text(urdf)
     for run in (1, 2):
-        np.savetxt(
-            tmp_path / f"run_{run}.csv", table(run), "%.7g", ",", header=header[1], comments=""
-        )
-    printed = run_page(page, tmp_path)
-    assert printed.count("no faults found") == 1
+        path = folder / f"run_{run}.csv"
+        np.savetxt(path, rows(run), "%.7g", ",", header=header, comments="")
+
+
+@pytest.mark.parametrize("arm", ["six axes", "one joint"])
+def test_the_commands_of_the_page_lead_to_what_the_urdf_lacks(tmp_path: Path, arm: str) -> None:
+    """Friction, motors' inertia and tool are identified, nothing is left then, and the function for
+    a controller gives the torques of another motion."""
+    written_tables(tmp_path, arm)
+    printed = run_page((ROOT / "docs" / "first_arm.md").read_text(), tmp_path)
+    assert printed.count("nothing wrong") == 1
+    found = json.loads((tmp_path / "diagnosis" / "diagnosis.json").read_text())
+    assert (found["verdict"], found["causes"]) == ("none", [])
+    identified = Identification.load(tmp_path / "identified" / "identification.json")
+    estimates = {e.name: e for e in identified.estimates}
+    if arm == "one joint":
+        friction = estimates["coulomb_friction:shoulder.torque"]
+        assert friction.value == pytest.approx(FRICTION, abs=4 * friction.std)
+        assert identified.carried is None
+        return
+    for name, dry in zip(six_axes.JOINTS, six_axes.DRY, strict=True):
+        assert estimates[f"coulomb_friction:{name}.torque"].value == pytest.approx(dry, rel=0.05)
+    assert "wrist_3_link carries 1.2" in printed or "wrist_3_link carries 1.19" in printed
+    assert identified.carried.mass == pytest.approx(six_axes.TOOL, rel=0.02)
+    corrected = load_robot(tmp_path / "identified" / "arm_corrected.urdf")
+    armatures = [joint.armature for joint in corrected.joints]
+    # That of the first two joints and the inertia of their links are one number each.
+    np.testing.assert_allclose(armatures[2:], six_axes.ARMATURES[2:], rtol=0.1)
+    torque = runpy.run_path(str(tmp_path / "arm_torque.py"))["torque"]
+    _, *motion = six_axes.motion(7)
+    samples = [one[::100] for one in motion]
+    made = np.array([torque(*sample) for sample in zip(*samples, strict=True)])
+    true = six_axes.torques(*samples)
+    # Dry friction turns over at other speeds in the function and on the arm.
+    moving = np.abs(samples[1]) > 0.05
+    miss = np.where(moving, made - true, 0.0)
+    assert (np.abs(miss).max(axis=0) < 0.05 * np.abs(true).max(axis=0)).all()
+
+
+def test_the_check_of_the_feed_forward_page_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """What docs/feed_forward.md shows runs as it stands, and its numbers are those of a function
+    that fits: far below the torques."""
+    written_tables(tmp_path, "one joint")
+    first = (ROOT / "docs" / "first_arm.md").read_text()
+    # Up to the diagnosis, which the page does not need.
+    run_page(first[: first.index("## 4.")], tmp_path)
+    page = (ROOT / "docs" / "feed_forward.md").read_text()
+    for name in ("arm_torque.py", "arm_torque.c"):
+        (tmp_path / name).unlink()
+    run_page(page, tmp_path)
+    (example,) = re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    made: dict[str, Any] = {}
+    exec(compile(example, "feed_forward.md", "exec"), made)
+    assert (made["miss"] < 0.3 * made["measured"].std(axis=0)).all()
+    assert "feedback is left with" in capsys.readouterr().out
+
+
+def test_one_step_from_the_urdf_finds_the_friction(tmp_path: Path) -> None:
+    """`diagnose` against the plain URDF names the friction as the cause, and then nothing is
+    left."""
+    written_tables(tmp_path, "one joint")
+    first = (ROOT / "docs" / "first_arm.md").read_text()
+    page = first[: first.index("## 3.")] + (
+        "```sh\n"
+        "elastic-arm diagnose run_1 --validate run_2 --robot arm.urdf --out diagnosis\n"
+        "elastic-arm diagnose run_2 --robot diagnosis/robot.yaml --out again\n"
+        "```"
+    )
+    run_page(page, tmp_path)
     assert (tmp_path / "diagnosis" / "arm_corrected.urdf").exists()
     found = json.loads((tmp_path / "diagnosis" / "diagnosis.json").read_text())
     (cause,) = found["causes"]

@@ -2,6 +2,7 @@
 agree."""
 
 import importlib
+import os
 import re
 import shutil
 import subprocess
@@ -255,3 +256,24 @@ def test_a_node_without_ros_is_one_line(missing: str) -> None:
     (line,) = done.stderr.strip().splitlines()
     assert (done.returncode, line.split(":")[0]) == (2, "error")
     assert WITHOUT[missing] in line and "make setup" in line
+
+
+def test_the_shell_of_a_project_that_is_not_set_up_says_so(tmp_path: Path) -> None:
+    """`. tools/env.sh` before `make setup` names the command, fails, and leaves the shell as it
+    was; with an environment it is silent."""
+    (tmp_path / "tools").mkdir()
+    shutil.copy(ROOT / "tools" / "env.sh", tmp_path / "tools")
+    script = f"set -u; . {tmp_path}/tools/env.sh; echo $?; echo ${{VIRTUAL_ENV:-none}}"
+    plain = {"PATH": os.environ["PATH"]}
+
+    def said() -> subprocess.CompletedProcess[str]:
+        return subprocess.run(["bash", "-c", script], env=plain, capture_output=True, text=True)
+
+    first = said()
+    assert "run `make setup`" in first.stderr and first.stdout.split() == ["1", "none"]
+    python = tmp_path / ".venv" / "bin" / "python"
+    python.parent.mkdir(parents=True)
+    python.write_text("#!/bin/sh\n")
+    python.chmod(0o755)
+    second = said()
+    assert not second.stderr and second.stdout.split() == ["0", str(tmp_path / ".venv")]

@@ -4,6 +4,11 @@
 # path by starting every Python twice; with the path and their guard variable set here, once is enough.
 
 _root=$(cd "$(dirname "${BASH_SOURCE[0]:-$0}")/.." && pwd)
+if [ ! -x "$_root/.venv/bin/python" ]; then
+  echo "tools/env.sh: nothing is set up yet: run \`make setup\` in $_root first" >&2
+  unset _root
+  return 1
+fi
 export VIRTUAL_ENV="$_root/.venv"
 export PATH="$VIRTUAL_ENV/bin:$PATH"
 export ROS_DISTRO=jazzy ROS_VERSION=2 ROS_PYTHON_VERSION=3

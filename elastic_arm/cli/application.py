@@ -105,8 +105,8 @@ SUBCOMMANDS = {
     "export": Subcommand(
         "cli.mujoco.export",
         "export",
-        "Write an arm, such as robot.yaml from a diagnosis, as MJCF, URDF or USD, and list"
-        " all changes and omissions.",
+        "Write an arm, such as a diagnosis' robot.yaml, as MJCF, URDF or USD, or its torque as a"
+        " function in C, Python or CasADi, and list what changes and what is left.",
     ),
     "replay": Subcommand(
         "cli.mujoco.replay",

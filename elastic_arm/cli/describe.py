@@ -60,9 +60,11 @@ def describe(
         print_json(_content(robot, model, len(told.parameters), parameters))
         return
     _print_robot(robot)
+    # Without transmissions all models are the rigid links.
+    of_model = f" of {model}" if robot.elastic else ""
     known = (
-        f"motion determines {len(parameters)} combinations of the {len(told.parameters)}"
-        f" parameters of {model}"
+        f"of the {len(told.parameters)} parameters{of_model}, motion determines {len(parameters)}"
+        " combinations"
     )
     out.print(f"\n{known}, the base parameters{':' if base else ' (--base lists them)'}")
     if base:

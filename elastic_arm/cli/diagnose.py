@@ -39,6 +39,7 @@ from elastic_arm.diagnosis.words import (
     sides_text,
     summary,
     trust_text,
+    unknown_sentences,
 )
 from elastic_arm.effects import Catalogue
 from elastic_arm.effects.text import known_effects
@@ -341,6 +342,8 @@ def print_diagnosis(found: Diagnosis, folder: Path) -> None:
             f"unexplained: {escape(place.joint)}, {place.side} side, {size}, depends on"
             f" {place.regime}"
         )
+    for sentence in unknown_sentences(found):
+        out.print(f"what now: {escape(sentence)}")
     if found.prediction is not None and (found.causes or found.prediction.reason):
         out.print(f"prediction: {escape(prediction_sentence(found, found.prediction))}")
     if found.proposal is not None:

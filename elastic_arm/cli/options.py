@@ -54,11 +54,30 @@ Clock = Annotated[
         ),
     ),
 ]
+
+
+def namespaces(ctx: typer.Context, incomplete: str) -> list[str]:
+    """Return what a shell offers for a namespace: those of the topics of the bags before it."""
+    from elastic_arm.recording.storage.messages import read_topics
+    from elastic_arm.recording.topics import JOINT_STATES
+
+    offered: set[str] = set()
+    # Arguments stay unread where the line ends with an option that has no value yet.
+    for bag in ctx.args:
+        try:
+            names = [topic.name for topic in read_topics(bag)]
+        except ElasticArmError:
+            continue  # a bag that is refused is so when the command runs
+        own = [name for name in names if name.endswith(JOINT_STATES)]
+        offered |= {name.removesuffix(JOINT_STATES).strip("/") for name in own}
+    return sorted(name for name in offered if name and name.startswith(incomplete))
+
+
 Namespace = Annotated[
     str | None,
     typer.Option(
-        help="Namespace of the arm if a bag contains several: left for /left/joint_states and so"
-        " on."
+        help="Of the arm, where bags hold several: left for /left/joint_states and so on.",
+        autocompletion=namespaces,
     ),
 ]
 Motion = Annotated[

@@ -740,7 +740,7 @@ class Answer:
             },
             causes=tuple(cause for cause, _ in causes),
             not_confirmed=self.not_confirmed(),
-            unexplained=tuple(unexplained),
+            unexplained=tuple(sorted(unexplained, key=lambda place: -place.rmse)),
             imperfections=self.imperfections(),
             made=prepared.made,
             changes=changes_between(self.explanation, problem),

@@ -202,6 +202,55 @@ def no_separation(effect: str, other: str) -> str:
     return f"a motion in which {effect} and {other} act differently"
 
 
+# By what a residual follows: the motion of its joint that shows the law.
+SHOWN_BY = {
+    "always": "standing still in several poses, then slowly through its range",
+    "velocity_reversal": "many slow reversals, at several places of its range",
+    "low_speed": "constant speeds, from creeping to a tenth of its limit, both ways",
+    "high_speed": "constant speeds up to its limit, both ways",
+    "acceleration": "one path at two speeds, with and without a known weight at the flange",
+    "load": "one path with and without a known weight at the flange",
+    "position": "slowly through its whole range and back, twice",
+    "rotor_angle": "slowly at a constant speed, over several turns of its motor",
+    "wave_generator_angle": "slowly at a constant speed, over several turns of its wave generator",
+    "frequency": "short strokes at the highest sample rate that your logger has",
+    "start": "several starts after a rest",
+    "drift": "one motion over and over for ten minutes, from cold",
+    "event": "the same motion again, with nobody and nothing near the arm",
+}
+
+
+def unknown_sentences(found: Diagnosis) -> list[str]:
+    """Return what an `unknown` is owed to, what the causes are worth all the same, and what to
+    record next; nothing of another verdict."""
+    if found.verdict != "unknown" or not found.unexplained:
+        return []
+    first, *others = found.unexplained
+    place = (first.joint, first.side)
+    unit, noise = found.units.at(first.joint, "Nm"), found.noise.get(place)
+    before = found.before.rmse.get(place)
+    beside = [
+        *([f"noise {noise:.2g}"] if noise else []),
+        *([f"{before:.2g} without causes"] if before and found.causes else []),
+    ]
+    sizes = f" ({', '.join(beside)})" if beside else ""
+    left = (
+        f"The verdict is unknown because of {first.rmse:.2g} {unit}{sizes} at {first.joint},"
+        f" {first.side} side, where the residual follows {first.regime.replace('_', ' ')}"
+    )
+    joints = [joint for joint in dict.fromkeys(p.joint for p in others) if joint != first.joint]
+    less = f", and of less at {listed(joints[:NAMED], len(joints) - NAMED)}" if joints else ""
+    sentences = [f"{left}{less}."]
+    if found.causes and found.shrink is not None and found.shrink > 0.0:
+        sentences.append(
+            f"The causes hold all the same: with them {percent(found.shrink)} of the gap is gone."
+            f" Where {first.rmse:.2g} {unit} are nothing to you, they are the answer."
+        )
+    shown = SHOWN_BY.get(first.regime, SHOWN_BY["always"])
+    sentences.append(f"To record next: {first.joint} alone, {shown}. See docs/unknown.md.")
+    return sentences
+
+
 def scale_sentence(found: Diagnosis) -> str:
     """Return what anchors the scale of torques that were made of commands, and where it is off."""
     known = ", ".join(

@@ -17,6 +17,7 @@ from elastic_arm.arrays import Array
 from elastic_arm.dynamics.bodies import Body, inertial_parameters
 from elastic_arm.dynamics.composition import ARMATURE
 from elastic_arm.identification.base_regression import BaseRegression, Column
+from elastic_arm.identification.result import Carried
 from elastic_arm.robot import Robot
 
 # Pseudo-inertias of the nominal are kept this far from singular, relative to their largest
@@ -113,13 +114,14 @@ class Chart:
         self.start += start
 
 
-def chart_of(equations: BaseRegression) -> Chart:
-    """Return coordinates in which the nominal is x0 and unit steps are equally bold."""
-    names = equations.names
-    nominal = equations.nominal
-    robot = equations.model.robot
-    links = {joint.link_name for joint in robot.joints}
-    seen = set[int]()
+def chart_of(equations: BaseRegression, carried: Carried | None = None) -> Chart:
+    """Put parameters into coordinates in which the nominal is x0 and every step of size one is as
+    bold.
+
+    carried: a body that is part of its link, beyond the description.
+    """
+    names, nominal, robot = equations.names, equations.nominal, equations.model.robot
+    links, seen = {joint.link_name for joint in robot.joints}, set[int]()
     found = Chart(nominal.copy())
     for body in equations.model.bodies.bodies:
         index = list(body.parameters)
@@ -127,7 +129,11 @@ def chart_of(equations: BaseRegression) -> Chart:
             continue
         seen |= set(index)
         if body.name in links:
-            found.add_link(index, nominal[index] - folded(robot, equations, body))
+            more = np.zeros(10)
+            if carried is not None and carried.link == body.name:
+                more = inertial_parameters(carried.body)
+            found.Psi0[index] += more
+            found.add_link(index, nominal[index] - folded(robot, equations, body) + more)
         else:
             found.add_solid(index, nominal[index])
     laws = {column.name: column for column in equations.columns}

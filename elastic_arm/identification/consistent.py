@@ -26,7 +26,7 @@ from elastic_arm.identification.chart import PAIRS, Chart, chart_of, folded
 from elastic_arm.identification.deviations import inflation
 from elastic_arm.identification.law_columns import joint_of_law
 from elastic_arm.identification.least_squares import Fit, correlation
-from elastic_arm.identification.result import Identification
+from elastic_arm.identification.result import Carried, Identification
 from elastic_arm.identification.stream import Identifier
 from elastic_arm.robot import Robot
 
@@ -64,15 +64,21 @@ class Consistent:
 
 
 def consistent(
-    fit: Fit, equations: BaseRegression, correlated: float = 1.0, trust: float | None = None
+    fit: Fit,
+    equations: BaseRegression,
+    correlated: float = 1.0,
+    trust: float | None = None,
+    carried: Carried | None = None,
 ) -> Consistent:
     """Find the physically consistent parameters that fit best.
 
     They stay close to the nominal where the data determine nothing.
 
+    carried: what a link carries beyond its description, which is part of the nominal then.
+
     Raises an IdentificationError if the solver fails.
     """
-    chart = chart_of(equations)
+    chart = chart_of(equations, carried)
     A, b = _data(fit, equations, chart, correlated)
     trust = trust or _most_probable_trust(A, b, chart)
     x, exact = _solve(A, b, chart, trust)
@@ -123,7 +129,7 @@ def with_consistency(
     """Add all parameters, physically consistent, and the arm that has them, if any."""
     equations = identifier.equations
     try:
-        found = consistent(identifier.fit(), equations, correlated, trust)
+        found = consistent(identifier.fit(), equations, correlated, trust, result.carried)
         motors = {f"{joint}.{ARMATURE}" for joint in described}
         back = [joint_of_law(name) in described or name in motors for name in equations.names]
         Psi = np.where(back, equations.nominal, found.Psi)
@@ -146,7 +152,19 @@ def with_consistency(
 def _data(
     fit: Fit, equations: BaseRegression, chart: Chart, correlated: float
 ) -> tuple[Array, Array]:
-    """Return A, b: the recording gives A (x - x0) = b with unit noise.
+    """Return A, b: the recording gives A (x - x0) = b with unit noise."""
+    rows, right = unit_equations(fit, correlated)
+    T = equations.base.T
+    A = rows @ T @ chart.G
+    b = right - rows @ (T @ chart.Psi0)
+    u, s, vt = np.linalg.svd(A, full_matrices=False)
+    kept = s > 1e-12 * s[0]
+    softened = np.minimum(s, STIFFEST)[kept] / s[kept]
+    return softened[:, None] * s[kept][:, None] * vt[kept], softened * (u[:, kept].T @ b)
+
+
+def unit_equations(fit: Fit, correlated: float) -> tuple[Array, Array]:
+    """Return R, r: the recording gives R Psi = r of base parameters with unit noise.
 
     Errors are coloured: their effect on the estimate is larger than white ones' by a factor known
     from the blocks, or from longer ones.
@@ -155,13 +173,7 @@ def _data(
     # Ordinary least squares has weights of one: its rows are still in Nm.
     size = np.sqrt(np.mean((fit.weights * fit.noise) ** 2))
     scaled = fit.factor[:-1, :] / (excess * size)
-    T = equations.base.T
-    A = scaled[:, :-1] @ T @ chart.G
-    b = scaled[:, -1] - scaled[:, :-1] @ (T @ chart.Psi0)
-    u, s, vt = np.linalg.svd(A, full_matrices=False)
-    kept = s > 1e-12 * s[0]
-    softened = np.minimum(s, STIFFEST)[kept] / s[kept]
-    return softened[:, None] * s[kept][:, None] * vt[kept], softened * (u[:, kept].T @ b)
+    return scaled[:, :-1], scaled[:, -1]
 
 
 def _most_probable_trust(A: Array, b: Array, chart: Chart) -> float:

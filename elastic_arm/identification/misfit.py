@@ -19,6 +19,7 @@ from elastic_arm.arrays import Array
 from elastic_arm.effects.library.friction import DRY
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.identification.base_regression import BaseRegression
+from elastic_arm.identification.law_columns import USUAL_SIGN_SPEED
 from elastic_arm.identification.verdict import POORLY, SURE
 
 # Segments of a spectrum, in all; each overlaps the next by half.
@@ -94,6 +95,7 @@ def resonance(
         return None
     inertial = equations.measured(motion)[side][:, joint]
     inertial = inertial - equations.predict(replace(motion, **still), Psi_base)[side][:, joint]
+    inertial = inertial - _friction(motion, joint, inertial, acceleration)
     given = {
         "fs": 1.0 / float(np.median(np.diff(motion.t))),
         "nperseg": 2 * len(motion) // (SEGMENTS + 1),
@@ -108,3 +110,13 @@ def resonance(
         return None
     upto = np.flatnonzero(H.max() / np.sqrt(2.0) <= H)[-1] + 1
     return float(f[band[np.argmax(H)]]) if np.mean(coherence[band[:upto]]) >= 0.5 else None
+
+
+def _friction(motion: Motion, joint: int, torque: Array, acceleration: Array) -> Array:
+    """Return the part (N,) of a joint's torque that is dry and viscous friction, where the rest is
+    a zero and an inertia."""
+    rate = next(rates[:, joint] for rates in (motion.dtheta, motion.dq) if rates is not None)
+    rubbing = np.column_stack([np.tanh(rate / USUAL_SIGN_SPEED), rate])
+    columns = np.column_stack([rubbing, acceleration, np.ones(len(rate))])
+    sizes = np.linalg.lstsq(columns, torque, rcond=None)[0]
+    return np.asarray(rubbing @ sizes[:2])

@@ -55,7 +55,7 @@ def prior_of(
     rows are weighed.
     """
     base = equations.base
-    own, covariance = _description_errors(equations)
+    own, covariance = description_errors(equations)
     factor = np.zeros((len(base),) * 2)
     factor[np.ix_(own, own)] = np.linalg.inv(np.linalg.cholesky(covariance)) / width
     excess = np.full(len(base), max(error / width, 1.0))
@@ -99,7 +99,7 @@ def _ordinary(equations: BaseRegression) -> Array:
 
 
 @functools.lru_cache(maxsize=1)  # asked for at every width that is tried
-def _description_errors(equations: BaseRegression) -> tuple[NDArray[np.intp], Array]:
+def description_errors(equations: BaseRegression) -> tuple[NDArray[np.intp], Array]:
     """Return which base parameters are the arm's own, and the covariance of their description at a
     relative error 1."""
     base = equations.base
@@ -121,7 +121,7 @@ def description_error(fit: Fit, equations: BaseRegression, doubt: float = 0.0) -
     that predicts best is none of the description's errors: where the data show nothing of a
     parameter, any narrow prior predicts as well.
     """
-    own, covariance = _description_errors(equations)
+    own, covariance = description_errors(equations)
     seen = np.isfinite(fit.std[own])
     off = (fit.Psi - equations.described)[own][seen]
     described = np.diag(covariance)[seen]

@@ -14,7 +14,7 @@ import numpy as np
 
 from elastic_arm.arrays import Array
 from elastic_arm.errors import IdentificationError
-from elastic_arm.formatting import JointUnits
+from elastic_arm.formatting import JointUnits, rounded
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.least_squares import Fit
 from elastic_arm.identification.verdict import (
@@ -27,7 +27,7 @@ from elastic_arm.identification.verdict import (
 )
 from elastic_arm.output_files import plain, write_result
 from elastic_arm.results import Result, Row
-from elastic_arm.robot import Robot, save_robot
+from elastic_arm.robot import Inertia, Robot, save_robot
 
 SCHEMA = "elastic_arm/identification/1"
 ARMS = ("nominal", "identified", "consistent")
@@ -69,6 +69,31 @@ class Estimate:
         return ":" in self.name
 
 
+@dataclass(frozen=True)
+class Carried:
+    """A body on a link beyond its description."""
+
+    link: str
+    mass: float  # kg
+    std: float
+    centre: tuple[float, ...]  # m, in the link's frame
+    probability: float  # that it is there, on this link
+    last: bool  # whether that is the last link
+
+    @property
+    def body(self) -> Inertia:
+        """The same as a point mass."""
+        return Inertia(self.mass, np.array(self.centre))
+
+    def words(self) -> str:
+        """Return it as a sentence."""
+        mass, std = rounded(self.mass, self.std)
+        x, y, z = (round(1e3 * value) for value in self.centre)
+        found = f"{self.link} carries {mass} ± {std} kg that the description lacks"
+        guess = ": a tool?" if self.last else "."
+        return f"{found}, centred at ({x}, {y}, {z}) mm in its frame{guess}"
+
+
 @dataclass(frozen=True, repr=False)
 class Identification(Result):
     """The result of identifying an arm.
@@ -105,6 +130,8 @@ class Identification(Result):
         The arm with the parameters of Psi; not part of the JSON file, see :meth:`save_robot`.
     prismatic
         The prismatic joints, which use N for Nm and m for rad.
+    carried
+        What a link carries beyond its description, such as a tool, where that is more probable.
     closed_loop
         For an arm with commands: joint -> error under the recorded commands, for the description
         and for the written correction.
@@ -133,6 +160,7 @@ class Identification(Result):
     identified: Robot | None = None
     prismatic: tuple[str, ...] = ()
     closed_loop: dict[str, dict[str, Any]] | None = None
+    carried: Carried | None = None
 
     @property
     def units(self) -> JointUnits:
@@ -177,6 +205,8 @@ class Identification(Result):
         words = [e.verdict for e in self.estimates]
         counts = f"{words.count('poorly')} poorly, {words.count('not')} not determined"
         found = [f"{words.count('well')} of {len(words)} parameters are well determined, {counts}."]
+        if self.carried is not None:
+            found.append(self.carried.words())
         for recording, arms in (self.validation or {}).items():
             nominal, identified = (self._largest_error(arms[arm]) for arm in ARMS[:2])
             errors = f"the error of the nominal arm is up to {nominal}, that of the identified arm"
@@ -346,5 +376,8 @@ def _from_dict(data: dict[str, Any]) -> Identification:
         data[name] = tuple(data.get(name, ()))
     for name in ("T", "covariance", "Psi"):
         data[name] = None if data[name] is None else np.array(data[name], dtype=float)
+    if data.get("carried") is not None:
+        data["carried"]["centre"] = tuple(data["carried"]["centre"])
+        data["carried"] = Carried(**data["carried"])
     data["condition"] = np.inf if data["condition"] is None else data["condition"]
     return Identification(**data)

@@ -2,6 +2,7 @@
 changed."""
 
 import re
+from collections.abc import Mapping
 from difflib import SequenceMatcher
 from typing import Any
 
@@ -57,9 +58,12 @@ def insert_first(parent: Any, tag: str) -> Any:
     return element
 
 
-def append_last(parent: Any, tag: str) -> Any:
-    """Insert an element as the last child, on a line of its own, and return it."""
-    element = etree.SubElement(parent, tag)
+def append_last(parent: Any, tag: str, namespaces: Mapping[str, str] | None = None) -> Any:
+    """Insert an element as the last child, on a line of its own, and return it.
+
+    namespaces: prefixes that it declares where none of its parents does.
+    """
+    element = etree.SubElement(parent, tag, nsmap=dict(namespaces or {}))
     if len(parent) > 1:
         previous = parent[-2]
         element.tail, previous.tail = previous.tail, parent.text

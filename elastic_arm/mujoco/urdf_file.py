@@ -1,7 +1,7 @@
 """A user's own URDF with the numbers of a corrected arm in it, or a new one; everything else stays
 as they wrote it."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -30,18 +30,20 @@ from elastic_arm.mujoco.mjcf_export import Exported, require_same_joints
 from elastic_arm.mujoco.shape import ShapedXml, append_last
 from elastic_arm.mujoco.stand_ins import explained, stood_in
 from elastic_arm.mujoco.stated_arm import StatedArm, stated_arm
+from elastic_arm.mujoco.urdf_rotors import state_rotor
 from elastic_arm.output_files import write_result
 from elastic_arm.robot import Inertia, Robot, parse_urdf, to_urdf
 from elastic_arm.robot.kinematics import moved
 from elastic_arm.robot.parts import located, nearest_tensor, placed, tensor_of
-from elastic_arm.robot.urdf_elements import rotation, vector
+from elastic_arm.robot.urdf_elements import motors, rotation, vector
 from elastic_arm.robot.urdf_export import rpy_of
 from elastic_arm.robot.urdf_tree import Chain
 
 # Attribute of <dynamics> by the field of a joint's numbers.
 _ATTRIBUTES = {"damping": "damping", "friction_loss": "friction"}
 _NO_NUMBER = "a URDF has no number for it"
-_MOUNTING = "a URDF does not state the mounting of its first link"
+Motor = tuple[float | None, float]  # inertia of a rotor, kg m², and its ratio
+_MOUNTING = "a URDF does not state how its first link is mounted"
 
 
 def export_urdf(
@@ -72,12 +74,15 @@ def export_urdf(
         if base is not None:
             require_same_joints(robot, arm, base)
         numbers = robot if base is not None else arm.with_(effects=robot.effects)
-        after = stated_arm(numbers, catalogue, base=arm.base_placement)
+        whole, ratios = stated_arm(robot, catalogue), motors(root)
+        after = _with_rotors(
+            stated_arm(numbers, catalogue, base=arm.base_placement), arm, whole, ratios
+        )
         before = stated_arm(arm, catalogue)
         after, stand_ins = stood_in(after, numbers, after.left, motion)
         left = explained(after.left, stand_ins) + [(one, _NO_NUMBER) for one in after.delays]
         changes = [
-            *_joints(root, arm, before, after, deviations, left),
+            *_joints(root, robot, arm, before, after, deviations),
             *_links(root, arm, before, after),
         ]
         if not numbers.elastic:
@@ -92,7 +97,7 @@ def export_urdf(
     as_placed = numbers.with_(base_placement=arm.base_placement)
     listed = [
         *left_effects(as_placed, left, catalogue),
-        *_numbers_left(robot, stated_arm(robot, catalogue), before),
+        *_numbers_left(robot, whole, after),
     ]
     told = tuple(one.words(robot) for one in stand_ins)
     return Exported((out,), tuple(changes), tuple(listed), units=robot.units, stand_ins=told)
@@ -109,30 +114,50 @@ def _mounting(before: Array, after: Array) -> EffectInstance:
     return EffectInstance(EFFECTS[TILT], None, {"x": x, "y": y})
 
 
-def _numbers_left(robot: Robot, whole: StatedArm, before: StatedArm) -> Iterator[Left]:
-    """Yield motor inertia that the file does not state by Drake's tags, elasticity and
-    controllers."""
+def _with_rotors(
+    after: StatedArm, arm: Robot, whole: StatedArm, ratios: Mapping[str, Motor]
+) -> StatedArm:
+    """Return the numbers of the file with the motor inertia of the whole arm, where it can be
+    stated.
+
+    Motors that move several joints have none of one joint.
+    """
+    for i, joint in enumerate(arm.joints):
+        _, ratio = ratios.get(joint.name, (None, 1.0))
+        armature = whole.joints[i].armature if ratio else 0.0
+        after = after.with_joint(i, armature=armature - after.joints[i].armature)
+    return after
+
+
+def _numbers_left(robot: Robot, whole: StatedArm, after: StatedArm) -> Iterator[Left]:
+    """Yield motor inertia that the file cannot state, elasticity and controllers."""
     missing = [
         all_of.armature - of_file.armature
-        for all_of, of_file in zip(whole.joints, before.joints, strict=True)
+        for all_of, of_file in zip(whole.joints, after.joints, strict=True)
     ]
     yield from left_numbers(robot, _NO_NUMBER, armatures=missing, elasticity=True)
 
 
 def _joints(
     root: Any,
+    robot: Robot,
     arm: Robot,
     before: StatedArm,
     after: StatedArm,
     deviations: Deviations | None,
-    left: list[tuple[EffectInstance, str]],
 ) -> list[Change]:
-    changes = []
-    for (_, field), change in joint_changes(arm, before, after, deviations).items():
+    changes, ratios = [], motors(root)
+    for (i, field), change in joint_changes(arm, before, after, deviations).items():
         attribute = _ATTRIBUTES.get(field)
         joint = next(e for e in root.findall("joint") if e.get("name") == change.element)
         if field == "zero":
             changes.append(_turned(joint, -change.after[0]))
+        if field == "armature":
+            gear = robot.joints[i].transmission
+            ratio = gear.r_tot if gear is not None else 1.0
+            _, stated = ratios.get(change.element, (None, ratio))
+            state_rotor(root, change.element, change.after[0], stated)
+            changes.append(change)
         if attribute is None:
             continue
         dynamics = joint.find("dynamics")
@@ -215,5 +240,11 @@ def _check(text: str, chain: Chain | None, wanted: StatedArm) -> None:
         ):
             raise RobotError(
                 f"link {i + 1} of the written file is not the intended one",
+                "Please report it with the file",
+            )
+    for i, (own, asked) in enumerate(zip(again.joints, wanted.joints, strict=True)):
+        if not np.isclose(own.armature, asked.armature, rtol=1e-6, atol=1e-12):
+            raise RobotError(
+                f"the motor inertia of joint {i + 1} of the written file is not what was meant",
                 "Please report it with the file",
             )

@@ -27,6 +27,7 @@ from elastic_arm.diagnosis.words import (
     sides_text,
     summary,
     trust_text,
+    unknown_sentences,
 )
 from elastic_arm.evidence.priors import TRUST
 from elastic_arm.formatting import rounded
@@ -227,14 +228,15 @@ def _cause(found: Diagnosis, cause: Cause, k: int, context: DiagnosisContext) ->
 
 def _unexplained(found: Diagnosis, context: DiagnosisContext) -> list[Block]:
     rows = [[p.joint, p.side, p.regime.replace("_", " "), p.rmse] for p in found.unexplained]
-    first = max(found.unexplained, key=lambda p: p.rmse / found.noise[p.joint, p.side])
+    first = found.unexplained[0]
     sides, n = context.validate.layout.sides, len(found.joints)
     row = sides.index(first.side) * n + found.joints.index(first.joint)
     added = "all causes together" if found.causes else None
     caption = f"{first.joint}, {first.side} side: the place with the largest remaining residual."
     return [
-        Text("No effect of the catalogue explains the remaining residuals.", "warn"),
-        Table(["joint", "side", "regime", f"remaining, {found.units.over('Nm')}"], rows, digits=3),
+        Text("No effect of the catalogue explains what is left here, the largest first.", "warn"),
+        *map(Text, unknown_sentences(found)),
+        Table(["joint", "side", "follows", f"left, {found.units.over('Nm')}"], rows, digits=3),
         *map(Text, event_notes(found.events)),
         Text(caption),
         *figures.residual_blocks(found, context, row, context.after, added),

@@ -4,6 +4,7 @@ import json
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ from elastic_arm.app import SUBCOMMANDS, app, load
 from elastic_arm.cli.console import UNLIMITED, PipeConsole
 from elastic_arm.excitation import load_trajectory
 from elastic_arm.recording import write_recording
-from elastic_arm.robot import load_robot
+from elastic_arm.robot import load_robot, save_robot, to_urdf
 from elastic_arm.robot.loading import NOMINAL_ARM
 from tests.helpers.bags import two_sided
 from tests.helpers.command_line import refusal, run
@@ -63,6 +64,19 @@ def test_describe_tells_joints_and_base_parameters() -> None:
     assert [joint["name"] for joint in told["robot"]["joints"]] == ["joint_1", "joint_2", "joint_3"]
     assert len(told["base_parameters"]) == 26
     assert "joint_3.K [Nm/rad]" in run("describe", "--base").stdout
+    assert "parameters of mod3, motion" in " ".join(run("describe").stdout.split())
+
+
+def test_a_rigid_arm_is_described_without_a_model(tmp_path: Path) -> None:
+    """The parameters of a URDF, and of an arm file with armatures, are those of links: mod3 is not
+    mentioned."""
+    urdf, rigid = tmp_path / "arm.urdf", tmp_path / "rigid.yaml"
+    urdf.write_text(to_urdf(load_robot()))
+    joints = tuple(replace(joint, transmission=None, armature=0.1) for joint in load_robot().joints)
+    save_robot(load_robot().with_(joints=joints), rigid)
+    for file in (urdf, rigid):
+        told = run("describe", "--robot", file).stdout
+        assert "mod3" not in told and "parameters, motion determines" in " ".join(told.split())
 
 
 # --- nothing is overwritten unasked

@@ -13,6 +13,7 @@ import pytest
 from elastic_arm.diagnosis import Diagnosis
 from elastic_arm.diagnosis.corrected_robot import repaired_robot
 from elastic_arm.diagnosis.estimates import ParameterEstimate, averaged
+from elastic_arm.diagnosis.regimes import REGIMES
 from elastic_arm.diagnosis.result import (
     SEPARATING,
     Alternative,
@@ -22,8 +23,10 @@ from elastic_arm.diagnosis.result import (
     PairSeparation,
     Proposal,
     ResidualSizes,
+    UnexplainedResidual,
 )
 from elastic_arm.diagnosis.words import (
+    SHOWN_BY,
     cause_sentence,
     cause_size,
     change_text,
@@ -34,6 +37,7 @@ from elastic_arm.diagnosis.words import (
     scale_sentence,
     summary,
     trust_text,
+    unknown_sentences,
 )
 from elastic_arm.effects import EFFECTS, parse
 from elastic_arm.errors import DiagnosisError, MissingExtraError, OutputError
@@ -487,3 +491,37 @@ def test_errors_that_no_joint_has_are_no_reason() -> None:
         == "Under the recorded commands the description has an error of 30 mrad at joint_1, the"
         " written correction 3 mrad."
     )
+
+
+def unknown(*places: UnexplainedResidual, share: float = 0.961, causes: int = 1) -> Diagnosis:
+    """Return a diagnosis that leaves something at these places."""
+    found = diagnosis(*[cause()] * causes)
+    return replace(found, verdict="unknown", unexplained=places, shrink=share)
+
+
+def test_an_unknown_says_what_it_is_owed_to_and_what_to_record() -> None:
+    """A torque of 0.004 Nm at the last joint is named with its size, the causes keep their worth,
+    and the motion fits what the residual follows."""
+    place = UnexplainedResidual("joint_3", "motor", "load", 0.004)
+    owed, worth, then = unknown_sentences(unknown(place))
+    assert "because of 0.004 Nm at joint_3, motor side" in owed and "follows load" in owed
+    assert "96.1 % of the gap is gone" in worth and "0.004 Nm" in worth
+    assert "joint_3 alone" in then and "weight at the flange" in then
+
+
+def test_an_unknown_of_several_places_begins_with_the_largest() -> None:
+    """Other places follow by their joints, each once, and one without causes claims none."""
+    places = [
+        UnexplainedResidual("joint_2", "motor", "velocity_reversal", 0.5),
+        UnexplainedResidual("joint_2", "link", "always", 0.3),
+        UnexplainedResidual("joint_1", "motor", "drift", 0.1),
+    ]
+    owed, then = unknown_sentences(unknown(*places, causes=0))
+    assert "0.5 Nm (noise 0.1) at joint_2" in owed and owed.endswith("and of less at joint_1.")
+    assert "reversals" in then
+    assert unknown_sentences(diagnosis(cause())) == []
+
+
+def test_every_regime_has_a_motion_that_shows_it() -> None:
+    """Whatever a residual follows, something is said of what to record."""
+    assert set(SHOWN_BY) == {*REGIMES, "event"}

@@ -166,6 +166,19 @@ def test_an_elastic_joint_described_as_rigid_is_named_with_its_frequency() -> No
     assert not any("the residual is" in note for note in found(arm, rigid).notes)
 
 
+def test_an_elastic_joint_with_friction_has_its_resonance() -> None:
+    """Friction that nobody identifies hides no resonance, and a joint about a vertical axis carries
+    nothing, as its mass is not determined."""
+    arm, elastic, _ = two_masses()
+    rate = np.gradient(elastic.motor.position[:, 0], T)
+    rubs = elastic.motor.effort[:, 0] + 0.1 * np.std(elastic.motor.effort) * np.tanh(rate / 5e-3)
+    rough = replace(elastic, motor=replace(elastic.motor, effort=rubs[:, None]))
+    result = found(arm, rough, laws=())
+    (note,) = [note for note in result.notes if "the fit leaves" in note]
+    assert result.carried is None
+    assert float(re.search(r"near ([\d.]+) Hz", note)[1]) == pytest.approx(6.0, rel=0.1)
+
+
 def test_a_torque_of_another_motion_is_no_elastic_joint() -> None:
     """What a fit leaves of torques that have nothing to do with the motion is said, and no
     resonance is named."""

@@ -21,6 +21,8 @@ from elastic_arm.robot.kinematics import lumped
 from tests.helpers.mujoco_arms import MODELS, random_motion
 from tests.helpers.servo_arms import EXAMPLE, recorded, servo_arm
 from tests.robot.test_mjcf import two_joints
+from tests.robot.test_urdf import DRAKE
+from tests.robot.test_urdf import two_joints as urdf_of_two_joints
 
 pytest.importorskip("mujoco")
 
@@ -248,8 +250,8 @@ def test_tables_show_no_rounding_of_a_solver() -> None:
 
 
 def test_a_urdf_lists_what_it_has_no_number_for(tmp_path: Path) -> None:
-    """Armatures, springs, delays and drives of an exported arm are named with their size and the
-    missing torque."""
+    """Springs, delays and drives of an exported arm are named with their size and the missing
+    torque; armatures are in the file."""
     rigid = load_robot(MODELS / "arm.xml")
     spring = {
         "effect": "joint_spring",
@@ -264,16 +266,13 @@ def test_a_urdf_lists_what_it_has_no_number_for(tmp_path: Path) -> None:
     done = export_urdf(rigid.with_(effects=(spring, late)), None, tmp_path / "new.urdf")
     left = {(one.what, one.joint): one for one in done.left}
     assert set(left) == {
-        *(("armature", joint.name) for joint in rigid.joints if joint.armature),
         *(("controller", joint.name) for joint in rigid.joints if joint.controller),
         ("joint_spring", "joint2"),
         ("time_delay", "joint2"),
     }
-    own = left["armature", "joint5"]
-    # 0.5 rad at 2 rad/s: accelerations of 2 rad/s² times a sine.
-    assert own.numbers == {"armature": 0.03} and own.cost == {
-        "joint5": pytest.approx(0.03 * np.sqrt(2.0), rel=0.01)
-    }
+    found = [joint.armature or 0.0 for joint in load_robot(tmp_path / "new.urdf").joints]
+    assert found == pytest.approx([joint.armature or 0.0 for joint in rigid.joints])
+    assert found[4] == pytest.approx(0.03)
     assert (
         left["joint_spring", "joint2"].cost["joint2"] > 10.0
         and not left["time_delay", "joint2"].cost
@@ -284,15 +283,87 @@ def test_a_urdf_lists_what_it_has_no_number_for(tmp_path: Path) -> None:
         load_robot().with_(effects=(spring, rotor)), None, tmp_path / "elastic.urdf"
     )
     kinds = {one.what for one in elastic.left}
-    assert kinds == {"armature", "drive", "bearing", "joint_spring"}
+    assert kinds == {"drive", "bearing", "joint_spring"}
     gear = load_robot().joints[0].transmission
-    motor = next(one for one in elastic.left if (one.what, one.joint) == ("armature", "joint_1"))
     inertias = (
         gear.rotor.izz * gear.r_tot**2,
         gear.wave_generator.izz * gear.harmonic_drive_ratio**2,
         gear.spline.izz,
     )
-    assert motor.numbers["armature"] == pytest.approx(1.5 * sum(inertias))
+    written = load_robot(tmp_path / "elastic.urdf").joints[0].armature
+    assert written == pytest.approx(1.5 * sum(inertias))
+
+
+PLAIN = """<robot name="one"><link name="base"/>
+  <!-- the only joint -->
+  <joint name="j" type="revolute"><parent link="base"/><child link="l"/><axis xyz="0 1 0"/>
+    <limit lower="-1" upper="1" effort="5" velocity="2"/></joint>
+  <link name="l"><inertial><mass value="1"/>
+    <inertia ixx=".1" iyy=".1" izz=".1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  {}
+</robot>"""
+ROS_1 = (
+    '<transmission name="t"><joint name="j"/><actuator name="m">'
+    "<mechanicalReduction>50</mechanicalReduction></actuator></transmission>"
+)
+ROS_2 = (
+    '<ros2_control name="h" type="system"><transmission name="t"><actuator name="m"/>'
+    '<joint name="j"><mechanical_reduction>-80</mechanical_reduction></joint>'
+    "</transmission></ros2_control>"
+)
+
+
+@pytest.mark.parametrize(
+    ("stated", "ratio", "of_drake"),
+    [
+        ("", 1.0, {"gear_ratio": "1"}),
+        (ROS_1, 50.0, {"gear_ratio": "50"}),
+        (ROS_2, 80.0, {"gear_ratio": "-80"}),
+        (DRAKE, 100.0, {"gear_ratio": "100"}),
+        (DRAKE + ROS_2.replace("-80", "100"), 100.0, {"gear_ratio": "100"}),
+        (DRAKE.replace(' value="6e-5"/>', ">6e-5</drake:rotor_inertia>"), 100.0, {}),
+    ],
+)
+def test_a_corrected_urdf_carries_the_motors_inertia(
+    tmp_path: Path, stated: str, ratio: float, of_drake: dict[str, str]
+) -> None:
+    """Drake's tags hold 2.28 kg m², at the ratio that Drake, ROS or ros2_control states; all else
+    stays, and nothing is left out."""
+    text = PLAIN.format(stated)
+    if "drake:" in text:
+        text = text.replace("<robot ", '<robot xmlns:drake="https://drake.mit.edu/" ')
+    base, out = tmp_path / "one.urdf", tmp_path / "fixed.urdf"
+    base.write_text(text)
+    robot = load_robot(base).with_joint("j", armature=2.28)
+    done = export_urdf(robot, base, out)
+    assert not done.left and [(one.number, one.after) for one in done.changes] == [
+        ("armature", (2.28,))
+    ]
+    assert load_robot(out).joints[0].armature == pytest.approx(2.28, rel=1e-9)
+    written = out.read_text()
+    assert f"{2.28 / ratio**2:.10g}" in written and "<!-- the only joint -->" in written
+    # Drake knows its tags by their prefix, directly below <robot>.
+    for tag, value in of_drake.items():
+        assert f"<drake:{tag} " in written and f'value="{value}"' in written
+    kept = [line for line in text.splitlines() if line not in written.splitlines()]
+    assert len(kept) <= 2, kept
+    # Written once more, nothing changes.
+    assert not export_urdf(load_robot(out), out, tmp_path / "again.urdf").changes
+
+
+def test_a_motor_of_several_joints_has_no_inertia_of_one(tmp_path: Path) -> None:
+    """A differential's armatures are named as left out: no joint has them alone."""
+    both = (
+        '<transmission name="t"><joint name="one"/><joint name="two"/><actuator name="m"/>'
+        "</transmission></robot>"
+    )
+    base = tmp_path / "two.urdf"
+    base.write_text(urdf_of_two_joints().replace("</robot>", both))
+    robot = load_robot(base).with_joint("two", armature=0.5)
+    (left,) = export_urdf(robot, base, tmp_path / "fixed.urdf").left
+    # 0.5 rad at 2 rad/s: accelerations of 2 rad/s² times a sine.
+    assert (left.what, left.numbers) == ("armature", {"armature": 0.5})
+    assert left.cost == {"two": pytest.approx(0.5 * np.sqrt(2.0), rel=0.01)}
 
 
 def test_what_the_whole_arm_has_is_listed(base: Path) -> None:
@@ -339,6 +410,10 @@ def test_a_new_mjcf_lists_what_it_has_no_number_for(tmp_path: Path) -> None:
         ("x.xml", "urdf", "urdf"),
         ("x.urdf", "mjcf", None),
         ("x.mjcf", "urdf", None),
+        ("x.c", None, "c"),
+        ("x.py", "python", "python"),
+        ("x.casadi", None, "casadi"),
+        ("x.py", "c", None),
         ("x.yaml", None, None),
     ],
 )
@@ -359,9 +434,10 @@ def test_the_format_goes_by_the_ending(
             and not (tmp_path / name).exists()
         )
     else:
-        root = {"urdf": "<robot", "mjcf": "<mujoco"}[found]
+        roots = {"urdf": "<robot", "mjcf": "<mujoco", "c": "void x_torque("}
+        root = {**roots, "python": "def torque(q", "casadi": ""}[found]
         assert result.exit_code == 0 and root in (tmp_path / name).read_text()
-        assert "armature" in result.output or "bearing" in result.output
+        assert "bearing" in result.output
 
 
 def test_what_was_left_out_when_an_arm_was_read_is_said_of_its_file(tmp_path: Path) -> None:

@@ -195,6 +195,16 @@ def test_a_message_says_what_the_file_says() -> None:
     assert in_words(FOUND) == "explained: time_delay"
 
 
+def test_the_log_has_a_verdict_in_words() -> None:
+    """Of an unknown the largest place is said beside the causes, or alone; of a sound arm that it
+    is one."""
+    left = "most is left at joint_1 (motor side), without a cause"
+    assert in_words({**FOUND, "verdict": "unknown"}) == f"unknown: time_delay; {left}"
+    assert in_words({**FOUND, "verdict": "unknown", "causes": []}) == f"unknown: {left}"
+    sound = {**FOUND, "verdict": "none", "causes": [], "unexplained": []}
+    assert in_words(sound) == "none: the arm moves as its model"
+
+
 def test_no_gap_is_a_message_too() -> None:
     """Where nothing stands out there is no shrink: NaN, and no cause."""
     message = diagnosis_message(

@@ -4,7 +4,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
+from elastic_arm.app import app
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording import read_recording
 from elastic_arm.recording.inspection.check import check_bag
@@ -67,3 +69,26 @@ def test_an_arm_without_a_namespace_comes_first(tmp_path: Path) -> None:
     recordings = [read_recording(bag, namespace=name) for name in (None, "/", "right")]
     for recording, seed in zip(recordings, (1, 1, 2), strict=True):
         np.testing.assert_array_equal(recording.link.position, angles(tmp_path, seed))
+
+
+@pytest.mark.parametrize(
+    ("command", "written", "offered"),
+    [
+        ("identify", "", ["left", "right"]),
+        ("bag info", "ri", ["right"]),
+        ("bag check", "x", []),
+    ],
+)
+def test_shells_complete_namespaces(
+    tmp_path: Path, command: str, written: str, offered: list[str]
+) -> None:
+    """`--namespace TAB` offers the arms of the bags before it, and nothing of what is no bag."""
+    bag = bag_of(tmp_path, left=1, right=2)
+    for path, expected in ((bag, offered), (tmp_path / "none", [])):
+        environment = {
+            "_ELASTIC_ARM_COMPLETE": "complete_fish",
+            "_TYPER_COMPLETE_FISH_ACTION": "get-args",
+            "_TYPER_COMPLETE_ARGS": f"elastic-arm {command} {path} --namespace {written}",
+        }
+        done = CliRunner().invoke(app, [], env=environment, prog_name="elastic-arm")
+        assert [line.split("\t")[0] for line in done.stdout.split()] == expected

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -21,6 +22,7 @@ from elastic_arm.mujoco.changed_numbers import Change
 from elastic_arm.mujoco.closed_loop import has_servos, latest, with_controllers
 from elastic_arm.mujoco.judgement import Judging, closed_loop
 from elastic_arm.mujoco.left_out import Left
+from elastic_arm.mujoco.torque_file import Language, export_torque
 from elastic_arm.results import ClosedLoopError
 from elastic_arm.robot import Robot
 from elastic_arm.robot.loading import is_mjcf, parse_chain
@@ -33,6 +35,9 @@ class Format(StrEnum):
     mjcf = "mjcf"
     urdf = "urdf"
     usd = "usd"
+    c = "c"
+    python = "python"
+    casadi = "casadi"
 
 
 def format_of(file: Path, asked: Format | None) -> Format:
@@ -42,13 +47,16 @@ def format_of(file: Path, asked: Format | None) -> Format:
         ".usda": [Format.usd],
         ".mjcf": [Format.mjcf],
         ".xml": [Format.mjcf, Format.urdf],
+        ".c": [Format.c],
+        ".py": [Format.python],
+        ".casadi": [Format.casadi],
     }
     possible = by_ending.get(file.suffix.lower(), [] if asked is None else [asked])
     if not possible or (asked is not None and asked not in possible):
         what = "any format" if asked is None else f"the format {asked.value}"
         remedy = (
-            "Use the extension .urdf (`gz sdf -p` converts it to SDF for Gazebo), .usda, or .xml"
-            " or .mjcf for an MJCF."
+            "Name it .urdf (Gazebo makes SDF of it: `gz sdf -p`), .usda, .xml or .mjcf for an MJCF,"
+            " or .c, .py or .casadi for its torque as a function."
         )
         raise RobotError(f"the extension of {file} does not match {what}", remedy)
     return possible[0] if asked is None else asked
@@ -85,8 +93,8 @@ def export(
     json: options.Json = False,
     force: Force = False,
 ) -> None:
-    """Write an arm, such as robot.yaml from a diagnosis, as MJCF, URDF or USD, and list all changes
-    and omissions.
+    """Write an arm, such as a diagnosis' robot.yaml, as MJCF, URDF or USD, or its torque as a
+    function in C, Python or CasADi, and list what changes and what is left.
 
     With --base, your own file is copied and only its numbers change: inertials,
     armature, damping, friction, gravity, sensor delays. The command lists effects
@@ -103,6 +111,8 @@ def export(
         elastic-arm export my_elastic_arm.yaml --out my_elastic_arm.xml
 
         elastic-arm export diagnosis/robot.yaml --out arm.usda
+
+        elastic-arm export identified/robot.yaml --to c --out arm_torque.c
     """
     kind = format_of(file, to)
     claim_file(file, force=force)
@@ -118,9 +128,13 @@ def export(
             Format.urdf: export_urdf,
             Format.usd: export_usd,
         }
+        new |= {
+            Format(language): partial(export_torque, language=language) for language in Language
+        }
         done = new[kind](robot, None, file, catalogue=catalogue)
-    elif kind is Format.usd:
-        raise RobotError("a USD file is always written as a new file", "Omit --base.")
+    elif kind not in (Format.mjcf, Format.urdf):
+        what = "USD file" if kind is Format.usd else "torque function"
+        raise RobotError(f"a {what} is always a new file", "Leave out --base.")
     elif kind is Format.mjcf:
         done = export_mjcf(robot, base, file, chain=ends, at=at, catalogue=catalogue)
     else:

@@ -9,6 +9,7 @@ import numpy as np
 
 from elastic_arm.effects.library.base_tilt import TILT
 from elastic_arm.effects.library.friction import PLAIN
+from elastic_arm.effects.library.masses import LOAD, PAYLOAD
 from elastic_arm.effects.text import parse_laws
 from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.motion import Motion
@@ -24,6 +25,7 @@ from elastic_arm.identification.batch.selection import (
     identifier_of,
     with_trace,
 )
+from elastic_arm.identification.carried import carried_of, with_carried
 from elastic_arm.identification.consistent import (
     correlation_of_errors,
     odd_masses,
@@ -55,10 +57,7 @@ from elastic_arm.robot import Robot, require_robot
 # by more. What repeats in all parts of a recording shows no need of a prior, and still predicts
 # another motion badly.
 LOOSE = 3.0
-MOTOR_INERTIA = (
-    "the description states no motor inertia: it was also identified (armature,"
-    " which a URDF cannot represent)"
-)
+MOTOR_INERTIA = "the description states no motor inertia: it was also identified (armature)"
 BARE = (
     "no torque was recorded, so there is no equation: parameters visible only in"
     " these torques are not determined"
@@ -162,7 +161,8 @@ def identify_with(
         result = validated(result, trial.identifier, robot, laws, motions, correlated)
     if result.identified is not None:
         # Of the arm that is written, after validation has had its say.
-        result = result.with_(notes=(*result.notes, *odd_masses(robot, result.identified)))
+        odd = odd_masses(with_carried(robot, result.carried), result.identified)
+        result = result.with_(notes=(*result.notes, *odd))
     return result, trial.identifier, trial.derived[0].first
 
 
@@ -207,6 +207,9 @@ def _estimated(trials: Trials, choice: BatchChoice) -> tuple[Identification, Bat
     if trials.settings.consistent:
         trials.report("physical consistency", 1.0)
         laws = (*trials.effects, *choice.laws)
+        if not any(law.effect.id in (PAYLOAD.id, LOAD.id) for law in laws):
+            carried = carried_of(identifier.fit(), identifier.equations, correlated)
+            result = result.with_(carried=carried)
         result = with_consistency(result, identifier, trials.robot, laws, correlated=correlated)
     return result, trial, correlated
 

@@ -38,9 +38,16 @@ def diagnosis_message(found: Mapping[str, Any]) -> GapDiagnosis:
 
 
 def in_words(found: Mapping[str, Any]) -> str:
-    """Return verdict and causes as one line."""
-    named = [_named(cause) for cause in found["causes"]]
-    return f"{found['verdict']}: {', '.join(named)}" if named else found["verdict"]
+    """Return verdict, causes and what no cause explains as one line, which is the same while the
+    answer is."""
+    verdict, named = found["verdict"], [_named(cause) for cause in found["causes"]]
+    if verdict == "none":
+        return "none: the arm moves as its model"
+    parts = [", ".join(named)] if named else []
+    if verdict == "unknown" and found["unexplained"]:
+        first = found["unexplained"][0]
+        parts.append(f"most is left at {first['joint']} ({first['side']} side), without a cause")
+    return f"{verdict}: {'; '.join(parts)}" if parts else str(verdict)
 
 
 def _named(cause: Mapping[str, Any]) -> str:
