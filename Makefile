@@ -25,8 +25,7 @@ quick: $(DONE)/packages $(DONE)/tests ## the tests that need no ROS graph, no br
 
 # The Pinocchio that goes with NumPy 1.26 (2.7) returns NaN for the hidden arm with joint springs.
 TESTS := tests
-oldest: ## the tests that need no ROS and little time, with the oldest libraries allowed
-	@tools/setup.sh oldest
+oldest: .venv-oldest/.done ## the tests that need no ROS and little time, with the oldest libraries allowed
 	@PATH="$$PWD/.venv-oldest/bin:$$PATH" PYTHONPATH=. $(PYTEST) $(TESTS) -m "not graph and not slow and not browser" \
 	  --ignore tests/nodes --ignore tests/test_package.py \
 	  --deselect "tests/effects/test_simulated.py::test_accelerations_agree_with_the_hidden_arm[joint_spring]"
@@ -43,7 +42,7 @@ JUDGED := runs/judge.csv
 judge: $(DONE)/packages $(DONE)/tests ## answer the 150 fixed arms, one row an arm in JUDGED=runs/judge.csv
 	@$(RUN) python -m benchmarks.judge --out $(JUDGED)
 
-paper: $(DONE)/packages ## reproduce the paper in one report, runs/paper/report.html
+paper: $(DONE)/packages $(DONE)/extras ## reproduce the paper in one report, runs/paper/report.html
 	@$(RUN) elastic-arm paper --out runs/paper --force
 
 setup: $(DONE)/packages $(DONE)/tests ## set up only
@@ -71,6 +70,14 @@ $(DONE)/packages: $(DONE)/environment package.xml setup.py setup.cfg tools/ros_w
 	@tools/setup.sh packages
 	@touch $@
 
-$(DONE)/tests: $(DONE)/environment requirements-dev.txt
+$(DONE)/extras: $(DONE)/environment requirements-extras.txt
+	@tools/setup.sh extras
+	@touch $@
+
+$(DONE)/tests: $(DONE)/environment requirements-extras.txt requirements-dev.txt
 	@tools/setup.sh tests
+	@touch $@
+
+.venv-oldest/.done: requirements.txt requirements-extras.txt requirements-dev.txt constraints-oldest.txt
+	@tools/setup.sh oldest
 	@touch $@
