@@ -41,7 +41,7 @@ LIBRARIES = (
     "xacro>=2.0",
     "zstandard>=0.22",
 )
-# Large libraries that few commands need: Pinocchio and what comes with it takes 400 MB, PyArrow 170.
+# Large libraries that few commands need: Pinocchio with all it brings takes 350 MB, PyArrow 170.
 # `elastic_arm.errors.EXTRAS` names the extra where one is missing.
 EXTRAS = {
     "challenge": ["pin>=2.7"],
@@ -78,7 +78,7 @@ setup(
         "usd": ["usd-core"],
         "cluster": ["distributed"],
         **EXTRAS,
-        "all": sum(EXTRAS.values(), []),
+        "all": [library for libraries in EXTRAS.values() for library in libraries],
         "mujoco": [],  # every installation has it; the name stays for whoever asks by it
     },
     data_files=[

@@ -47,8 +47,12 @@ install_requirements() {
   local options=(-c constraints.txt) file
   for file in "$@"; do options+=(-r "$file"); done
   quietly .venv/bin/python -m pip install --quiet --no-compile --disable-pip-version-check "${options[@]}"
-  # pip would compile on one core. A file that does not compile is one for another Python, and nobody imports it.
-  .venv/bin/python -m compileall -q -j 0 .venv/lib >/dev/null 2>&1 || true
+  compile_libraries .venv
+}
+
+# pip would compile on one core, tests of the libraries too. A file that does not compile is one for another Python.
+compile_libraries() {
+  "$1/bin/python" -m compileall -q -j 0 -x '/tests?/' "$1/lib" >/dev/null 2>&1 || true
 }
 
 environment() {
@@ -112,10 +116,11 @@ oldest() {
   echo "setup: installing the oldest versions allowed into .venv-oldest, with $("$python" --version)"
   quietly "$python" -m venv --clear .venv-oldest
   # The versions are those of constraints-oldest.txt; linters, and USD, which is none of them, are not needed.
-  sed -E '/^(mypy|ruff|types-|usd-core)/d; s/==.*//' requirements.txt requirements-extras.txt requirements-dev.txt >"$names"
+  cat requirements.txt requirements-extras.txt requirements-dev.txt |
+    sed -E '/^(mypy|ruff|types-|usd-core)/d; s/==.*//' >"$names"
   quietly .venv-oldest/bin/python -m pip install --quiet --no-compile --disable-pip-version-check \
     -c constraints-oldest.txt -r "$names"
-  .venv-oldest/bin/python -m compileall -q -j 0 .venv-oldest/lib >/dev/null 2>&1 || true
+  compile_libraries .venv-oldest
   rm -f "$names"
 }
 
