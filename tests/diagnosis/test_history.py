@@ -149,7 +149,8 @@ def test_what_a_recording_lacks_the_channels_for_is_not_compared() -> None:
     )
 
 
-@pytest.mark.slow(5)
+@pytest.mark.nightly
+@pytest.mark.slow(26)
 def test_a_payload_that_is_picked_up_and_kept_is_a_change_between_parts_of_a_recording() -> None:
     """From none to 2 kg at half of it; one payload throughout would be as far from either."""
     shape = Shape(5, 7.0, 1.0)
