@@ -204,6 +204,7 @@ def test_a_cause_that_appears_for_good_is_a_change_and_one_that_may_hide_is_none
     assert doubtful.changed < 0.5 and doubtful.changed < alone.changed < payload.changed
 
 
+@pytest.mark.nightly
 def test_a_bag_that_cannot_be_read_is_left_out_and_named(tmp_path: Path) -> None:
     """The others make the history; two are needed."""
     (motion,) = random_trajectories(
