@@ -1,12 +1,13 @@
 # Two commands: `make demo` and `make test`. Both set up what they need; `make help` lists the rest.
 SHELL := /bin/bash
 .DELETE_ON_ERROR:
-.PHONY: help demo test docs quick oldest fuzz soak judge paper setup lint types unit clean
+.PHONY: help demo test docs quick nightly oldest fuzz soak judge paper setup lint types unit clean
 
 DONE := .venv/.done
 RUN := . tools/env.sh &&
-# One test process a core, one numeric thread each; tests/conftest.py states which tests stay together.
-PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 python -m pytest -n $$(nproc) --dist loadscope \
+# One test process a core, one numeric thread each; tests/conftest.py states which tests stay together. Without its
+# bytecode, each of the hundreds of processes that they start would compile the package anew.
+PYTEST := env -u PYTHONDONTWRITEBYTECODE OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 python -m pytest -n $$(nproc) --dist loadscope \
           --no-loadscope-reorder
 
 help:
@@ -21,13 +22,15 @@ docs: ## build the documentation as a website, build/site
 	@tools/docs.sh
 
 quick: $(DONE)/packages $(DONE)/tests ## the tests that need no ROS graph, no browser and little time
-	@$(RUN) $(PYTEST) -m "not graph and not slow and not browser"
+	@$(RUN) $(PYTEST) -m "not graph and not slow and not browser and not nightly"
+
+nightly: $(DONE)/packages $(DONE)/tests ## the long tests that `make test` leaves out: real arms, paper, challenge
+	@$(RUN) $(PYTEST) -m nightly
 
 # The Pinocchio that goes with NumPy 1.26 (2.7) returns NaN for the hidden arm with joint springs.
 TESTS := tests
-oldest: ## the tests that need no ROS and little time, with the oldest libraries allowed
-	@tools/setup.sh oldest
-	@PATH="$$PWD/.venv-oldest/bin:$$PATH" PYTHONPATH=. $(PYTEST) $(TESTS) -m "not graph and not slow and not browser" \
+oldest: .venv-oldest/.done ## the tests that need no ROS and little time, with the oldest libraries allowed
+	@PATH="$$PWD/.venv-oldest/bin:$$PATH" PYTHONPATH=. $(PYTEST) $(TESTS) -m "not graph and not slow and not browser and not nightly" \
 	  --ignore tests/nodes --ignore tests/test_package.py \
 	  --deselect "tests/effects/test_simulated.py::test_accelerations_agree_with_the_hidden_arm[joint_spring]"
 
@@ -43,7 +46,7 @@ JUDGED := runs/judge.csv
 judge: $(DONE)/packages $(DONE)/tests ## diagnose the 150 fixed arms, one row per arm in JUDGED=runs/judge.csv
 	@$(RUN) python -m benchmarks.judge --out $(JUDGED)
 
-paper: $(DONE)/packages ## reproduce the paper in one report, runs/paper/report.html
+paper: $(DONE)/packages $(DONE)/extras ## reproduce the paper in one report, runs/paper/report.html
 	@$(RUN) elastic-arm paper --out runs/paper --force
 
 setup: $(DONE)/packages $(DONE)/tests ## only install
@@ -71,6 +74,14 @@ $(DONE)/packages: $(DONE)/environment package.xml setup.py setup.cfg tools/ros_w
 	@tools/setup.sh packages
 	@touch $@
 
-$(DONE)/tests: $(DONE)/environment requirements-dev.txt
+$(DONE)/extras: $(DONE)/environment requirements-extras.txt
+	@tools/setup.sh extras
+	@touch $@
+
+$(DONE)/tests: $(DONE)/environment requirements-extras.txt requirements-dev.txt
 	@tools/setup.sh tests
+	@touch $@
+
+.venv-oldest/.done: requirements.txt requirements-extras.txt requirements-dev.txt constraints-oldest.txt
+	@tools/setup.sh oldest
 	@touch $@

@@ -14,13 +14,13 @@ VERSION = next(
 NODES = ("simulator", "trajectory_generator", "identifier", "gap_monitor", "recorder", "replayer")
 
 
-# What the library and all of its commands need at run time, from the oldest versions that it is
-# tested with (`make oldest`) or known to need. The pins of requirements.txt belong to the project's
-# own environment.
+# What the library and most commands need at run time, from the oldest versions that it is tested
+# with (`make oldest`) or known to need. The pins of requirements.txt belong to the project's own
+# environment.
 LIBRARIES = (
     "casadi>=3.7",
     "clarabel>=0.9",
-    "cvxpy>=1.6",
+    "cvxpy-base>=1.6",
     "h5py>=3.10",
     "jinja2>=3.1.2",
     "lxml>=5.2",
@@ -29,21 +29,25 @@ LIBRARIES = (
     "mcap>=1.2",
     "mujoco>=4.0",
     "numpy>=1.26",
-    "pin>=2.7",
     "platformdirs>=4.2",
-    "pyarrow>=17",
     "pydantic>=2.6",
     "PyNomadBBO>=4.5",
     "pyyaml>=6.0.1",
     "rich>=13.8",
     "rosbags>=0.11",
     "scipy>=1.11",
-    "sympy>=1.12",
     "threadpoolctl>=3.1",
     "typer>=0.29",
     "xacro>=2.0",
     "zstandard>=0.22",
 )
+# Large libraries that few commands need: Pinocchio with all it brings takes 350 MB, PyArrow 170.
+# `elastic_arm.errors.EXTRAS` names the extra where one is missing.
+EXTRAS = {
+    "challenge": ["pin>=2.7"],
+    "learning": ["pyarrow>=17"],
+    "paper": ["sympy>=1.12"],
+}
 
 
 setup(
@@ -73,8 +77,9 @@ setup(
         "notebook": ["pandas"],
         "usd": ["usd-core"],
         "cluster": ["distributed"],
-        # One installation has it all; these names stay for whoever asks by them.
-        **{name: [] for name in ("all", "challenge", "learning", "mujoco", "paper")},
+        **EXTRAS,
+        "all": [library for libraries in EXTRAS.values() for library in libraries],
+        "mujoco": [],  # every installation has it; the name stays for whoever asks by it
     },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),

@@ -112,8 +112,19 @@ class MissingExtraError(ElasticArmError, ImportError):
     """An optional library that this command needs is not installed."""
 
 
+# The extra of setup.py that brings a library which few commands need.
+EXTRAS = {
+    "distributed": "cluster",
+    "pandas": "notebook",
+    "pin": "challenge",
+    "pyarrow": "learning",
+    "sympy": "paper",
+    "usd-core": "usd",
+}
+
+
 def require_libraries(what: str, *names: str, remedy: str = "") -> None:
-    """Raise if libraries are missing, and name all of them at once.
+    """Raise if libraries are missing, and name all of them and their extras at once.
 
     `what` is subject and verb of the error.
 
@@ -123,9 +134,17 @@ def require_libraries(what: str, *names: str, remedy: str = "") -> None:
     missing = [name.split(":")[0] for name in names if find_spec(name.split(":")[-1]) is None]
     if missing:
         raise MissingExtraError(
-            f"{what} {', '.join(missing)}: not installed here",
-            remedy or f"Run: pip install {' '.join(missing)}",
+            f"{what} {', '.join(missing)}: not installed here", remedy or _installation(missing)
         )
+
+
+def _installation(missing: list[str]) -> str:
+    """Return the command that installs libraries, and the extras that would have brought them."""
+    command = f"Run: pip install {' '.join(missing)}"
+    extras = [f"`{EXTRAS[name]}`" for name in missing if name in EXTRAS]
+    if not extras:
+        return command
+    return f"{command} (extra {', '.join(extras)}), or `make setup` in a clone"
 
 
 def require_ros(what: str) -> None:

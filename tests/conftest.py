@@ -1,16 +1,26 @@
 """What all tests share: which of them stay together when they are distributed over processes, and
 in which order."""
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from xdist.scheduler import LoadScopeScheduling
 
-# Nodes keep real time: two graphs at once would starve, so all tests of the nodes run one after
-# another.
-GRAPH = "tests/nodes/"
+if TYPE_CHECKING:
+    from elastic_arm.diagnosis import Diagnosis
+    from tests.helpers.shared_diagnoses import Commanded
+
+# Nodes keep real time, and many graphs at once would starve: the tests of the nodes are two groups,
+# of about the same length, so that two graphs run at most.
+GRAPHS = ("tests/nodes/test_graph.py", "tests/nodes/")
 # Seconds of a test that is marked slow without a number.
 SLOW = 3.0
+# Modules that share diagnoses, which are made once in a process.
+SHARING = (
+    "tests/report/test_diagnosis.py",
+    "tests/diagnosis/test_prediction.py",
+    "tests/diagnosis/test_next_motion.py",
+)
 # Modules whose tests share no fixture of the module, so that each may run in any process.
 APART = ("tests/diagnosis/test_recordings.py",)
 
@@ -24,8 +34,11 @@ class GroupScheduling(LoadScopeScheduling):
 
 def group_of(nodeid: str) -> str:
     """Return the group of a test: the tests of a group run one after another in one process."""
-    if nodeid.startswith(GRAPH):
-        return GRAPH
+    for graph in GRAPHS:
+        if nodeid.startswith(graph):
+            return graph
+    if nodeid.startswith(SHARING):
+        return "sharing"
     return nodeid if nodeid.startswith(APART) else nodeid.split("::")[0]
 
 
@@ -35,12 +48,17 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> GroupSchedul
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begin with the graph, and then with what takes longest."""
+    """Begin with the graphs, and then with what takes longest."""
     seconds: dict[str, float] = {}
     for item in items:
         group = group_of(item.nodeid)
         seconds[group] = max(seconds.get(group, 0.0), _seconds(item))
-    items.sort(key=lambda item: (group_of(item.nodeid) != GRAPH, -seconds[group_of(item.nodeid)]))
+
+    def order(item: pytest.Item) -> tuple[bool, float]:
+        group = group_of(item.nodeid)
+        return group not in GRAPHS, -seconds[group]
+
+    items.sort(key=order)
 
 
 def _seconds(item: pytest.Item) -> float:
@@ -48,3 +66,28 @@ def _seconds(item: pytest.Item) -> float:
     whole."""
     marker = item.get_closest_marker("slow")
     return float(marker.args[0] if marker.args else SLOW) if marker else 0.0
+
+
+# Imported when first used: most processes need none of it, and all of them collect.
+@pytest.fixture(scope="session")
+def two_causes() -> "Diagnosis":
+    """A diagnosis that finds friction of joint 2 and a transmission error of joint 1."""
+    from tests.helpers.shared_diagnoses import with_two_causes
+
+    return with_two_causes()
+
+
+@pytest.fixture(scope="session")
+def clean_diagnosis() -> "Diagnosis":
+    """A diagnosis of an arm as it is described."""
+    from tests.helpers.shared_diagnoses import without_cause
+
+    return without_cause()
+
+
+@pytest.fixture(scope="session")
+def commanded(tmp_path_factory: pytest.TempPathFactory) -> "Commanded":
+    """A command's diagnosis that cannot tell play from an offset, with the motion that would."""
+    from tests.helpers.shared_diagnoses import with_play
+
+    return with_play(tmp_path_factory.mktemp("commanded"))

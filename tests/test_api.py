@@ -48,6 +48,7 @@ def test_stamps_in_seconds_are_refused() -> None:
     assert ea.Side(np.round(1e9 * t), position=np.zeros((len(t), 1))).stamp_ns[1] == 1_000_000
 
 
+@pytest.mark.nightly
 @pytest.mark.slow(20)
 def test_the_notebook_runs_and_finds_the_friction(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -16,6 +16,8 @@ import pytest
 import yaml
 
 import elastic_arm
+from elastic_arm.errors import EXTRAS, MissingExtraError, require_libraries
+from tests.helpers.command_line import refusal
 
 ROOT = Path(__file__).parents[1]
 PACKAGE_FILES = ("setup.py", "setup.cfg", "pyproject.toml", "package.xml", "LICENSE", "README.md")
@@ -135,7 +137,29 @@ def requirements(name: str) -> list[str]:
     return [line for line in lines if line]
 
 
-PINNED = ("requirements.txt", "requirements-ros.txt", "requirements-dev.txt", "constraints.txt")
+PINNED = (
+    "requirements.txt",
+    "requirements-extras.txt",
+    "requirements-ros.txt",
+    "requirements-dev.txt",
+    "constraints.txt",
+)
+
+
+def names_in(name: str) -> set[str]:
+    """Return what a requirements file asks for, without versions."""
+    return {line.split("==")[0].lower() for line in requirements(name)}
+
+
+def asked_by_extras(wheel: zipfile.ZipFile) -> dict[str, set[tuple[str, str]]]:
+    """Return what each extra of the package asks for: names and ranges."""
+    lines = re.findall(
+        r"^Requires-Dist: ([\w.-]+)(\S*); extra == \W(\w+)", metadata_of(wheel), flags=re.MULTILINE
+    )
+    found: dict[str, set[tuple[str, str]]] = {}
+    for name, bound, extra in lines:
+        found.setdefault(extra, set()).add((name.lower(), bound))
+    return found
 
 
 def test_requirements_are_pinned_as_the_constraints_say() -> None:
@@ -149,16 +173,47 @@ def test_requirements_are_pinned_as_the_constraints_say() -> None:
 
 
 def test_what_the_package_asks_for_is_what_the_environment_pins(wheel: zipfile.ZipFile) -> None:
-    """setup.py and requirements.txt list the same run-time libraries, and the names of all extras
-    stay."""
+    """setup.py and requirements.txt list the same run-time libraries, `all` and
+    requirements-extras.txt the same large ones, and the names of all extras stay."""
     metadata = metadata_of(wheel)
     assert {"all", "challenge", "learning", "mujoco", "paper"} <= set(
         re.findall(r"^Provides-Extra: (\w+)", metadata, re.M)
     )
     asked = re.findall(r"^Requires-Dist: ([\w.-]+)(?!.*extra ==)", metadata, flags=re.MULTILINE)
-    assert {name.lower() for name in asked} == {
-        line.split("==")[0].lower() for line in requirements("requirements.txt")
-    }
+    assert {name.lower() for name in asked} == names_in("requirements.txt")
+    extras = {name for name, _ in asked_by_extras(wheel)["all"]}
+    assert extras == names_in("requirements-extras.txt")
+
+
+def test_an_error_names_the_extra_that_brings_a_library(wheel: zipfile.ZipFile) -> None:
+    """The extra that the error for a missing library names is one of setup.py that asks for it."""
+    asked = asked_by_extras(wheel)
+    for library, extra in EXTRAS.items():
+        assert library in {name for name, _ in asked[extra]}
+        with pytest.raises(MissingExtraError, match=f"pip install {library} .extra `{extra}`"):
+            require_libraries("this command needs", f"{library}:a_module_that_is_not_there")
+
+
+@pytest.mark.parametrize(
+    ("module", "words", "extra"),
+    [
+        ("pinocchio", "challenge create OUT --clean 1 --per-effect 0 --pairs 0", "challenge"),
+        ("sympy", "paper --quick --out OUT", "paper"),
+        (
+            "pyarrow",
+            "bag import SERVO/dataset --guess --robot SERVO/arm.xml --out map.yaml",
+            "learning",
+        ),
+    ],
+)
+def test_commands_without_their_extra_end_in_one_line(
+    module: str, words: str, extra: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All other commands work without the large libraries; those that need one name its extra."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setitem(sys.modules, module, None)
+    arguments = words.replace("SERVO", str(ROOT / "examples" / "servo_arm")).split()
+    assert f"extra `{extra}`" in refusal(*arguments)
 
 
 def test_the_ranges_for_ubuntu_are_those_of_the_package(wheel: zipfile.ZipFile) -> None:
@@ -170,6 +225,7 @@ def test_the_ranges_for_ubuntu_are_those_of_the_package(wheel: zipfile.ZipFile) 
     asked = dict(
         re.findall(r"^Requires-Dist: ([\w.-]+?)(>=[\d.]+)$", metadata_of(wheel), flags=re.MULTILINE)
     )
+    asked |= dict(asked_by_extras(wheel)["all"])
     manifest = (ROOT / "package.xml").read_text()
     for name, key in {"pin": "pinocchio", "xacro": "xacro"}.items():
         del asked[name]
@@ -212,7 +268,7 @@ def test_environments_name_what_the_package_asks_for() -> None:
         "lz4": "python-lz4",
         "xacro": "ros-jazzy-xacro",
     }
-    names = [line.split("==")[0].lower() for line in requirements("requirements.txt")]
+    names = names_in("requirements.txt") | names_in("requirements-extras.txt")
     assert {called.get(name, name) for name in names} <= has
     manifest = ElementTree.parse(ROOT / "package.xml").getroot()
     keys = {str(element.text) for element in manifest.iter("exec_depend")}

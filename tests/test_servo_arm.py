@@ -19,6 +19,7 @@ ROOT = Path(__file__).parents[1]
 EXAMPLE = ROOT / "examples" / "servo_arm"
 
 
+@pytest.mark.nightly
 def test_the_commands_of_the_page_lead_to_the_corrected_arm(tmp_path: Path) -> None:
     """Late commands and the elbow's friction are found and no more; with them MuJoCo's servos err
     as encoders do.

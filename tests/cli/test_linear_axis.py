@@ -61,6 +61,7 @@ def test_mass_and_friction_of_a_linear_axis_are_identified(folder: Path) -> None
     }
 
 
+@pytest.mark.nightly
 def test_friction_of_a_linear_axis_is_diagnosed(folder: Path) -> None:
     """Coulomb and viscous friction, a zero and the mass, or what it cannot be told from, are the
     causes, no bent law in their place; sizes are within their deviations, which the gain that

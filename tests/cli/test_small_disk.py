@@ -9,6 +9,7 @@ import pytest
 
 from tests.helpers.command_line import refusal, run
 from tests.helpers.motions import trajectory
+from tests.helpers.nightly import nightly
 from tests.helpers.small_disk import fill, make_read_only, mounted
 
 COMMANDS = {
@@ -57,7 +58,9 @@ def disk(tmp_path: Path) -> Iterator[Path]:
         ("read-only", ["is not writable", "Read-only file system"]),
     ],
 )
-@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize(
+    "command", ["simulate", "describe", "bag check", *nightly(["identify", "diagnose", "history"])]
+)
 def test_a_disk_that_takes_nothing_ends_a_command_with_one_line(
     command: str, state: str, reasons: list[str], inputs: dict[str, str], disk: Path
 ) -> None:

@@ -149,7 +149,8 @@ def test_what_a_recording_lacks_the_channels_for_is_not_compared() -> None:
     )
 
 
-@pytest.mark.slow(5)
+@pytest.mark.nightly
+@pytest.mark.slow(26)
 def test_a_payload_that_is_picked_up_and_kept_is_a_change_between_parts_of_a_recording() -> None:
     """From none to 2 kg at half of it; one payload throughout would be as far from either."""
     shape = Shape(5, 7.0, 1.0)
@@ -203,6 +204,7 @@ def test_a_cause_that_appears_for_good_is_a_change_and_one_that_may_hide_is_none
     assert doubtful.changed < 0.5 and doubtful.changed < alone.changed < payload.changed
 
 
+@pytest.mark.nightly
 def test_a_bag_that_cannot_be_read_is_left_out_and_named(tmp_path: Path) -> None:
     """The others make the history; two are needed."""
     (motion,) = random_trajectories(

@@ -18,7 +18,7 @@ DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "kuka_lwr4"
 missing = pytest.mark.skipif(
     not DATA.is_dir(), reason=f"the recordings of the LWR 4+ are not in {DATA}"
 )
-pytestmark = [pytest.mark.slow(11), missing]
+pytestmark = [pytest.mark.nightly, pytest.mark.slow(11), missing]
 
 LAWS = ("viscous_friction:side=link", "coulomb_friction:side=link", "joint_torque_offset")
 # RMSE, Nm, joints 1 to 7.

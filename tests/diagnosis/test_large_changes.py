@@ -4,9 +4,10 @@ import pytest
 
 from elastic_arm.diagnosis import Question, diagnose
 from tests.helpers.gap_recordings import ROBOT, motions, record
+from tests.helpers.nightly import nightly
 
 
-@pytest.mark.parametrize("stiffness", [0.4, 1.8])
+@pytest.mark.parametrize("stiffness", [0.4, *nightly([1.8])])
 def test_a_stiffness_far_off_is_a_cause_and_no_reason_to_trust_the_description_less(
     stiffness: float,
 ) -> None:

@@ -7,31 +7,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from elastic_arm.diagnosis import Question, diagnose, follow_up
+from elastic_arm.diagnosis import Question, diagnose
 from elastic_arm.diagnosis.next_motion import DECISIVE, RATE, _ambiguous_pairs, propose
 from elastic_arm.diagnosis.predicted_experiment import ExperimentConditions, PredictedExperiment
 from elastic_arm.diagnosis.result import SEPARATING, Diagnosis
 from elastic_arm.effects import EFFECTS
 from elastic_arm.evidence.changes import change_of
 from elastic_arm.excitation import load_trajectory
-from elastic_arm.recording import Recording
-from tests.helpers.gap_recordings import LIMITS, MODEL, ROBOT, gentle, motions, record
+from tests.helpers.gap_recordings import LIMITS, MODEL, ROBOT, motions, record
+from tests.helpers.shared_diagnoses import PLAY, Commanded
 
 pytestmark = pytest.mark.slow(22)
 
-# Loaded one way throughout, play in a drive is an offset between its two encoders.
-PLAY = "backlash:joint_2:half_gap=1e-5"
 
-
-def asked(recordings: list[Recording], judges: list[Recording]) -> Diagnosis:
-    return diagnose(recordings, Question(ROBOT), judges)
-
-
-@pytest.fixture(scope="module")
-def doubtful() -> Diagnosis:
+@pytest.fixture
+def doubtful(commanded: Commanded) -> Diagnosis:
     """A diagnosis that cannot tell play from an offset, with the motion that would."""
-    found = asked([record(gentle(1), PLAY, seed=1)], [record(gentle(2), PLAY, seed=2)])
-    return follow_up(found, rng=np.random.default_rng(0))
+    return commanded.found
 
 
 def names(found: Diagnosis) -> set[str]:
@@ -74,10 +66,11 @@ def test_the_motion_keeps_the_limits_and_its_file_loads(
     )
 
 
+@pytest.mark.nightly
 def test_a_recording_of_the_motion_decides(doubtful: Diagnosis) -> None:
     """On the proposed motion the diagnosis names which of the two is true, and has no pair left."""
     assert doubtful.proposal is not None and doubtful.proposal.trajectory is not None
-    found = asked([record(doubtful.proposal.trajectory, PLAY, seed=3)], [])
+    found = diagnose([record(doubtful.proposal.trajectory, PLAY, seed=3)], Question(ROBOT))
     assert found.causes[0].effect == "backlash"
     assert found.causes[0].confidence > 0.95
 

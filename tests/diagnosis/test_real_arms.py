@@ -15,6 +15,7 @@ from elastic_arm.robot import load_robot
 ROOT = Path(__file__).resolve().parents[2]
 SHARED = ROOT.parent / "shared" / "data"
 pytestmark = [
+    pytest.mark.nightly,
     pytest.mark.slow(60),
     pytest.mark.skipif(
         not SHARED.is_dir(), reason=f"the recordings of real robots are not in {SHARED}"

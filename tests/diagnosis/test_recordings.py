@@ -16,6 +16,7 @@ from elastic_arm.recording import Recording
 from elastic_arm.robot import Robot
 from elastic_arm.simulation import SimulationSettings, simulate
 from tests.helpers.gap_recordings import LIMITS, MODEL, ROBOT
+from tests.helpers.nightly import nightly
 
 pytestmark = pytest.mark.slow(8)
 
@@ -25,6 +26,10 @@ FRICTION = "coulomb_friction:joint_2:torque=6"
 FEW = tuple(
     EFFECTS[name] for name in ("coulomb_friction", "stiffness_mismatch", "joint_torque_offset")
 )
+
+
+LOAD = {"mass": 2.0, "position": (0.05, 0.1, 0.0)}
+GAIN = {"gain": 1.15}
 
 
 @cache
@@ -75,13 +80,12 @@ def test_an_arm_as_described_has_no_cause() -> None:
     ("text", "effect", "joint", "sizes"),
     [
         (FRICTION, "coulomb_friction", "joint_2", {"torque": 6.0}),
-        (
-            "payload:mass=2,position=0.05/0.1/0",
-            "payload",
-            "joint_3",
-            {"mass": 2.0, "position": (0.05, 0.1, 0.0)},
+        *nightly(
+            [
+                ("payload:mass=2,position=0.05/0.1/0", "payload", "joint_3", LOAD),
+                ("joint_torque_gain:joint_1:gain=1.15", "joint_torque_gain", "joint_1", GAIN),
+            ]
         ),
-        ("joint_torque_gain:joint_1:gain=1.15", "joint_torque_gain", "joint_1", {"gain": 1.15}),
     ],
     ids=["dry friction", "load", "torque sensor"],
 )
@@ -95,6 +99,7 @@ def test_one_effect_is_the_one_cause(
     assert found.verdict == "explained" and found.shrink is not None and found.shrink > 0.95
 
 
+@pytest.mark.nightly
 def test_a_late_torque_of_an_arm_that_is_not_exactly_known_is_a_delay() -> None:
     """With `refit` the numbers of the arm are open, and 6 ms of one joint's torque sensor are still
     its delay."""
@@ -113,6 +118,7 @@ def test_two_effects_at_once_are_told_apart() -> None:
     assert_size(found, "transmission_error", "joint_1", amplitude=3e-5, phase=0.7)
 
 
+@pytest.mark.nightly
 def test_friction_stated_ten_times_too_large_goes_from_its_number_to_the_true_one() -> None:
     """Stated 60 Nm, true 6: the cause is that number of the description, from 60 to 6."""
     stated = ROBOT.with_(
@@ -179,7 +185,7 @@ def test_a_simpler_model_lacks_what_it_leaves_out() -> None:
     assert found.causes[0].held_as == "variant"
 
 
-@pytest.mark.parametrize("sides", ["motor", "link"])
+@pytest.mark.parametrize("sides", ["motor", *nightly(["link"])])
 def test_friction_is_found_with_the_motor_side_alone_and_no_motor_friction_with_the_links(
     sides: str,
 ) -> None:

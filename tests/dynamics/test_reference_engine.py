@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.robot import Robot, load_robot
 from tests.helpers.full_tree import FullTree
+from tests.helpers.nightly import nightly
 from tests.helpers.random_arms import random_arm
 
 RELATIVE = 1e-9
@@ -20,7 +21,9 @@ ARMS = {
         5, np.random.default_rng(8), prismatic=(0, 2, 3)
     ),
 }
-CASES = [(arm, bearings) for arm in ARMS for bearings in (False, True)]
+LARGE = ("random of 7 joints", True)
+CASES = [(arm, bearings) for arm in ARMS for bearings in (False, True) if (arm, bearings) != LARGE]
+CASES += nightly([LARGE])
 
 
 def states(

@@ -156,6 +156,7 @@ def test_a_rigid_arm_has_one_side(robot: Robot) -> None:
     assert on_recorded_side(curves, robot, motored=False) == (tuple(curves), [])
 
 
+@pytest.mark.nightly
 def test_what_an_identification_adds_is_no_law_of_the_next_one(robot: Robot) -> None:
     """Its robot.yaml is identified anew with other channels, and zeros are held about what it
     states."""
@@ -196,6 +197,7 @@ def test_a_channel_that_holds_nothing_has_no_zero(robot: Robot) -> None:
     ]
 
 
+@pytest.mark.nightly
 def test_a_tilt_of_which_one_component_shows_is_identified(robot: Robot) -> None:
     """Of an arm on a wall a turn about the vertical leaves no trace; the other one comes out."""
     wall = robot.with_(gravity=np.array([9.81, 0.0, 0.0]))
@@ -227,6 +229,7 @@ def test_the_prior_of_the_description_is_kept_where_a_zero_is_part_of_a_base_par
     np.testing.assert_array_equal(with_laws[np.ix_(own, own)], without[np.ix_(own, own)])
 
 
+@pytest.mark.nightly
 def test_an_arm_mounted_otherwise_has_no_zeros_that_nobody_asked_for(robot: Robot) -> None:
     """Without laws beyond the model its tilt alone is identified."""
     upright = robot.with_(gravity=np.array([0.0, 0.0, -9.81]))

@@ -17,7 +17,7 @@ DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "kuka_kr300"
 missing = pytest.mark.skipif(
     not DATA.is_dir(), reason=f"the recordings of the KR300 are not in {DATA}"
 )
-pytestmark = [pytest.mark.slow(20), missing]
+pytestmark = [pytest.mark.nightly, pytest.mark.slow(20), missing]
 
 LAWS = ("viscous_friction", "coulomb_friction")
 RATIO = np.array([256.857, 267.429, 252.333])

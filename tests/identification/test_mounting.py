@@ -153,6 +153,7 @@ def test_a_further_tilt_and_the_mounting_are_one_turn() -> None:
     assert mounting.tilted(0.0, 0.0) == pytest.approx((0.2, 1.4))
 
 
+@pytest.mark.nightly
 def test_an_arm_described_on_its_side_is_identified_as_it_stands() -> None:
     """A note states it, and what is left is what a description of the true mounting leaves."""
     robot = random_arm(3, np.random.default_rng(4), elastic=False).with_(gravity=DOWN)

@@ -18,6 +18,7 @@ from elastic_arm.identification import (
 )
 from elastic_arm.recording import Recording, Side
 from elastic_arm.robot import Robot, parse_urdf
+from tests.helpers.nightly import nightly
 
 RATE = 250.0
 T = np.arange(round(20 * RATE)) / RATE
@@ -116,7 +117,7 @@ def test_a_right_description_with_friction_is_better_than_a_fit_of_wrong_torques
     assert result.validation["run_2"]["nominal"]["whole"]["j"] < 0.05
 
 
-@pytest.mark.parametrize("every", [5, 25])
+@pytest.mark.parametrize("every", [25, *nightly([5])])
 def test_a_held_torque_counts_when_it_is_read(every: int) -> None:
     """Updated at 50 or 10 Hz of 250: friction is right with deviations that hold, a right
     description is right."""
@@ -190,6 +191,7 @@ def test_a_torque_of_another_motion_is_no_elastic_joint() -> None:
         assert "elastic" not in note
 
 
+@pytest.mark.nightly
 def test_a_diagnosis_suggests_elasticity_with_its_frequency() -> None:
     """What effects of a rigid joint leave has a resonance of 6 Hz; a recording of a rigid joint has
     no note."""

@@ -38,6 +38,7 @@ def _softer(described: Robot) -> Robot:
     return described.with_(joints=tuple(joints))
 
 
+@pytest.mark.nightly
 def test_joints_with_both_encoders_have_an_equation_of_their_deflection(
     found: Identification,
 ) -> None:
@@ -50,6 +51,7 @@ def test_joints_with_both_encoders_have_an_equation_of_their_deflection(
     assert max(found.noise["motor"].values()) < 0.15
 
 
+@pytest.mark.nightly
 def test_stiffnesses_come_out_where_both_encoders_show_the_deflection(
     found: Identification,
 ) -> None:
@@ -66,6 +68,7 @@ def test_stiffnesses_come_out_where_both_encoders_show_the_deflection(
     ]
 
 
+@pytest.mark.nightly
 def test_gravity_of_the_wrist_is_identified_without_its_encoders(found: Identification) -> None:
     """Base parameters of all links are within four deviations of the arm's, whatever encoders their
     joints have."""

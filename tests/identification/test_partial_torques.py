@@ -10,6 +10,7 @@ from elastic_arm.effects.text import parse_laws
 from elastic_arm.identification import Identification, IdentificationSettings, identify
 from elastic_arm.recording import Recording, Side
 from tests.helpers.gap_recordings import ROBOT, motions, record
+from tests.helpers.nightly import nightly
 
 BARE = "joint_2"
 FRICTION = {"joint_1": 4.0, "joint_2": 3.0, "joint_3": 2.0}  # Nm
@@ -45,7 +46,7 @@ def found(side: str) -> Identification:
     return identify(kept, ROBOT, IdentificationSettings(effects=laws, consistent=False))
 
 
-@pytest.mark.parametrize("side", ["link", "motor"])
+@pytest.mark.parametrize("side", ["link", *nightly(["motor"])])
 def test_the_equation_of_a_joint_without_a_torque_is_left_out(side: str) -> None:
     """It has no residual of that torque, and its own friction is left out, with a note; the result
     is finite.

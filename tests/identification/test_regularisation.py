@@ -263,6 +263,7 @@ def test_friction_of_a_joint_that_never_reverses_stays_within_its_torque(arm: Ro
     assert factor[dry, dry] == pytest.approx(1.0 / sizes[dry])
 
 
+@pytest.mark.nightly
 @pytest.mark.skipif(not GEN3.is_dir(), reason=f"the recordings of the Gen3 are not in {GEN3}")
 def test_no_joint_of_a_poorly_excited_arm_is_missed_absurdly() -> None:
     """Two seconds of a Gen3, friction and offsets asked for: no joint of the other run is missed

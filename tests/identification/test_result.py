@@ -12,6 +12,7 @@ from elastic_arm.robot import load_robot
 from elastic_arm.robot.variation import varied
 from elastic_arm.sensors import Encoder, Sensors
 from elastic_arm.simulation import SimulationSettings, simulate
+from tests.helpers.nightly import nightly
 
 RECORDINGS = 8
 
@@ -39,7 +40,7 @@ def errors_together(encoder_noise: float, seed: int) -> tuple[float, int]:
     return chi_square(result, truth), len(truth)
 
 
-@pytest.mark.parametrize("encoder_noise", [0.0, 1e-5])
+@pytest.mark.parametrize("encoder_noise", [1e-5, *nightly([0.0])])
 def test_errors_of_all_parameters_together_are_as_large_as_their_covariance(
     encoder_noise: float,
 ) -> None:

@@ -71,6 +71,7 @@ def test_inertia_and_friction_of_a_shared_motor_are_identified() -> None:
     )
 
 
+@pytest.mark.nightly
 def test_without_it_both_joints_are_missed() -> None:
     """Friction of each joint by itself leaves several times as much of the other motion at the two
     joints."""

@@ -11,6 +11,7 @@ from elastic_arm.robot.mjcf import open_mjcf
 from elastic_arm.simulation import SimulationSettings, Simulator
 from tests.helpers.motions import trajectory
 from tests.helpers.mujoco_arms import MODELS, played
+from tests.helpers.nightly import nightly
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -65,15 +66,19 @@ def test_internal_states_and_dry_friction_act_too() -> None:
     assert with_laws < 0.02 * without
 
 
+LOADED = "load_dependent_friction:joint_3:coefficient=0.1"
+ERROR = "transmission_error:joint_3:amplitude=2e-4"
+
+
 @pytest.mark.parametrize(
     ("stated", "follows", "allowed"),
     [
         ("coulomb_friction:joint_2:torque=15", "asymmetric_friction:joint_2:asymmetry=0.3", 0.02),
-        ("backlash:joint_3:half_gap=1e-4", "load_dependent_friction:joint_3:coefficient=0.1", 1e-6),
-        (
-            "nonlinear_stiffness:joint_3:cubic=1e10",
-            "transmission_error:joint_3:amplitude=2e-4",
-            1e-6,
+        *nightly(
+            [
+                ("backlash:joint_3:half_gap=1e-4", LOADED, 1e-6),
+                ("nonlinear_stiffness:joint_3:cubic=1e10", ERROR, 1e-6),
+            ]
         ),
     ],
 )

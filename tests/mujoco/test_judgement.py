@@ -17,6 +17,7 @@ from elastic_arm.mujoco.refinement import refine
 from elastic_arm.robot import Robot, with_joints_of
 from elastic_arm.robot.mjcf import MjcfArm
 from tests.diagnosis.test_result import diagnosis
+from tests.helpers.nightly import nightly
 from tests.helpers.servo_arms import EXAMPLE, recorded, servo_arm
 
 PAN, LIFT, ELBOW = (f'kp="17.8" kv="0.6" joint="{name}"' for name in ("pan", "lift", "elbow"))
@@ -156,7 +157,9 @@ def model_of(robot: Robot) -> MjcfArm:
         return correction.open(file)
 
 
-@pytest.mark.parametrize(("caused", "right"), [(False, True), (False, False), (True, False)])
+@pytest.mark.parametrize(
+    ("caused", "right"), [(False, True), (False, False), *nightly([(True, False)])]
+)
 def test_what_is_written_never_moves_worse(
     tmp_path: Path, judging: list[Judging], caused: bool, right: bool
 ) -> None:

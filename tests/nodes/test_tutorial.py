@@ -10,7 +10,7 @@ from domain_coordinator import domain_id
 
 from elastic_arm.identification import Identification
 
-pytestmark = [pytest.mark.graph, pytest.mark.slow(20)]
+pytestmark = [pytest.mark.graph, pytest.mark.nightly, pytest.mark.slow(20)]
 
 ROOT = Path(__file__).parents[2]
 

@@ -1,7 +1,6 @@
 """Angles that are given against the joint before, as drives over a parallelogram report them."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,8 +10,10 @@ from elastic_arm.recording.inspection.described_gravity import COUPLED, contradi
 from elastic_arm.recording.sides import Side
 from elastic_arm.robot import Robot, load_robot
 from tests.helpers.clean_recordings import clean_arm, sines
+from tests.helpers.nightly import nightly
+from tests.helpers.shared_data import DATA, needs_data
 
-REPORTS = Path(__file__).parents[3] / "shared" / "data" / "public_reports_2" / "coupled_j2_j3"
+REPORTS = DATA / "public_reports_2" / "coupled_j2_j3"
 
 
 def named(recording: Recording, robot: Robot) -> list[str]:
@@ -22,6 +23,7 @@ def named(recording: Recording, robot: Robot) -> list[str]:
     return [one.message for one in found]
 
 
+@needs_data
 @pytest.mark.parametrize("run", ["s_coup_1", "s_coup_2"])
 def test_an_angle_against_the_horizontal_is_named(run: str) -> None:
     """The line of the map is in the message, and torques are those of the joints."""
@@ -29,7 +31,7 @@ def test_an_angle_against_the_horizontal_is_named(run: str) -> None:
     assert "coupling: {axis_3: {axis_3: 1.0, axis_2: -1}}" in words and "torque under link" in words
 
 
-@pytest.mark.parametrize(("joint", "sign"), [(2, 1.0), (3, -1.0)])
+@pytest.mark.parametrize(("joint", "sign"), [(2, 1.0), *nightly([(3, -1.0)])])
 def test_sums_and_differences_of_other_joints_are_named(joint: int, sign: float) -> None:
     """With torques of the motors, which bear what the coupling brings."""
     arm, rng, t = clean_arm(1), np.random.default_rng(4), np.arange(2500) / 125.0

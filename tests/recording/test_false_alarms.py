@@ -4,7 +4,6 @@ them is."""
 import re
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,8 +16,10 @@ from elastic_arm.recording.inspection.outliers import cleared
 from elastic_arm.recording.inspection.report import Finding
 from elastic_arm.recording.sides import Side
 from tests.helpers.clean_recordings import clean_recordings
+from tests.helpers.nightly import nightly
+from tests.helpers.shared_data import DATA, needs_data
 
-REPORTS = Path(__file__).parents[3] / "shared" / "data" / "public_reports_2"
+REPORTS = DATA / "public_reports_2"
 RATE = 125.0
 TIMES = np.arange(2500) / RATE
 NAMES = ("a", "b")
@@ -54,17 +55,19 @@ def episodes(folder: str, name: str) -> Sequence[Recording]:
     return [*import_runs(REPORTS / folder / name, REPORTS / folder / "four.yaml").values()]
 
 
-def test_clean_recordings_are_not_warned_of() -> None:
+@pytest.mark.parametrize("count", [4, *nightly([16])])
+def test_clean_recordings_are_not_warned_of(count: int) -> None:
     """Excitation, points, creeping, joint by joint and servos: `benchmarks.false_alarms` counts
     more of them."""
     wrong = {
         recording.source: found
-        for robot, recording in clean_recordings(16, 1)
+        for robot, recording in clean_recordings(count, 1)
         if (found := alarms(robot, recording))
     }
     assert not wrong
 
 
+@needs_data
 def test_friction_that_turns_over_is_no_outlier() -> None:
     """A torque that steps as the joint turns round, over one sample or two; a spike of the same
     size is one."""
@@ -78,6 +81,7 @@ def test_friction_that_turns_over_is_no_outlier() -> None:
     assert found.code == "outliers" and "1 sample of the motor effort of a" in found.message
 
 
+@needs_data
 def test_a_servo_that_stands_is_not_frozen() -> None:
     """It goes on from where it stood; one whose log froze comes again where it went meanwhile."""
     assert not [one for run in episodes("still_is_frozen", "le_steps") for one in said(run)]
@@ -91,6 +95,7 @@ def test_a_servo_that_stands_is_not_frozen() -> None:
     assert "frozen" in codes(Recording(NAMES, Side(TIME_NS, q)))
 
 
+@needs_data
 def test_a_torque_of_zero_at_rest_is_measured() -> None:
     """An axis without load has none while it stands; zeros while it moves were filled in."""
     assert not said(read_recording(REPORTS / "zero_at_rest" / "k_ptp"))
@@ -126,6 +131,7 @@ def test_commands_cross_a_seam_as_positions_do(unwound: str) -> None:
     assert not said(recording)
 
 
+@needs_data
 def test_commands_of_the_reports_cross_their_seam() -> None:
     """A servo whose angle and commands cross 4095/0 together followed them."""
     for run in episodes("commands_not_unwound", "le_seam"):
@@ -133,6 +139,7 @@ def test_commands_of_the_reports_cross_their_seam() -> None:
         assert not said(run) and np.abs(whole.reference.position - whole.link.position).max() < 1.0
 
 
+@needs_data
 def test_clocks_that_are_apart_are_joined() -> None:
     """37 s between commands and positions, and an hour between links and motors, are named and
     taken out."""
@@ -179,6 +186,7 @@ def test_commands_that_are_the_positions_are_no_commands(shift: int, words: str)
         assert found.code == "copied_command" and words in found.message
 
 
+@needs_data
 def test_per_cent_of_a_range_is_no_angle() -> None:
     """Steps of one kind of encoder that differ from joint to joint show their ranges."""
     for run in episodes("percent_units", "le_percent"):

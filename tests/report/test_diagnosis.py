@@ -23,9 +23,8 @@ from elastic_arm.diagnosis.corrected_robot import repaired_robot
 from elastic_arm.diagnosis.estimates import ParameterEstimate
 from elastic_arm.diagnosis.result import SEPARATING, Change, Diagnosis, ResidualSizes
 from elastic_arm.diagnosis.words import cause_sentence, estimates_text, probability_text, summary
-from elastic_arm.effects import EFFECTS
 from elastic_arm.effects.effect import REGIMES
-from elastic_arm.recording import read_recording, write_recording
+from elastic_arm.recording import read_recording
 from elastic_arm.recording.message_types import typestore
 from elastic_arm.recording.storage.messages import read_messages
 from elastic_arm.report.diagnosis import sections, write_gap_report
@@ -34,24 +33,10 @@ from elastic_arm.report.html import Table
 from elastic_arm.report.legend import meaning
 from tests.helpers.browser import rendered_page
 from tests.helpers.command_line import run
-from tests.helpers.gap_recordings import ROBOT, gentle, motions, record
+from tests.helpers.gap_recordings import ROBOT, motions, record
+from tests.helpers.shared_diagnoses import ERROR, FRICTION, Commanded
 
 pytestmark = pytest.mark.slow(40)
-
-FRICTION, ERROR = (
-    "coulomb_friction:joint_2:torque=6",
-    "transmission_error:joint_1:amplitude=2e-5,phase=0.7",
-)
-PLAY = "backlash:joint_2:half_gap=1e-5"
-
-
-@pytest.fixture(scope="module")
-def two_causes() -> Diagnosis:
-    recordings = [record(motion, FRICTION, ERROR, seed=k) for k, motion in enumerate(motions())]
-    question = Question(ROBOT, effects=(EFFECTS["coulomb_friction"], EFFECTS["transmission_error"]))
-    return follow_up(
-        diagnose([recordings[0]], question, [recordings[1]]), rng=np.random.default_rng(0)
-    )
 
 
 @pytest.mark.browser
@@ -112,12 +97,11 @@ def test_prediction_is_written_as_numbers(two_causes: Diagnosis, tmp_path: Path)
     assert before[-1] > 10 * after[-1] and data["next_motion"] is None
 
 
-def test_report_of_a_clean_arm_speaks_of_no_cause(tmp_path: Path) -> None:
+def test_report_of_a_clean_arm_speaks_of_no_cause(
+    clean_diagnosis: Diagnosis, tmp_path: Path
+) -> None:
     """Where there is no gap, the report shows residuals and noise, and nothing before and after."""
-    recordings = [record(motion, seed=k) for k, motion in enumerate(motions())]
-    found = follow_up(
-        diagnose([recordings[0]], Question(ROBOT, effects=()), [recordings[1]]), rng=None
-    )
+    found = follow_up(clean_diagnosis, rng=None)
     page = write_gap_report(tmp_path / "report.html", found).read_text()
     titles = re.findall(r"<h2>([^<]*)</h2>", page)
     assert "none: recording and model agree" in page
@@ -148,18 +132,12 @@ def test_arm_with_the_causes_in_it_has_no_gap_left(two_causes: Diagnosis) -> Non
     assert (found.verdict, found.causes) == ("none", ())
 
 
-def test_command_writes_the_motion_that_the_simulator_takes(tmp_path: Path) -> None:
+def test_command_writes_the_motion_that_the_simulator_takes(
+    commanded: Commanded, tmp_path: Path
+) -> None:
     """Two bags give result, report, arm and separating motion; `simulate --trajectory` takes the
     motion as it is."""
-    for k in (1, 2):
-        write_recording(tmp_path / f"bag_{k}", record(gentle(k), PLAY, seed=k))
-    folder = tmp_path / "diagnosis"
-    bags, further = (
-        (tmp_path / "bag_1", "--validate", tmp_path / "bag_2"),
-        ("--csv", "--mcap", tmp_path / "residuals"),
-    )
-    told = run("diagnose", *bags, "--out", folder, *further)
-    assert told.exit_code == 0, told.output
+    folder = commanded.folder / "diagnosis"
     tables = {"causes.csv", "gap.csv", "parameters.csv", "residuals.csv"}
     assert {p.name for p in folder.iterdir()} == {
         "diagnosis.json",
@@ -168,8 +146,8 @@ def test_command_writes_the_motion_that_the_simulator_takes(tmp_path: Path) -> N
         SEPARATING,
         *tables,
     }
-    check_residuals(folder / "residuals.csv", tmp_path)
-    words = " ".join(told.stdout.split())
+    check_residuals(folder / "residuals.csv", commanded.folder)
+    words = " ".join(commanded.told.stdout.split())
     assert (
         f"separated by: {SEPARATING}" in words
         and "prediction: Driven by the measured torque" in words

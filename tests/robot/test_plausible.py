@@ -13,8 +13,7 @@ from elastic_arm.robot.parts import Inertia, Limits
 from elastic_arm.robot.plausible import TABLE, doubtful
 from tests.helpers.command_line import refusal, run
 from tests.helpers.random_arms import random_arm
-
-DATA = Path(__file__).parents[3] / "shared" / "data"
+from tests.helpers.shared_data import DATA, needs_data
 
 
 def rigid(**changes: Any) -> Robot:
@@ -23,6 +22,7 @@ def rigid(**changes: Any) -> Robot:
     return robot.with_joint("joint_2", **changes)
 
 
+@needs_data
 def test_ordinary_arms_are_plausible() -> None:
     """The nominal arm, random ones, and those of makers."""
     assert not doubtful(load_robot())
@@ -35,6 +35,7 @@ def test_ordinary_arms_are_plausible() -> None:
         assert not doubtful(load_robot(DATA / file))
 
 
+@needs_data
 @pytest.mark.parametrize(
     ("folder", "words"),
     [

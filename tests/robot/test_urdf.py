@@ -15,9 +15,10 @@ from elastic_arm.errors import RobotError
 from elastic_arm.robot import Limits, Robot, load_robot, robot_to_dict, save_robot, to_urdf
 from elastic_arm.robot.kinematics import link_placements, lumped, moved
 from elastic_arm.robot.urdf import parse_urdf
+from tests.helpers.shared_data import DATA, needs_data
 
-KUKA = Path(__file__).parents[3] / "shared" / "data" / "kuka_lwr4" / "kuka_lwr4.urdf"
-KINOVA = KUKA.parents[1] / "kinova_gen3" / "gen3_2f85.urdf"
+KUKA = DATA / "kuka_lwr4" / "kuka_lwr4.urdf"
+KINOVA = DATA / "kinova_gen3" / "gen3_2f85.urdf"
 INERTIAL = (
     '<inertial><origin xyz="0.1 0.02 -0.03" rpy="0.3 -0.2 0.5"/><mass value="2"/>'
     '<inertia ixx="0.03" ixy="0.001" ixz="-0.002" iyy="0.04" iyz="0.003" izz="0.05"/></inertial>'
@@ -629,7 +630,12 @@ def test_a_ratio_that_two_tags_state_is_one_number() -> None:
         DRAKE + DRAKE,
     ):
         assert parse_urdf(MOTOR.format(stated)).joints[0].armature == pytest.approx(0.6)
-    data = KUKA.parents[1] / "public_reports_2" / "drake_and_reduction" / "drake_both.urdf"
+
+
+@needs_data
+def test_a_ratio_that_two_tags_of_a_real_arm_state_is_one_number() -> None:
+    """The same of a description that somebody published."""
+    data = DATA / "public_reports_2" / "drake_and_reduction" / "drake_both.urdf"
     assert [joint.armature for joint in load_robot(data).joints] == pytest.approx([3.2] * 6)
 
 

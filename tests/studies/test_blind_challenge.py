@@ -28,6 +28,7 @@ from elastic_arm.studies.blind_challenge.levels import FIELD, FLOORS, LABORATORY
 from elastic_arm.studies.blind_challenge.score import calibration, markdown, proportion, score
 from elastic_arm.studies.blind_challenge.servo_arms import described, with_effect
 from tests.helpers.command_line import run
+from tests.helpers.nightly import nightly
 
 ROBOT = load_robot(None)
 JOINTS = list(ROBOT.joint_names)
@@ -89,8 +90,18 @@ def test_a_link_that_is_heavier_is_known_by_its_own_numbers_alone() -> None:
     assert set(own) < numbers and numbers - set(own) == {"com_x", "com_y", "com_z", "rotor"}
 
 
+# One of each kind: friction, a drive, a sensor, a delay, and another model.
+DRAWN = (
+    "coulomb_friction",
+    "transmission_error",
+    "motor_torque_gain",
+    "time_delay",
+    "inertia_coupling",
+)
+
+
 @pytest.mark.slow(25)
-@pytest.mark.parametrize("effect", sorted(LABORATORY.effects))
+@pytest.mark.parametrize("effect", [*DRAWN, *nightly(sorted({*LABORATORY.effects} - {*DRAWN}))])
 def test_every_effect_is_drawn_at_the_wanted_multiple_of_its_bound(effect: str) -> None:
     """Sizes are what was asked over the bound, or at an end of the plausible range, which the truth
     then holds."""
@@ -154,6 +165,7 @@ def test_an_effect_acts_in_both_recordings_or_is_refused(tmp_path: Path) -> None
 # --- campaigns
 
 
+@pytest.mark.nightly
 @pytest.mark.slow(25)
 def test_small_campaign_is_made_resumed_answered_and_scored(tmp_path: Path) -> None:
     """What is made and answered stays, clean arms are called none, a withheld effect is not named,
@@ -195,6 +207,7 @@ def test_small_campaign_is_made_resumed_answered_and_scored(tmp_path: Path) -> N
         campaign.open_sealed(tmp_path, digest)
 
 
+@pytest.mark.nightly
 @pytest.mark.slow(20)
 def test_a_field_arm_is_recorded_with_its_description_and_read_back(tmp_path: Path) -> None:
     """Bags, URDF with overlay and channel map of an arm are complete: torque sensors are read as
@@ -444,6 +457,7 @@ def test_servo_arms_are_drawn_answered_and_scored(tmp_path: Path) -> None:
     assert line["effect_right"] and not line["accused"]
 
 
+@pytest.mark.nightly
 @pytest.mark.slow(12)
 def test_a_history_is_recorded_and_its_change_told_where_it_happened(tmp_path: Path) -> None:
     """Of three bags those from one on have more friction; a change that is sure at another is a

@@ -5,6 +5,7 @@ import json
 import math
 import re
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -22,12 +23,12 @@ from elastic_arm.studies.paper.coupling import symbolic_coupling
 from elastic_arm.studies.paper.export import export
 from elastic_arm.studies.paper.identification_study import shares, smallness
 from elastic_arm.studies.paper.report import table_i, write_paper_report
-from elastic_arm.studies.paper.study import QUICK, StudyResult, run_study
+from elastic_arm.studies.paper.study import QUICK, StudyResult, StudySettings, run_study
 from elastic_arm.studies.paper.torques import line_over_ratio, studied_ratios
 from elastic_arm.studies.paper.virtual_prototype.motions import StepRamp
 from tests.helpers.command_line import refusal
 
-pytestmark = pytest.mark.slow(55)
+pytestmark = pytest.mark.slow(25)
 
 # A claim that flips is a failing test, whichever way it flips. "undecided" is what the noise of the
 # quick study (seeds of noise, searches and guesses) leaves open by the margins in claims/.
@@ -54,15 +55,40 @@ VERDICTS = {
     "noise_minor": "undecided",
     "accuracy": "undecided",
 }
+# Verdicts on identified coefficients, which few realisations of the noise may move.
+NOISY = {"shares_order", "mod1_mostly_high", "high_errors_small", "noise_minor", "accuracy"}
 CHOSEN = {"motor_mod1_mod2_close", "motor_first_below_half"}
+
+
+# All stages, with as few runs, noises and trials of each as there can be.
+SHORT = replace(
+    QUICK,
+    seeds=(2, 2),
+    evaluations=20,
+    random_trajectories=3,
+    translations=(1e9,),
+    tracking=0.25,
+    motions=1,
+)
+
+
+def studied(settings: StudySettings) -> StudyResult:
+    """Run the study of the package's arm."""
+    return run_study(
+        load_robot(None), settings, workers=1, seed=1, stage=lambda name, count: lambda: None
+    )
 
 
 @pytest.fixture(scope="module")
 def result() -> StudyResult:
-    """The study in its quick mode."""
-    return run_study(
-        load_robot(None), QUICK, workers=1, seed=1, stage=lambda name, count: lambda: None
-    )
+    """The study, as short as it can be."""
+    return studied(SHORT)
+
+
+@pytest.fixture(scope="module")
+def quick() -> StudyResult:
+    """The study in its quick mode, of which the claims are judged."""
+    return studied(QUICK)
 
 
 @pytest.fixture(scope="module")
@@ -71,15 +97,30 @@ def claims(result: StudyResult) -> dict[str, Claim]:
     return {claim.key: claim for claim in judge(result)}
 
 
-def test_claims_keep_their_verdicts_and_those_that_rest_on_a_choice_are_marked(
-    claims: dict[str, Claim],
-) -> None:
-    """Verdicts are those that the documentation states; two name the number of the arm file chosen
-    for them."""
+@pytest.mark.nightly
+def test_claims_keep_their_verdicts(quick: StudyResult) -> None:
+    """Verdicts are those that the documentation states."""
+    claims = {claim.key: claim for claim in judge(quick)}
     flipped = {
         key: claim.finding for key, claim in claims.items() if claim.verdict != VERDICTS.get(key)
     }
     assert not flipped and set(claims) == set(VERDICTS)
+
+
+def test_verdicts_that_noise_does_not_move_are_those_of_the_shortest_study(
+    claims: dict[str, Claim],
+) -> None:
+    """All but those of the identified coefficients are what the documentation states."""
+    flipped = {
+        key: claim.finding
+        for key, claim in claims.items()
+        if key not in NOISY and claim.verdict != VERDICTS.get(key)
+    }
+    assert not flipped and set(claims) == set(VERDICTS)
+
+
+def test_verdicts_that_rest_on_a_choice_are_marked(claims: dict[str, Claim]) -> None:
+    """Two name the number of the arm file chosen for them."""
     assert {key for key, claim in claims.items() if claim.by_choice} == CHOSEN
 
 
@@ -167,15 +208,17 @@ def test_numbers_are_written_beside_the_report_and_read_back(
     assert [float(row["e_max"]) for row in rows] == expected
 
 
-def test_searched_excitation_is_conditioned_better_than_where_it_began(result: StudyResult) -> None:
+@pytest.mark.nightly
+def test_searched_excitation_is_conditioned_better_than_where_it_began(quick: StudyResult) -> None:
     """For each model, and better than the median random trajectory."""
-    for excited in result.excited.values():
+    for excited in quick.excited.values():
         assert excited.condition_after < excited.condition_before <= np.median(excited.random)
 
 
-def test_high_errors_belong_to_coefficients_that_move_little_torque(result: StudyResult) -> None:
+@pytest.mark.nightly
+def test_high_errors_belong_to_coefficients_that_move_little_torque(quick: StudyResult) -> None:
     """For every model the rank correlation of error and torque is clearly negative."""
-    assert all(smallness(estimate)[1] < -0.5 for estimate in result.estimates)
+    assert all(smallness(estimate)[1] < -0.5 for estimate in quick.estimates)
 
 
 def test_mod3_has_no_error_of_its_own(result: StudyResult) -> None:
@@ -185,10 +228,11 @@ def test_mod3_has_no_error_of_its_own(result: StudyResult) -> None:
     assert np.abs(result.estimate("mod1").model_error).max() > 1.0
 
 
-def test_links_follow_better_under_mod3(result: StudyResult) -> None:
+@pytest.mark.nightly
+def test_links_follow_better_under_mod3(quick: StudyResult) -> None:
     """Feed-forward of the identified mod3 leaves less than half the joints' error of mod1's and
     mod2's."""
-    errors = {t.feedforward: t.joints_rms for t in result.tracking if t.r_tot == result.highest}
+    errors = {t.feedforward: t.joints_rms for t in quick.tracking if t.r_tot == quick.highest}
     assert errors["identified mod3"] < 0.5 * min(
         errors["identified mod1"], errors["identified mod2"]
     )
