@@ -24,6 +24,7 @@ from elastic_arm.diagnosis import Priors, Question, diagnose, follow_up
 from elastic_arm.diagnosis.comparison import SimulationComparison, compare
 from elastic_arm.diagnosis.corrected_robot import deviations, repaired_robot, units_of
 from elastic_arm.diagnosis.result import SEPARATING, Cause, Diagnosis, Proposal
+from elastic_arm.diagnosis.search_words import search_words
 from elastic_arm.diagnosis.words import (
     alone_text,
     cause_size,
@@ -124,6 +125,12 @@ def diagnose_command(
             help="Stop the search after N seconds with the best answer so far.",
         ),
     ] = None,
+    explain: Annotated[
+        bool,
+        typer.Option(
+            help="Also print the search: the sets that were scored, what the best one lacks, moves."
+        ),
+    ] = False,
     fail_on: FailOn = None,
 ) -> None:
     """Find where a recording and a model differ, which effect the model lacks, and by how much the
@@ -214,6 +221,9 @@ def diagnose_command(
         print_json(found.to_dict())
     elif not quiet:
         print_diagnosis(found, out_dir)
+        if explain and found.context is not None:
+            for line in search_words(found.context.explanation):
+                out.print(escape(line))
         print_correction(corrected.file)
         print_closed_loop(found.closed_loop)
         print_replays(replays)

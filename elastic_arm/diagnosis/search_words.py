@@ -1,0 +1,62 @@
+"""The search of a diagnosis in words, for `diagnose --explain`: the sets that were scored, what the
+best one lacks, and the moves."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from elastic_arm.evidence.model import Fit, Screen
+from elastic_arm.evidence.relinearise import Explanation, linear_model, pool_of
+from elastic_arm.evidence.term import Key
+
+SETS, TERMS = 5, 8  # that are listed
+NOTHING = "no term"
+
+
+def search_words(explanation: Explanation) -> list[str]:
+    """Return lines on the sets, the terms that would gain most, and the moves of a search."""
+    return [
+        "sets of terms, by probability, and how far each is behind the best:",
+        *_sets(explanation),
+        "terms that the best set lacks, by what each would gain (negative: less than its prior):",
+        *_lacking(explanation),
+        "moves:",
+        *(f"  {line}" for line in explanation.log),
+    ]
+
+
+def _sets(explanation: Explanation) -> Iterator[str]:
+    probabilities = explanation.search.probabilities()
+    ranked = sorted(probabilities, key=lambda keys: -probabilities[keys])
+    for keys in ranked[:SETS]:
+        behind = explanation.best.score - explanation.search.met[keys].score
+        terms = ", ".join(sorted(_named(explanation, key) for key in keys)) or NOTHING
+        yield f"  {probabilities[keys]:6.1%}  {behind:6.1f} nats behind  {terms}"
+
+
+def _lacking(explanation: Explanation) -> Iterator[str]:
+    best: Fit = explanation.best
+    model = linear_model(explanation.linear, best.model.name)
+    screen = Screen(model.grams, pool_of(explanation.linear))
+    gains = screen.gains(best)
+    listed: set[Key] = set(best.keys)
+    for k in np.argsort(-gains):
+        key = screen.terms[k].key
+        if key in listed or not np.isfinite(gains[k]):
+            continue
+        listed.add(key)
+        yield f"  {gains[k]:+8.1f} nats  {_named(explanation, key)}"
+        if len(listed) == len(best.keys) + TERMS:
+            return
+
+
+def _named(explanation: Explanation, key: Key) -> str:
+    effect, joint, choices = key
+    if effect == "law":
+        side, argument, smoothness = choices
+        name = explanation.linear.problem.robot.joint_names[int(str(joint))]
+        return f"{smoothness} law of {argument} on {name} ({side})"
+    chosen = [str(choice[1]) if isinstance(choice, tuple) else str(choice) for choice in choices]
+    where = f" on {joint}" if joint else ""
+    how = f" ({', '.join(chosen)})" if chosen else ""
+    return f"{effect}{where}{how}"
