@@ -68,8 +68,9 @@ def test_adding_all_causes_brings_the_prediction_back(
     acting = [parse(text, ROBOT) for text in (FRICTION, ERROR)]
     found = predict(two_causes.context, acting)
     assert found.before is not None and found.after is not None and clean.before is not None
-    for joint in ("joint_1", "joint_2"):
-        assert found.before[joint, "motor"][4] > 10.0 * found.after[joint, "motor"][4]
+    # The friction of joint 2 acts there most; the small error of joint 1 is nearer to the noise.
+    for joint, least in (("joint_1", 3.0), ("joint_2", 100.0)):
+        assert found.before[joint, "motor"][4] > least * found.after[joint, "motor"][4]
     for k in (1, 4):
         assert worst(found.after, k) < 2.0 * worst(clean.before, k)
 

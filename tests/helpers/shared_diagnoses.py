@@ -16,8 +16,9 @@ from tests.helpers.gap_recordings import ROBOT, gentle, motions, record
 
 FRICTION = "coulomb_friction:joint_2:torque=6"
 ERROR = "transmission_error:joint_1:amplitude=2e-5,phase=0.7"
-# Loaded one way throughout, play in a drive is an offset between its two encoders.
-PLAY = "backlash:joint_2:half_gap=1e-5"
+# Loaded one way throughout, play in a drive is an offset between its two encoders; larger than an
+# ordinary one, which would be no cause.
+PLAY = "backlash:joint_2:half_gap=4e-5"
 
 
 class Commanded(NamedTuple):

@@ -46,16 +46,16 @@ def refusal(node: Discovery) -> str:
 def test_the_error_waits_for_the_name_of_the_other_node() -> None:
     """A publisher discovered before the name of its node is reported by that name."""
     nameless: list[list[tuple[str, str]]] = [[], *[[NAMELESS]] * 20]
-    assert "/left/simulator publishes /left/motor_states already" in refusal(
+    assert "/left/simulator already publishes /left/motor_states" in refusal(
         Discovery(*nameless, [OTHER])
     )
-    assert "/left/simulator publishes" in refusal(Discovery([NAMELESS, OTHER]))
+    assert "/left/simulator already publishes" in refusal(Discovery([NAMELESS, OTHER]))
 
 
 def test_a_node_without_a_name_is_refused_in_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where the name never comes, the topic has another source all the same."""
     monkeypatch.setattr(graph, "NAMING", 0.2)
-    assert "another node publishes /left/motor_states already" in refusal(Discovery([NAMELESS]))
+    assert "another node already publishes /left/motor_states" in refusal(Discovery([NAMELESS]))
 
 
 def test_a_publisher_that_goes_before_its_name_has_come_is_none() -> None:
