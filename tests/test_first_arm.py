@@ -72,7 +72,7 @@ def test_the_commands_of_the_page_lead_to_what_the_urdf_lacks(tmp_path: Path, ar
     a controller gives the torques of another motion."""
     written_tables(tmp_path, arm)
     printed = run_page((ROOT / "docs" / "first_arm.md").read_text(), tmp_path)
-    assert printed.count("nothing wrong") == 1
+    assert printed.count("no faults found") == 1
     found = json.loads((tmp_path / "diagnosis" / "diagnosis.json").read_text())
     assert (found["verdict"], found["causes"]) == ("none", [])
     identified = Identification.load(tmp_path / "identified" / "identification.json")

@@ -82,7 +82,7 @@ def test_a_carried_body_is_read_again(tmp_path) -> None:
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_friction_that_is_not_asked_for_is_no_elastic_joint(seed: int) -> None:
     """Rigid joints whose friction nobody identifies get the advice to do so, and no resonance."""
-    notes = [note for note in identified(5, 0.0, (), seed).notes if "the fit leaves" in note]
+    notes = [note for note in identified(5, 0.0, (), seed).notes if "the residual is" in note]
     assert len(notes) > 3
     for note in notes:
         assert "identify its friction" in note and "elastic" not in note
