@@ -161,7 +161,6 @@ def prepare(
         question.model,
         observed,
         layout,
-        band,
         uncertain,
         [*seen[0], *seen[1]],
         largest,

@@ -126,12 +126,11 @@ def _turnovers(joint: Joint, turning: float, std: float, sides: Sequence[str]) -
             )
 
 
-def resolved_speeds(pieces: Sequence[Motion], n: int, cutoff: float) -> Array:
-    """Return the speeds (n,) by which velocities change within half a period of a frequency (Hz)
-    where they reverse, rad/s.
+def resolved_speeds(pieces: Sequence[Motion], n: int, rate: float) -> Array:
+    """Return the speeds (n,) by which velocities change within two samples where they reverse.
 
-    Below them residuals that are compared up to that frequency do not show when friction turns
-    over.
+    Nothing faster than half the rate (samples/s) is recorded, and so not how friction turns over
+    below these speeds, rad/s.
     """
     squares, count = np.zeros(n), np.zeros(n)
     for piece in pieces:
@@ -142,7 +141,7 @@ def resolved_speeds(pieces: Sequence[Motion], n: int, cutoff: float) -> Array:
         reverses = np.signbit(dq[1:]) != np.signbit(dq[:-1])
         squares += np.sum(np.square(ddq[1:]), axis=0, where=reverses)
         count += reverses.sum(axis=0)
-    return np.asarray(np.sqrt(squares / np.maximum(count, 1.0)) / (2.0 * cutoff))
+    return np.asarray(2.0 / rate * np.sqrt(squares / np.maximum(count, 1.0)))
 
 
 def _motor_inertias(pieces: Sequence[Motion]) -> Array | None:

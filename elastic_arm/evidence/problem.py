@@ -106,7 +106,6 @@ def uncertain_numbers(
     model: str,
     observed: tuple[Observations, Observations],
     layout: EquationSet,
-    band: Band,
     effects: Sequence[Effect],
     known: Sequence[EffectInstance],
     largest: Array,
@@ -127,7 +126,7 @@ def uncertain_numbers(
         if not feature.effect.scales_friction or any(feature.scales(one) for one in friction)
     ]
     pieces, first = [piece for one in observed[0] for piece in one.pieces], observed[0][0]
-    turning = resolved_speeds(pieces, robot.n, band.cutoff)
+    turning = resolved_speeds(pieces, robot.n, first.rate)
     if first.turning is not None:
         turning = np.maximum(turning, first.turning)
     found = numbers_of(robot, shown, first.rate, priors, pieces, largest, turning, layout.sides)
