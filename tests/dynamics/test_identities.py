@@ -309,7 +309,7 @@ def test_parameters_are_named_with_units() -> None:
 def test_unknown_models_and_missing_bearings_are_refused() -> None:
     """The error names the model or joint, and the remedy."""
     robot = load_robot()
-    with pytest.raises(RobotError, match=r"no model 'mod4'.*mod1, mod2, mod3"):
+    with pytest.raises(RobotError, match=r"unknown model 'mod4'.*mod1, mod2, mod3"):
         build_model(robot, "mod4")
     with pytest.raises(RobotError, match="joint_1 has no bearing"):
         build_model(bearingless(robot), "mod3", bearings=True)
