@@ -258,6 +258,6 @@ def test_a_torque_function_has_no_base(tmp_path: Path) -> None:
     said = run("export", urdf, "--base", urdf, "--out", out)
     assert said.exit_code == 2 and "always a new file" in said.stderr and not out.exists()
     said = run("export", urdf, "--to", "casadi", "--out", out)
-    assert said.exit_code == 2 and "ending" in said.stderr and not out.exists()
+    assert said.exit_code == 2 and "extension" in said.stderr and not out.exists()
     said = run("export", urdf, "--to", "c", "--out", out)
     assert said.exit_code == 0 and "motor inertia" in said.stdout
