@@ -367,7 +367,7 @@ def test_a_simulator_that_publishes_stays_when_another_source_turns_up(graph: Gr
     graph.peer.create_publisher(JointState, "/motor_states", qos("/motor_states"))
     graph.until(
         lambda: any(
-            "/peer publishes /motor_states too" in array.status[0].message for array in status
+            "/peer also publishes /motor_states" in array.status[0].message for array in status
         ),
         "the newcomer is warned of",
     )
