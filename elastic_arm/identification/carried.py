@@ -109,5 +109,7 @@ def _equations(fit: Fit, equations: BaseRegression, correlated: float) -> tuple[
     chart = chart_of(equations)
     unstated = rows @ equations.base.T @ chart.G[:, chart.free + chart.held]
     left, _, _ = np.linalg.svd(unstated)
-    rest = left[:, np.linalg.matrix_rank(unstated) :].T
+    # NumPy 1 has no rank of a matrix without columns.
+    rank = int(np.linalg.matrix_rank(unstated)) if unstated.size else 0
+    rest = left[:, rank:].T
     return rest @ rows, rest @ (right - rows @ equations.described)

@@ -196,9 +196,13 @@ def with_refined(found: Diagnosis, moved: Sequence[Moved]) -> Diagnosis:
 
 
 def _with_sizes(cause: Cause, by: Mapping[tuple[str, str | None], Moved], last: str) -> Cause:
-    """Return a cause with its parameters as they were refined."""
+    """Return a cause with its parameters as they were refined.
+
+    Delays stay as they were found: an integrator of MuJoCo may read them up to half a step ahead,
+    and the refined one makes up for it.
+    """
     sizes = dict(cause.parameters)
-    if cause.effect in SIZES:
+    if cause.effect in SIZES and SIZES[cause.effect][0] != "delay":
         what, parameter = SIZES[cause.effect]
         one = by.get((what, cause.joint))
         if one is not None:
