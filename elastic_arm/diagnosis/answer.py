@@ -178,13 +178,26 @@ class Answer:
                 found[name] = found.get(name, 0.0) + p * there
         return found
 
+    @cached_property
+    def _named(self) -> dict[Name, list[int]]:
+        """Which numbers are reported as each effect and joint."""
+        return named_numbers(self.prepared.problem.numbers, self.prepared.problem.far)
+
+    @cached_property
+    def _known_in_sets(self) -> dict[Fit, dict[Name, float]]:
+        """What :meth:`_in_set` found, by set."""
+        return {}
+
     def _in_set(self, fit: Fit) -> dict[Name, float]:
-        """Return the probability of each effect and of each number that may be off, in a set."""
-        problem, values = self.prepared.problem, self.explanation.linear.values
-        named = named_numbers(problem.numbers, problem.far)
-        effects = [t for t in fit.optional if t.kind == "effect"]
-        of_numbers = probabilities(fit, values, problem.numbers, named)
-        return of_numbers | stated_beyond(fit) | {_name(t.key): 1.0 for t in effects}
+        """Return the probability of each effect and of each number that may be off, in a set; made
+        once for each fit."""
+        if fit not in self._known_in_sets:
+            values, numbers = self.explanation.linear.values, self.prepared.problem.numbers
+            effects = [t for t in fit.optional if t.kind == "effect"]
+            of_numbers = probabilities(fit, values, numbers, self._named)
+            there = of_numbers | stated_beyond(fit) | {_name(t.key): 1.0 for t in effects}
+            self._known_in_sets[fit] = there
+        return self._known_in_sets[fit]
 
     # -- the recordings that judge
 
@@ -457,13 +470,16 @@ class Answer:
 
         Terms were confirmed one by one (:meth:`confirmed`).
         """
-        best, problem = self.explanation.best, self.prepared.problem
-        named = named_numbers(problem.numbers, problem.far)
-        if name not in named or any(_name(t.key) == name for t in best.optional):
+        best = self.explanation.best
+        if name not in self._named or any(_name(t.key) == name for t in best.optional):
             return True
-        values = self.explanation.linear.values
-        gains = gain_beyond(best, self.explanation.sized, values, problem.numbers)
-        return bool(gains[named[name]].max() > 0.0)
+        return bool(self._number_gains[self._named[name]].max() > 0.0)
+
+    @cached_property
+    def _number_gains(self) -> Array:
+        """What the recordings that judge gain by each number beyond its bounds (K,), nats."""
+        values, numbers = self.explanation.linear.values, self.prepared.problem.numbers
+        return gain_beyond(self.explanation.best, self.explanation.sized, values, numbers)
 
     def _there(self, fit: Fit) -> set[Name]:
         """Return the effects of a set, and the numbers that are more likely than not off in it."""
@@ -559,7 +575,7 @@ class Answer:
         if known:
             return known
         numbers = self.prepared.problem.numbers
-        own = named_numbers(numbers, self.prepared.problem.far)[name]
+        own = self._named[name]
         first = numbers[own[0]]
         assert first.cause is not None
         moves = np.eye(len(numbers))[:, own]

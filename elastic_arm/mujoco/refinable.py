@@ -26,9 +26,11 @@ CONTROLLERS = {
     "integral_gain": ("ki", "ki"),
 }
 POINT = ("mass", "position_x", "position_y", "position_z")
-# Causes of one size, the number that each is, and the parameter that holds it.
+# Causes of one size, the number that each is, and the parameter that holds it. A delay stays as it
+# was found: an integrator of MuJoCo may read it up to half a step ahead, and the refined one makes
+# up for it.
 SIZES = {
-    **CONTROLLERS,
+    **{effect: one for effect, one in CONTROLLERS.items() if effect != DELAY},
     **{effect: (effect, parameter) for effect, parameter in FRICTION.items()},
     "position_gain": ("scale", "gain"),
     "velocity_gain": ("kd", "gain"),
@@ -196,13 +198,9 @@ def with_refined(found: Diagnosis, moved: Sequence[Moved]) -> Diagnosis:
 
 
 def _with_sizes(cause: Cause, by: Mapping[tuple[str, str | None], Moved], last: str) -> Cause:
-    """Return a cause with its parameters as they were refined.
-
-    Delays stay as they were found: an integrator of MuJoCo may read them up to half a step ahead,
-    and the refined one makes up for it.
-    """
+    """Return a cause with its parameters as they were refined."""
     sizes = dict(cause.parameters)
-    if cause.effect in SIZES and SIZES[cause.effect][0] != "delay":
+    if cause.effect in SIZES:
         what, parameter = SIZES[cause.effect]
         one = by.get((what, cause.joint))
         if one is not None:
