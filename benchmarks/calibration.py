@@ -30,11 +30,11 @@ from elastic_arm.dynamics import build_model
 from elastic_arm.effects.parameters import Parameter
 from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.model import LinearModel, Screen
-from elastic_arm.evidence.nonlinear import axis, is_open
 from elastic_arm.evidence.priors import SCALES
 from elastic_arm.evidence.relinearise import BUILT, linear_model, pool_of
 from elastic_arm.evidence.search import Search
-from elastic_arm.evidence.term import Term
+from elastic_arm.evidence.terms.effect import EffectTerm, axis
+from elastic_arm.evidence.terms.term import Term
 from elastic_arm.excitation import MotionLimits, Shape, random_trajectories
 from elastic_arm.sensors import Sensors
 from elastic_arm.simulation import SimulationSettings, simulate
@@ -69,7 +69,7 @@ def drawn(
     odds = np.array([np.exp(-t.price) for t in can])
     term = can[rng.choice(len(can), p=odds / odds.sum())]
     std = term.std * float(rng.choice(SCALES))
-    if is_open(term):
+    if isinstance(term, EffectTerm) and term.is_open:
         theta = [uniform(p, rng) for p in linear.allowed(term.feature)]
         term = replace(term, columns=linear.columns(term.feature, theta), theta=tuple(theta))
     return term, np.asarray(

@@ -57,16 +57,19 @@ from elastic_arm.diagnosis.words import (
 from elastic_arm.effects import EFFECTS, EffectInstance
 from elastic_arm.effects.library.base_tilt import TILT
 from elastic_arm.errors import DiagnosisError, require_kind
-from elastic_arm.evidence.changes import CHANGE, bends
 from elastic_arm.evidence.grams import OCTAVES, Bands
+from elastic_arm.evidence.keys import Key
 from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.model import Fit
-from elastic_arm.evidence.pool import number_term
 from elastic_arm.evidence.priors import LEFT, LISTED, MOTION, NOISY, RELATED
 from elastic_arm.evidence.problem import FITTED, JUDGING
-from elastic_arm.evidence.relinearise import Explanation, explain, theta_of
+from elastic_arm.evidence.relinearise import Explanation, explain
 from elastic_arm.evidence.search import without
-from elastic_arm.evidence.term import Key, Term
+from elastic_arm.evidence.terms.effect import EffectTerm
+from elastic_arm.evidence.terms.known import KnownTerm, StatedTerm
+from elastic_arm.evidence.terms.law import LawTerm
+from elastic_arm.evidence.terms.number import NumberTerm, number_term
+from elastic_arm.evidence.terms.term import Term
 from elastic_arm.evidence.watch import Watch
 from elastic_arm.identification.batch.identify import resonances
 from elastic_arm.identification.batch.mounting import CHANCE, STEP
@@ -74,16 +77,13 @@ from elastic_arm.identification.verdict import SURE
 from elastic_arm.recording import Recording
 from elastic_arm.recording.recording import recordings_of
 
-LAW, NUMBER = "law", "number"
 AGAIN = 3  # times that recordings are explained anew without the events that are found
-MOUNTED = float(
-    np.radians(STEP)
-)  # rad, to which a mounting is known where no tilt is found beside it
+# rad, to which a mounting is known where no tilt is found beside it
+MOUNTED = float(np.radians(STEP))
 
 
-@threadpool_limits.wrap(
-    limits=1, user_api="blas"
-)  # more wait for each other, and take thirty times as long
+# More threads wait for each other, and take thirty times as long.
+@threadpool_limits.wrap(limits=1, user_api="blas")
 def diagnose(
     recordings: Sequence[Recording],
     question: Question,
@@ -193,7 +193,8 @@ class Answer:
         once for each fit."""
         if fit not in self._known_in_sets:
             values, numbers = self.explanation.linear.values, self.prepared.problem.numbers
-            effects = [t for t in fit.optional if t.kind == "effect"]
+            beyond = (NumberTerm, StatedTerm)  # which are there where they are far off
+            effects = [t for t in fit.optional if t.says_cause and not isinstance(t, beyond)]
             of_numbers = probabilities(fit, values, numbers, self._named)
             there = of_numbers | stated_beyond(fit) | {_name(t.key): 1.0 for t in effects}
             self._known_in_sets[fit] = there
@@ -258,48 +259,19 @@ class Answer:
     def _white_causes(self, terms: Sequence[Term]) -> Array:
         found = np.zeros(len(self.judging.data.white))
         for t in terms:
-            if t.kind in ("effect", "stated"):
-                found += self.judging.data.whiten([more[:, :, None] for more in self._added(t)])[
-                    :, 0
-                ]
+            if isinstance(t, EffectTerm):
+                added = [more[:, :, None] for more in self._added(t)]
+                found += self.judging.data.whiten(added)[:, 0]
         return found
 
-    def _coefficients(self, term: Term) -> Array:
-        return np.ones(1) if term.feature.fixed else self.best.beta(term)[: term.linear]
+    def _added(self, term: Term) -> list[Array]:
+        """Return what a term adds to the residuals (N', R) of each stretch that judges, Nm."""
+        along = np.zeros(0) if isinstance(term, EffectTerm) else self._shares
+        return term.added(self.judging, self.best, along)
 
-    def _added(self, term: Term, *, stated: bool = False) -> list[Array]:
-        """Return what a term adds to the residuals (N', R) of each stretch that judges, Nm; or what
-        is stated of it."""
-        if term.kind == "number":
-            return [X @ self.best.beta(term) for X in self._columns(term)]
-        if term.kind == CHANGE:
-            common = next(t for t in self.best.terms if t.key == term.what)
-            columns = (
-                self.judging.data.plain(common.feature.by_size)
-                if bends(common)
-                else self._columns(common)
-            )
-            each = self.best.raw(term).reshape(-1, columns[0].shape[2])
-            each = each - each[: term.fitted].mean(axis=0)
-            each = each * (self.prepared.problem.held_back or self.which == FITTED)
-            parts = zip(columns, self.judging.data.parts, strict=True)
-            return [X @ each[part.recording] for X, part in parts]
-        if term.kind == "law":
-            return [X @ self.best.beta(term) for X in term.what.plain(self.judging.data)]
-        beta = term.stated if stated and term.stated is not None else self._coefficients(term)
-        columns = self._columns(term)
-        added = [X @ beta for X in columns]
-        # What its columns do not show of its law as stated.
-        if term.stated is not None and term.what is not None:
-            laws = zip(added, self.judging.data.plain(*term.what), columns, strict=True)
-            return [more + W.sum(axis=2) - X @ term.stated for more, W, X in laws]
-        return added
-
-    def _columns(self, term: Term) -> list[Array]:
-        """Return the columns (N', R, k) of a term of each stretch that judges, Nm."""
-        if term.kind == "number":
-            return [N @ (self._shares[:, None] * term.what) for N in self.judging.plain_numbers]
-        return self.judging.data.plain(term.feature, theta_of(term, self.best))
+    def _as_stated(self, term: KnownTerm) -> list[Array]:
+        """Return the same of a known effect at its stated size."""
+        return term.added_as_stated(self.judging, self.best, np.zeros(0))
 
     @cached_property
     def _described(self) -> Array:
@@ -319,7 +291,7 @@ class Answer:
     @cached_property
     def added(self) -> dict[Any, list[Array]]:
         """What each term of the best set adds to the residuals of each stretch, Nm."""
-        return {t.ident: self._added(t) for t in self.best.terms if t.kind != "law"}
+        return {t.ident: self._added(t) for t in self.best.terms if not isinstance(t, LawTerm)}
 
     @cached_property
     def before(self) -> list[Array]:
@@ -332,11 +304,12 @@ class Answer:
             y - N @ step
             for y, N in zip(self.judging.data.y, self.judging.plain_numbers, strict=True)
         ]
-        return _minus(left, [self._added(t, stated=True) for t in self._always])
+        return _minus(left, [self._as_stated(t) for t in self._always])
 
     @property
-    def _always(self) -> tuple[Term, ...]:
-        return self.best.terms[: len(self.best.model.always)]
+    def _always(self) -> list[KnownTerm]:
+        """The known effects."""
+        return [t for t in self.best.terms if isinstance(t, KnownTerm)]
 
     @property
     def _of_one(self) -> NDArray[np.bool_]:
@@ -356,8 +329,8 @@ class Answer:
     @cached_property
     def after(self) -> list[Array]:
         """Residuals of each stretch with the causes and what is ordinary."""
-        causes = [self.added[t.ident] for t in self.best.optional if t.kind != "law"]
-        known = [_minus(self.added[t.ident], [self._added(t, stated=True)]) for t in self._always]
+        known = [_minus(self.added[t.ident], [self._as_stated(t)]) for t in self._always]
+        causes = [self.added[t.ident] for t in self.best.optional if t.ident in self.added]
         return _minus(self.before, [self.numbers_added, *known, *causes])
 
     @cached_property
@@ -395,7 +368,8 @@ class Answer:
                     less = answer._less(term)
                     nats = own - held_out(less.explanation.best)
                     share = answer._share_without(term, less)
-                    sized = term.kind != "effect" or has_size(answer.explanation.sized, term)
+                    beyond = isinstance(term, NumberTerm | StatedTerm)
+                    sized = beyond or has_size(answer.explanation.sized, term)
                     over = takes_over(answer._numbers[1], less._numbers[1])
                     found[term.key] = Confirmation(nats, share, sized, over)
             doubtful = [t for t in best.optional if t.key in found and not found[t.key].confirms]
@@ -418,9 +392,9 @@ class Answer:
         what is known."""
         if _name(term.key) in self._given:
             return False
-        if term.kind in (NUMBER, "stated"):
+        if isinstance(term, NumberTerm | StatedTerm):
             return _name(term.key) in self._there(self.explanation.best)
-        return term.kind not in (LAW, CHANGE)
+        return term.says_cause
 
     def _share_without(self, term: Term, less: Answer) -> float | None:
         """Return the share of the gap at the places of a term that comes back without it."""
@@ -529,7 +503,7 @@ class Answer:
             if (
                 p < LISTED * probability
                 or t.key != term.key
-                or (t.kind, t.count) != (term.kind, term.count)
+                or (type(t), t.count) != (type(term), term.count)
             ):
                 continue
             sized = one.model.of_fitted(one)
@@ -541,7 +515,7 @@ class Answer:
             (
                 i
                 for _, i in problem.known
-                if (term.kind == "stated" or term.trusted) and (i.effect.id, i.joint) == name
+                if isinstance(term, KnownTerm | StatedTerm) and (i.effect.id, i.joint) == name
             ),
             None,
         )
@@ -561,19 +535,19 @@ class Answer:
             alternatives=tuple(self._alternatives(name, term)),
             instance=replace(instance, joint=name[1]),
             stated=None if stated is None else dict(stated.numbers),
-            is_number=term.kind == "number" and term.feature.effect.model_parameter,
+            is_number=isinstance(term, NumberTerm) and term.feature.effect.model_parameter,
         )
         return cause, alone
 
     def _terms_of(self, fit: Fit, name: Name) -> list[Term]:
         """Return the terms of a fit that are an effect; of a number that no term makes wide, one
         that stands for it."""
-        terms = [t for t in fit.optional if t.kind not in (LAW, CHANGE) and _name(t.key) == name]
+        terms = [t for t in fit.optional if t.says_cause and _name(t.key) == name]
         if terms or name not in self._there(fit):
             return terms
-        known = [t for t in fit.terms if t.trusted and _name(t.key) == name]
-        if known:
-            return known
+        for t in fit.terms:
+            if isinstance(t, KnownTerm) and t.stated is not None and _name(t.key) == name:
+                return [t]
         numbers = self.prepared.problem.numbers
         own = self._named[name]
         first = numbers[own[0]]
@@ -583,13 +557,13 @@ class Answer:
 
     def _added_alone(self, term: Term) -> list[Array]:
         """Return what a cause alone adds to the residuals of each stretch, Nm."""
-        if term.trusted:
-            return _minus(self.added[term.ident], [self._added(term, stated=True)])
-        if term.kind != NUMBER:
+        if isinstance(term, KnownTerm) and term.stated is not None:
+            return _minus(self.added[term.ident], [self._as_stated(term)])
+        if not isinstance(term, NumberTerm):
             return self.added[term.ident]
         total, ordinary = self._numbers
         at = ordinary if self.question.refit else np.where(self._of_one, ordinary, 0.0)
-        step = np.where(term.what.any(axis=1), total - at, 0.0)
+        step = np.where(term.moved, total - at, 0.0)
         return [N @ (self._shares * step) for N in self.judging.plain_numbers]
 
     def _instead(self, name: Name) -> dict[Name, float]:
@@ -615,18 +589,18 @@ class Answer:
                     *other, p, words.get(other[0], no_separation(term.feature.effect.id, other[0]))
                 )
 
-    def laws(self) -> list[tuple[float, Term]]:
+    def laws(self) -> list[tuple[float, LawTerm]]:
         """Return the laws without a form that are likelier there than not."""
-        found: dict[Key, tuple[float, Term]] = {}
+        found: dict[Key, tuple[float, LawTerm]] = {}
         for p, fit in self.sets:
             for t in fit.optional:
-                if t.kind == "law":
+                if isinstance(t, LawTerm):
                     before, first = found.get(t.key, (0.0, t))
                     found[t.key] = before + p, first
         # One place has one law; which of several it follows may be open.
-        at_place: dict[tuple[Any, ...], list[tuple[float, Term]]] = {}
+        at_place: dict[tuple[Any, ...], list[tuple[float, LawTerm]]] = {}
         for p, t in found.values():
-            at_place.setdefault((t.what.joint, t.what.side), []).append((p, t))
+            at_place.setdefault((t.law.joint, t.law.side), []).append((p, t))
         return [
             max(each, key=lambda one: one[0])
             for each in at_place.values()
@@ -642,7 +616,7 @@ class Answer:
         """
         model, data = self.best.model, self.judging.data
         fitted, judging = model.bands, Bands(data)
-        causes = [self.added[t.ident] for t in self.best.optional if t.kind != "law"]
+        causes = [self.added[t.ident] for t in self.best.optional if t.ident in self.added]
         acting = _minus([np.zeros_like(y) for y in self.before], causes)
         white = [
             data.whiten([r[:, :, None] for r in one])[:, 0]
@@ -787,14 +761,14 @@ class Answer:
         )
 
     def _notes(
-        self, laws: Sequence[tuple[float, Term]], rows: Sequence[int], left: Set[str]
+        self, laws: Sequence[tuple[float, LawTerm]], rows: Sequence[int], left: Set[str]
     ) -> Iterator[str]:
         """Yield what the reader should know besides: of laws, of rows that are open, and of joints
         that keep much."""
         prepared, problem = self.prepared, self.prepared.problem
         if not self.explanation.is_whole:
             yield UNFINISHED
-        yield from (law_note(problem.robot.joint_names[t.what.joint], t.what) for _, t in laws)
+        yield from (law_note(problem.robot.joint_names[t.law.joint], t.law) for _, t in laws)
         yield from (shape_note(*self.places[row]) for row in rows)
         yield from event_notes(prepared.events)
         if left and not problem.robot.elastic:
@@ -821,13 +795,11 @@ class Answer:
         return 1.0 - left / first if first else 0.0
 
     def _unexplained(
-        self, laws: Sequence[tuple[float, Term]], rows: Sequence[int]
+        self, laws: Sequence[tuple[float, LawTerm]], rows: Sequence[int]
     ) -> list[UnexplainedResidual]:
         names, sides = self.prepared.problem.robot.joint_names, self.prepared.problem.layout.sides
         of_laws = [
-            self.places.index(
-                (names[t.what.joint], t.what.side if t.what.side in sides else sides[0])
-            )
+            self.places.index((names[t.law.joint], t.law.side if t.law.side in sides else sides[0]))
             for _, t in laws
         ]
         result = []

@@ -9,18 +9,19 @@ import numpy as np
 from elastic_arm.arrays import Array
 from elastic_arm.diagnosis.estimates import estimated
 from elastic_arm.diagnosis.result import Change
-from elastic_arm.evidence.changes import CHANGE, bends
 from elastic_arm.evidence.model import Fit
 from elastic_arm.evidence.problem import Problem
 from elastic_arm.evidence.relinearise import Explanation
-from elastic_arm.evidence.term import Term
+from elastic_arm.evidence.terms.change import ChangeTerm
+from elastic_arm.evidence.terms.effect import EffectTerm
+from elastic_arm.evidence.terms.number import NumberTerm
 
 
 def changes_between(explanation: Explanation, problem: Problem) -> tuple[Change, ...]:
     """Return the causes and known effects whose size is likelier not the same in all recordings
     that were fitted."""
     found = []
-    for term in (t for t in explanation.best.optional if t.kind == CHANGE):
+    for term in (t for t in explanation.best.optional if isinstance(t, ChangeTerm)):
         probability = explanation.search.probability(partial(eq, term.key))
         if probability > 0.5:
             found.append(_change(explanation, problem, explanation.best, term, probability))
@@ -45,21 +46,22 @@ class SizedTerm:
         return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
 
 
-def sizes_of(explanation: Explanation, problem: Problem, fit: Fit, term: Term) -> SizedTerm:
+def sizes_of(explanation: Explanation, problem: Problem, fit: Fit, term: ChangeTerm) -> SizedTerm:
     """Return the sizes of what changes by a term of a fit."""
-    common = next(t for t in fit.terms if t.key == term.what)
+    common = term.common(fit.terms)
+    assert common is not None
     base, own = fit.slices[common.ident].start, fit.slices[term.ident].start
     size = term.count // len(problem.sources)
     parameters, _ = estimated(fit, common, problem.numbers, explanation.linear.values)
     name, first = next(iter(parameters.items()))
     scale, at = 1.0, 0.0
-    if common.kind == "number":
-        k = int(np.flatnonzero(common.what[:, 0])[0])
+    if isinstance(common, NumberTerm):
+        k = int(np.flatnonzero(common.along[:, 0])[0])
         ordinary = float(explanation.linear.values[k] + (fit.numbers - fit.far_off)[k])
         at, scale = problem.numbers[k].value(ordinary), problem.numbers[k].slope(ordinary)
-    elif bends(common):
+    elif isinstance(common, EffectTerm) and common.bends:
         at = common.theta[0]
-    else:
+    elif isinstance(common, EffectTerm):
         at = common.feature.linear[0].neutral or 0.0
     together = np.zeros((len(problem.observed[0]), len(fit.found.x)))
     together[:, base] = 1.0
@@ -73,7 +75,7 @@ def sizes_of(explanation: Explanation, problem: Problem, fit: Fit, term: Term) -
 
 
 def _change(
-    explanation: Explanation, problem: Problem, fit: Fit, term: Term, confidence: float
+    explanation: Explanation, problem: Problem, fit: Fit, term: ChangeTerm, confidence: float
 ) -> Change:
     sized = sizes_of(explanation, problem, fit, term)
     sources = [one.source for one in problem.observed[0]]

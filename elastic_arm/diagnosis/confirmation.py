@@ -21,7 +21,7 @@ from elastic_arm.arrays import Array
 from elastic_arm.diagnosis.gap import Gap
 from elastic_arm.evidence.model import Fit
 from elastic_arm.evidence.priors import ORDINARY, WORTH
-from elastic_arm.evidence.term import Term
+from elastic_arm.evidence.terms.term import Term
 
 TWO = 2.0  # deviations within which a size is none (contract)
 

@@ -12,8 +12,10 @@ from elastic_arm.arrays import Array
 from elastic_arm.effects.effect import ControllerEffect, EffectInstance
 from elastic_arm.equations.numbers import SCALE, Number
 from elastic_arm.evidence.model import Fit
-from elastic_arm.evidence.nonlinear import components, moved
-from elastic_arm.evidence.term import Term
+from elastic_arm.evidence.terms.effect import EffectTerm
+from elastic_arm.evidence.terms.known import KnownTerm, StatedTerm
+from elastic_arm.evidence.terms.number import NumberTerm
+from elastic_arm.evidence.terms.term import Term
 
 STEP = 1e-4  # of a standard deviation, for derivatives of parameters by coefficients; numerical
 
@@ -35,15 +37,19 @@ def estimated(
 
     parameters, values: the numbers, and where (K,) the model stands.
     """
-    if term.kind == "number":
+    if isinstance(term, NumberTerm):
+        number = term
         total = values + fit.numbers
-        moved_by = np.flatnonzero(term.what.any(axis=1))
+        moved_by = np.flatnonzero(term.moved)
         covariance = fit.number_covariance[np.ix_(moved_by, moved_by)]
         own = [parameters[int(k)] for k in moved_by]
-        return _of(term, lambda x: _number_values(term, own, x), total[moved_by], covariance)
+        return _of(term, lambda x: _number_values(number, own, x), total[moved_by], covariance)
+    assert isinstance(term, EffectTerm)
+    effect = term
     rows = fit.rows(term)
-    if term.kind == "stated":  # what is stated and by how much it is off, together
-        (known,) = (t for t in fit.terms if t.kind == "effect" and t.key == term.key)
+    is_stated = isinstance(term, StatedTerm)
+    if is_stated:  # what is stated and by how much it is off, together
+        (known,) = (t for t in fit.terms if isinstance(t, KnownTerm) and t.key == term.key)
         rows[:, fit.slices[known.ident]] += np.eye(len(rows))
     # The scale of the torques that a controller makes is that of its effects, and of laws that are
     # made of masses.
@@ -56,15 +62,15 @@ def estimated(
     rows, n = np.vstack([rows, fit.moves[scale]]), term.count
     x, covariance = rows @ fit.found.x, rows @ fit.found.S @ rows.T
     x[n:], covariance[n:, n:] = fit.numbers[scale], fit.number_covariance[np.ix_(scale, scale)]
-    if term.kind == "effect":
+    if not is_stated:
         x, covariance = within(x, covariance, term.low, term.high)
 
     def found(x: Array) -> dict[str, Any]:
-        own, there = _effect_values(term, x[:n]), zip(scale, x[n:], strict=True)
+        own, there = _effect_values(effect, x[:n]), zip(scale, x[n:], strict=True)
         ratio = np.prod(
             [parameters[k].value(values[k] + d) / parameters[k].value(values[k]) for k, d in there]
         )
-        torques = [p.name for p in term.feature.effect.parameters if p.unit.startswith("Nm")]
+        torques = [p.name for p in effect.feature.effect.parameters if p.unit.startswith("Nm")]
         return own | {name: np.multiply(ratio, own[name]).tolist() for name in torques}
 
     return _of(term, found, x, covariance)
@@ -84,15 +90,12 @@ def within(x: Array, covariance: Array, low: Array, high: Array) -> tuple[Array,
     return x, covariance
 
 
-def _effect_values(term: Term, beta: Array) -> dict[str, Any]:
-    theta, own = list(term.theta), components(term.feature)
-    for k, j in enumerate(term.tangents):
-        theta[j] = moved(own[j], theta[j], float(beta[term.linear + k]))
+def _effect_values(term: EffectTerm, beta: Array) -> dict[str, Any]:
     linear = [] if term.feature.fixed else [float(b) for b in beta[: term.linear]]
-    return dict(term.feature.parameters(linear, theta))
+    return dict(term.feature.parameters(linear, term.theta_at(beta)))
 
 
-def _number_values(term: Term, parameters: Sequence[Number], x: Array) -> dict[str, Any]:
+def _number_values(term: NumberTerm, parameters: Sequence[Number], x: Array) -> dict[str, Any]:
     """Return the effect's parameters for numbers at x (m,) standard deviations."""
     effect, first = term.feature.effect, parameters[0]
     found: dict[str, Any] = {p.name: p.default for p in effect.parameters if p.default is not None}
@@ -107,7 +110,10 @@ def _number_values(term: Term, parameters: Sequence[Number], x: Array) -> dict[s
 
 
 def _of(
-    term: Term, values: Callable[[Array], dict[str, Any]], x: Array, covariance: Array
+    term: EffectTerm | NumberTerm,
+    values: Callable[[Array], dict[str, Any]],
+    x: Array,
+    covariance: Array,
 ) -> tuple[dict[str, ParameterEstimate], EffectInstance]:
     feature, names = term.feature, term.feature.effect.parameters
 

@@ -16,6 +16,8 @@ from elastic_arm.arrays import Array
 from elastic_arm.equations.numbers import Number
 from elastic_arm.evidence.model import Fit
 from elastic_arm.evidence.priors import ORDINARY, STATED
+from elastic_arm.evidence.terms.known import KnownTerm, StatedTerm
+from elastic_arm.evidence.terms.number import NumberTerm
 
 Name = tuple[str, str | None]  # effect and joint
 
@@ -69,8 +71,8 @@ def probabilities(
     found: dict[Name, float] = {}
     moved = np.zeros(len(numbers), dtype=bool)
     for term in fit.optional:
-        if term.kind == "number":
-            own = term.what.any(axis=1)
+        if isinstance(term, NumberTerm):
+            own = term.moved
             found[term.key[0], term.key[1]] = float(each[own].max())
             moved |= own
     for name, indices in named.items():
@@ -88,11 +90,11 @@ def stated_beyond(fit: Fit) -> dict[Name, float]:
     found: dict[Name, float] = {}
     bound = np.log1p(ORDINARY * STATED)
     for term in fit.terms:
-        if term.stated is None or not term.stated.any():
+        if not isinstance(term, KnownTerm) or term.stated is None or not term.stated.any():
             continue
         rows = fit.rows(term)
         for more in fit.optional:
-            if more.kind == "stated" and more.key == term.key:
+            if isinstance(more, StatedTerm) and more.key == term.key:
                 rows = rows + fit.rows(more)
         along = term.stated @ rows / float(term.stated @ term.stated)
         ratio = float(along @ fit.found.x)

@@ -44,8 +44,9 @@ from elastic_arm.diagnosis.changes import SizedTerm, sizes_of
 from elastic_arm.diagnosis.result import Change, Diagnosis, plain_parameters
 from elastic_arm.effects import EFFECTS
 from elastic_arm.errors import DiagnosisError
-from elastic_arm.evidence.changes import change_key, change_of
 from elastic_arm.evidence.priors import EVENT, ODDS, SCATTER, STEP, UNSURE
+from elastic_arm.evidence.terms.change import ChangeTerm, change_key, change_of
+from elastic_arm.evidence.terms.known import StatedTerm
 
 FEW = "a history needs at least two recordings"
 TIMES = np.append(0.0, np.geomspace(0.03, 300.0, 32))  # of scatter, over the ordinary one
@@ -204,9 +205,11 @@ def courses(found: Diagnosis) -> tuple[Course, ...]:
     best, linear, model = explanation.best, explanation.linear, explanation.search.model
     result = []
     for term in best.terms:
-        if term.kind not in ("effect", "number") or not term.linear:
+        if not term.says_cause or isinstance(term, StatedTerm) or not term.linear:
             continue
-        present = next((t for t in best.optional if t.key == change_key(term)), None)
+        key = change_key(term)
+        changes = (t for t in best.optional if isinstance(t, ChangeTerm) and t.key == key)
+        present = next(changes, None)
         change = present or change_of(linear, term)
         fit = best if present is not None else model.fit((*best.optional, change), near=best)
         result.append(sizes_of(explanation, linear.problem, fit, change))

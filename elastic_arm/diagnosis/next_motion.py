@@ -22,9 +22,9 @@ from elastic_arm.dynamics import Model
 from elastic_arm.errors import ExcitationError
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.evidence.model import Fit
-from elastic_arm.evidence.nonlinear import axis, components, moved
-from elastic_arm.evidence.relinearise import theta_of
-from elastic_arm.evidence.term import Term
+from elastic_arm.evidence.terms.effect import EffectTerm, axis, components, moved
+from elastic_arm.evidence.terms.number import NumberTerm
+from elastic_arm.evidence.terms.term import Term
 from elastic_arm.excitation import FourierTrajectory, MotionLimits, Shape, random_trajectories
 
 # Makes whitened columns (rows, k) of a feature at values of its nonlinear parameters.
@@ -194,7 +194,9 @@ def _ambiguous_pairs(context: DiagnosisContext, causes: Sequence[Cause]) -> list
     """Return causes and alternatives, most probable alternatives first."""
     best = context.explanation.best
     own = {
-        (t.key[0], t.key[1]): _competing(best, t) for t in best.optional if t.feature is not None
+        (t.key[0], t.key[1]): _competing(best, t)
+        for t in best.optional
+        if isinstance(t, EffectTerm | NumberTerm)
     }
     found: list[tuple[float, AmbiguousPair]] = []
     for cause in causes:
@@ -224,13 +226,15 @@ def _rival(
 def _competing(fit: Fit, term: Term) -> CompetingEffect:
     """Return a term of a fit by columns of its law; a refit moves its nonlinear numbers to their
     neighbours."""
-    feature, theta = term.feature, theta_of(term, fit)
-    assert feature is not None
-    if term.kind == "number":
+    assert isinstance(term, EffectTerm | NumberTerm)
+    feature = term.feature
+    theta: tuple[float, ...] = ()
+    if isinstance(term, EffectTerm):
+        theta = term.theta_by(fit)
+        beta = term.coefficients(fit)
+    else:
         beta = np.zeros(feature.count)
         beta[0] = float(fit.beta(term)[0])
-    else:
-        beta = np.ones(1) if term.offset is not None else fit.beta(term)[: term.linear]
     points: list[tuple[float, ...]] = [theta]
     own: list[Any] = components(feature)
     for j, p in enumerate(own if theta else []):

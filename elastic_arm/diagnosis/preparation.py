@@ -31,8 +31,8 @@ from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.equation_sets import SIDES, EquationSet
 from elastic_arm.estimation.observation import Observation, continued, observe
 from elastic_arm.estimation.segments import of_one_rate
+from elastic_arm.evidence.keys import Key
 from elastic_arm.evidence.problem import Problem, uncertain_numbers
-from elastic_arm.evidence.term import Key
 from elastic_arm.identification.batch.mounting import Mounting, other_mounting
 from elastic_arm.identification.batch.selection import turning_speeds
 from elastic_arm.memory import available_memory

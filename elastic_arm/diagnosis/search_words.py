@@ -5,9 +5,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from elastic_arm.evidence.keys import Key
 from elastic_arm.evidence.model import Fit, Screen
 from elastic_arm.evidence.relinearise import Explanation, linear_model, pool_of
-from elastic_arm.evidence.term import Key
 
 SETS, TERMS = 5, 8  # that are listed
 NOTHING = "no term"

@@ -6,15 +6,18 @@ All that is decided needs no more of the data. Each pair of columns is multiplie
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.arrays import Array
 from elastic_arm.estimation.whitening import WhitenedData
-from elastic_arm.evidence.term import Ident, Term
+from elastic_arm.evidence.keys import Ident
+from elastic_arm.evidence.posterior import Products
+from elastic_arm.evidence.terms.number import NumberTerm
+from elastic_arm.evidence.terms.share import ShareTerm
+from elastic_arm.evidence.terms.term import Term
 
 OCTAVES = np.array(
     [0.5, 1, 2, 4, 8, 16, 32]
@@ -33,14 +36,6 @@ def kept(cache: dict[K, V], key: K, made: Callable[[], V], most: int) -> V:
             del cache[next(iter(cache))]
         cache[key] = made()
     return cache[key]
-
-
-class Products(NamedTuple):
-    """Products of a set of terms, B bands and p coefficients."""
-
-    half: Array  # (B, p (p + 1) / 2) the lower half of H, row by row
-    b: Array  # (B, p)
-    yy: Array  # (B,)
 
 
 class Bands:
@@ -122,21 +117,15 @@ class Grams:
             self._columns[term.ident] = self.bands.side_by_side(term.parts)
         return self._columns[term.ident]
 
-    def less(self, term: Term, lacking: Sequence[Term]) -> Term:
+    def less(self, term: Term, lacking: Sequence[ShareTerm]) -> Term:
         """Return a term without some shares of its columns: the same, where it moves none of their
         numbers."""
-        lacking = [
-            share for share in lacking if term.kind == "number" and term.what[share.what].any()
-        ]
+        if not isinstance(term, NumberTerm) or not lacking:
+            return term
         key = (term.ident, *(share.ident for share in lacking))
-        if lacking and key not in self._less:
-            X = term.columns - sum(share.columns @ term.what[share.what] for share in lacking)
-            what = np.array(term.what)
-            what[sorted({k for share in lacking for k in share.what})] = (
-                0.0  # they have none of it any more
-            )
-            self._less[key] = replace(term, columns=X, ident=key, what=what)
-        return self._less[key] if lacking else term
+        if key not in self._less:
+            self._less[key] = term.without(lacking)
+        return self._less[key]
 
     def with_base(self, term: Term) -> Array:
         """Return the products (B, 1 + k, m) of residual and numbers with a term's columns."""
@@ -168,15 +157,15 @@ class Grams:
             self._pairs[o.ident, term.ident] = own
             self._pairs[term.ident, o.ident] = own.transpose(0, 2, 1)
 
-    def with_numbers(self, term: Term, lacking: Sequence[Term]) -> Array:
+    def with_numbers(self, term: Term, lacking: Sequence[ShareTerm]) -> Array:
         """Return the products (B, k, m) of the numbers' columns, less some shares of theirs, with a
         term's columns."""
         found = self.with_base(term)[:, 1:]
         for share in lacking:
-            found = found - self.basis[share.what].T @ self.pair(share, term)
+            found = found - self.basis[share.moved].T @ self.pair(share, term)
         return found
 
-    def _numbers(self, lacking: Sequence[Term]) -> tuple[Array, Array]:
+    def _numbers(self, lacking: Sequence[ShareTerm]) -> tuple[Array, Array]:
         """Return the lower half of the products of the numbers' columns, less some shares of
         theirs, and with y."""
         key = tuple(share.ident for share in lacking)
@@ -185,18 +174,18 @@ class Grams:
         if key not in self._lacking:
             H, b = self.G0[:, 1:, 1:], self.G0[:, 0, 1:]
             for share in lacking:
-                mixed = self.basis[share.what].T @ self.with_base(share)[:, 1:].transpose(0, 2, 1)
+                mixed = self.basis[share.moved].T @ self.with_base(share)[:, 1:].transpose(0, 2, 1)
                 H = H - mixed - mixed.transpose(0, 2, 1)
                 H = H + sum(
-                    self.basis[share.what].T @ self.pair(share, other) @ self.basis[other.what]
+                    self.basis[share.moved].T @ self.pair(share, other) @ self.basis[other.moved]
                     for other in lacking
                 )
-                b = b - self.with_base(share)[:, 0] @ self.basis[share.what]
+                b = b - self.with_base(share)[:, 0] @ self.basis[share.moved]
             rows, columns = np.tril_indices(H.shape[1])
             self._lacking[key] = H[:, rows, columns], b
         return self._lacking[key]
 
-    def of(self, terms: Sequence[Term], lacking: Sequence[Term] = ()) -> Products:
+    def of(self, terms: Sequence[Term], lacking: Sequence[ShareTerm] = ()) -> Products:
         """Return the products of a set: coefficients of the numbers first, then of the terms in
         order.
 

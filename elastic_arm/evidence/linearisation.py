@@ -26,7 +26,6 @@ from elastic_arm.equations.number_columns import (
     features_at,
     inertial_columns,
     number_columns,
-    shared_columns,
 )
 from elastic_arm.equations.places import allowed_values
 from elastic_arm.equations.robot_at import nearest_robot
@@ -34,7 +33,6 @@ from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.known_torques import ActingEffect
 from elastic_arm.estimation.whitening import WhitenedData
 from elastic_arm.evidence.problem import ALL, FITTED, JUDGING, Observations, Problem
-from elastic_arm.evidence.term import Term
 
 
 class Motions(NamedTuple):
@@ -142,26 +140,14 @@ class Linearisation:
             self.data,
             p.numbers,
             self.inertial,
-            self._features,
+            self.features,
             p.numbered(self.which),
         )
 
     @cached_property
-    def _features(self) -> dict[int, Feature]:
+    def features(self) -> dict[int, Feature]:
+        """The effects whose sizes are numbers, by number."""
         return features_at(self.model, self.problem.numbers, self.acting)
-
-    @cached_property
-    def shares(self) -> tuple[Term, ...]:
-        """What effects that act, but need not be there, add to the columns of some numbers."""
-        found = []
-        for e, effect in ((e, effect) for e, effect in enumerate(self.acting) if not effect.known):
-            numbers, plain = shared_columns(self.data, self.problem.numbers, self._features, e)
-            if numbers:
-                X = self.data.whiten(plain)
-                found.append(
-                    Term(effect.feature.key, "share", X, np.zeros(len(numbers)), what=numbers)
-                )
-        return tuple(found)
 
     @cached_property
     def numbers(self) -> Array:

@@ -13,20 +13,20 @@ from scipy.special import logsumexp
 
 from elastic_arm.arrays import Array
 from elastic_arm.evidence.grams import Bands, Grams, kept
-from elastic_arm.evidence.pool import sized
+from elastic_arm.evidence.keys import Ident, Key
 from elastic_arm.evidence.posterior import Posterior, Prior, mass, posterior
 from elastic_arm.evidence.priors import (
-    CHANGED,
-    FORMLESS,
     MEASURED,
-    ODDS,
     RELATED,
     SCALES,
     SIZES,
     TRUST,
-    USUAL,
 )
-from elastic_arm.evidence.term import Ident, Key, Term
+from elastic_arm.evidence.terms.change import ChangeTerm
+from elastic_arm.evidence.terms.law import LawTerm
+from elastic_arm.evidence.terms.number import NumberTerm
+from elastic_arm.evidence.terms.share import ShareTerm
+from elastic_arm.evidence.terms.term import Term
 
 WIDEST = max(one.factor for one in TRUST.values())
 SCREENS, PRODUCTS, FITS = (
@@ -114,8 +114,8 @@ class Fit:
         found = np.zeros((len(V), len(self.found.x)))
         found[:, : V.shape[1]] = V
         for t in self.optional:
-            if t.kind == "number":
-                found += t.what @ self.rows(t)
+            if isinstance(t, NumberTerm):
+                found += t.along @ self.rows(t)
         return found
 
     @cached_property
@@ -135,7 +135,7 @@ class Fit:
     def far_off(self) -> Array:
         """The part (K,) of the numbers that is far off."""
         return sum(
-            (t.what @ self.beta(t) for t in self.optional if t.kind == "number"),
+            (t.along @ self.beta(t) for t in self.optional if isinstance(t, NumberTerm)),
             np.zeros(len(self.model.mean)),
         )
 
@@ -144,8 +144,10 @@ class Fit:
         fitted ones."""
         found = np.zeros((term.count, len(self.found.x)))
         found[:, self.slices[term.ident]] = np.eye(term.count)
-        for change in (t for t in self.optional if t.kind == "change" and t.what == term.key):
-            linear = term.linear or term.count
+        linear = term.linear or term.count
+        for change in self.optional:
+            if not isinstance(change, ChangeTerm) or change.of != term.key:
+                continue
             first = self.slices[change.ident].start
             own = slice(first, first + change.fitted * linear)
             found[:linear, own] += np.tile(np.eye(linear), change.fitted) / change.fitted
@@ -259,7 +261,7 @@ class Screen:
         lacking = fit.model.lacking(fit.terms)
         for share in lacking:
             numbers = (
-                numbers - self.grams.basis[share.what].T @ self._with_term(share)[:, :, columns]
+                numbers - self.grams.basis[share.moved].T @ self._with_term(share)[:, :, columns]
             )
         pieces = [numbers]
         for t in (self.grams.less(t, lacking) for t in fit.terms):
@@ -393,7 +395,7 @@ class Screen:
         term = replace(term, columns=term.columns.copy(order="K"), offset=offset)
         if t not in self.chosen:
             return term
-        return sized(term, self.chosen[t]) if term.kind == "law" else term.scaled(self.chosen[t])
+        return term.at_size(self.chosen[t])
 
 
 @dataclass(eq=False)
@@ -412,9 +414,8 @@ class LinearModel:
         np.bool_
     ]  # (K,) at which numbers' values the residuals are made; the others act linearly
     always: tuple[Term, ...] = ()  # terms that are known to be there
-    shares: tuple[
-        Term, ...
-    ] = ()  # what other terms add to columns of the numbers (:attr:`.Linearisation.shares`)
+    # what other terms add to columns of the numbers (:func:`.shares_of`)
+    shares: tuple[ShareTerm, ...] = ()
     name: str = ""  # the trust in the description
     # ln of the density of what was recorded over that of the rows (:attr:`.WhitenedData.density`)
     density: float = 0.0
@@ -470,13 +471,9 @@ class LinearModel:
 
     def doubt(self, term: Term) -> float:
         """Return -ln of the prior odds that one of the terms of a kind is there, nats."""
-        if term.kind == "change":
-            return -float(np.log(CHANGED))
-        if term.key in self.usual and self.name != MEASURED:
-            return -float(np.log(USUAL))
-        return -float(np.log(ODDS * (FORMLESS if term.kind == "law" else 1.0)))
+        return term.doubt(term.key in self.usual and self.name != MEASURED)
 
-    def lacking(self, terms: Sequence[Term]) -> tuple[Term, ...]:
+    def lacking(self, terms: Sequence[Term]) -> tuple[ShareTerm, ...]:
         """Return the shares of the numbers' columns that are not there where some terms are."""
         there = {t.key for t in terms if t not in self.always}
         return tuple(share for share in self.shares if share.key not in there)
@@ -534,9 +531,7 @@ class LinearModel:
         free = np.full(V.shape[1], np.inf)
         prior = Prior(
             np.concatenate([V.T @ self.mean, *(t.mean for t in whole)]),
-            np.concatenate(
-                [self.factors(kinds), *(t.std * (self.trust if t.trusted else 1.0) for t in whole)]
-            ),
+            np.concatenate([self.factors(kinds), *(t.std_at(self.trust) for t in whole)]),
             np.concatenate([-free, *(t.low for t in whole)]),
             np.concatenate([free, *(t.high for t in whole)]),
         )
@@ -579,8 +574,8 @@ def _first_order(model: LinearModel, terms: Sequence[Term], G: Array, b: Array) 
 
 def _several(model: LinearModel, terms: Sequence[Term], G: Array, b: Array) -> Gains:
     """Return the same of terms of as many columns each, laws without a form among them."""
-    laws = np.array([t.kind == "law" for t in terms])
-    std = np.array([np.ones(b.shape[1]) if t.kind == "law" else t.std for t in terms])
+    laws = np.array([isinstance(t, LawTerm) for t in terms])
+    std = np.array([np.ones(b.shape[1]) if isinstance(t, LawTerm) else t.std for t in terms])
     e, U = np.linalg.eigh(G * std[:, :, None] * std[:, None, :])
     e, z = np.maximum(e, 0.0), np.einsum("tij,ti->tj", U, b * std)
 

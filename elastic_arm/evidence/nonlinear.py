@@ -12,15 +12,21 @@ import numpy as np
 from scipy.optimize import minimize, minimize_scalar
 
 from elastic_arm.arrays import Array
-from elastic_arm.effects.parameters import Parameter
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.model import Fit, LinearModel, Screen
-from elastic_arm.evidence.pool import linear_prior, monomials, relaxed_columns
 from elastic_arm.evidence.priors import SCALES
-from elastic_arm.evidence.term import Term
+from elastic_arm.evidence.terms.effect import (
+    EffectTerm,
+    axis,
+    components,
+    monomials,
+    moved,
+    relaxed_columns,
+    tangent_term,
+)
+from elastic_arm.evidence.terms.term import Term
 
-STEP = 1e-3  # of derivatives, in the coordinates of the numbers over their ranges; numerical
 STEPS = 6  # of Gauss and Newton
 LONGEST = 0.25  # of a range, of one step
 # Values of one number over its range, those of them that are fitted, and values between two of
@@ -32,86 +38,10 @@ PLACES = 120  # values of several numbers that are tried; numerical
 SETTLED = 0.1  # of its standard deviation: a step that is none; numerical
 
 
-def components(feature: Feature) -> list[Parameter]:
-    """Return the parameter of each nonlinear number."""
-    return [p for p in feature.searched for _ in range(p.size)]
-
-
-def is_open(term: Term) -> bool:
-    """Whether a term has nonlinear numbers to move, or is one to first order alone."""
-    feature = term.feature
-    if term.kind != "effect" or feature is None:
-        return False
-    return feature.bends or (feature.count == 1 and any(not p.integer for p in components(feature)))
-
-
-def axis(p: Parameter) -> tuple[float, float]:
-    """Return the coordinates of a parameter's range: logarithms where values are spread so."""
-    return (float(np.log(p.low)), float(np.log(p.high))) if p.logarithmic else (p.low, p.high)
-
-
-def moved(p: Parameter, value: float, step: float) -> float:
-    """Return a value after a step in its coordinate, within its range."""
-    return float(np.clip(value * np.exp(step) if p.logarithmic else value + step, p.low, p.high))
-
-
-def tangent_term(linear: Linearisation, term: Term, theta: Sequence[float], size: float) -> Term:
-    """Return a term at some nonlinear numbers with its derivatives by them.
-
-    size: coefficient of its one column there; 1 where that is known.
-    """
-    feature = term.feature
-    assert feature is not None
-    all_, found, mean, std, bounds, numbers = linear.allowed(feature), [], [], [], [], []
-    X = linear.columns(feature, theta)
-    for j, p in enumerate(all_):
-        if p.integer:
-            continue
-        low, high = axis(p)
-        h = STEP * (high - low) if not p.logarithmic else STEP
-        ends = [
-            linear.columns(feature, [*theta[:j], moved(p, theta[j], s * h), *theta[j + 1 :]])
-            for s in (1.0, -1.0)
-        ]
-        found.append(size * (ends[0] - ends[1]).sum(axis=1) / (2.0 * h))
-        here = float(np.log(theta[j])) if p.logarithmic else theta[j]
-        mean.append((low + high) / 2.0 - here)
-        std.append((high - low) / np.sqrt(12.0))
-        bounds.append((low - here, high - here))
-        numbers.append(j)
-    tangents = np.stack(found, axis=1) if found else np.zeros((len(X), 0))
-    if feature.fixed:
-        offset, own, own_std, own_low, own_high = X.sum(axis=1), X[:, :0], *(np.zeros(0),) * 3
-    else:
-        offset, own = None, X
-        own_std, own_low, own_high = linear_prior(feature, linear.problem.largest_at(feature.joint))
-        own_std = own_std * term.scale
-    least, most = np.array(bounds).reshape(-1, 2).T
-    return Term(
-        term.key,
-        "effect",
-        np.hstack([own, tangents]),
-        np.concatenate([own_std, std]),
-        odds=term.odds,
-        grid=float(np.log(len(SCALES))) if term.is_scaled else 0.0,
-        mean=np.concatenate([np.zeros(len(own_std)), mean]),
-        low=np.concatenate([own_low, least]),
-        high=np.concatenate([own_high, most]),
-        offset=offset,
-        feature=feature,
-        theta=tuple(float(v) for v in theta),
-        tangents=tuple(numbers),
-        size=size,
-        scale=term.scale,
-        is_scaled=term.is_scaled,
-    )
-
-
-def start_of(term: Term, fit: Fit) -> tuple[Feature, tuple[float, ...], float]:
+def start_of(term: EffectTerm, fit: Fit) -> tuple[Feature, tuple[float, ...], float]:
     """Return feature, nonlinear numbers and size from which a term is refined, by a fit that holds
     it."""
     feature = term.feature
-    assert feature is not None
     beta = fit.beta(term)
     if np.isnan(term.theta).any():  # linear in size and size times monomials, numbers first
         size = float(beta[0]) if beta[0] else TINY
@@ -137,12 +67,12 @@ def start_of(term: Term, fit: Fit) -> tuple[Feature, tuple[float, ...], float]:
 def refined(
     linear: Linearisation,
     model: LinearModel,
-    term: Term,
+    term: EffectTerm,
     others: Sequence[Term],
     near: Fit,
     *,
     scan: bool,
-) -> tuple[Term, Fit]:
+) -> tuple[EffectTerm, Fit]:
     """Return a term with its nonlinear numbers where they are most probable beside others, and the
     fit of all.
 
@@ -187,8 +117,8 @@ def refined(
 
 
 def placed_anew(
-    linear: Linearisation, model: LinearModel, term: Term, others: Sequence[Term]
-) -> Term:
+    linear: Linearisation, model: LinearModel, term: EffectTerm, others: Sequence[Term]
+) -> EffectTerm:
     """Return the term of a law of second degree in several numbers where these are most probable
     beside others."""
     theta, size = _placed(linear, model, term, model.fit(others), term.theta)
@@ -196,7 +126,11 @@ def placed_anew(
 
 
 def _placed(
-    linear: Linearisation, model: LinearModel, term: Term, near: Fit, relaxed: tuple[float, ...]
+    linear: Linearisation,
+    model: LinearModel,
+    term: EffectTerm,
+    near: Fit,
+    relaxed: tuple[float, ...],
 ) -> tuple[tuple[float, ...], float]:
     """Return several nonlinear numbers and the size that are most probable beside a fit, at its
     noise.
@@ -210,7 +144,7 @@ def _placed(
     """
     ranges = np.array([(p.low, p.high) for p in components(term.feature)])
     V = relaxed_columns(linear.columns, term.feature)
-    whole = Term(term.key, "effect", V, np.ones(V.shape[1]), feature=term.feature, theta=(np.nan,))
+    whole = EffectTerm(term.key, V, np.ones(V.shape[1]), feature=term.feature, theta=(np.nan,))
     G, b = Screen(model.grams, [whole]).beside(near)
     variance = float(term.std[0]) ** 2
 
@@ -242,7 +176,7 @@ def _placed(
 
 
 def _scanned(
-    linear: Linearisation, model: LinearModel, term: Term, others: Sequence[Term], near: Fit
+    linear: Linearisation, model: LinearModel, term: EffectTerm, others: Sequence[Term], near: Fit
 ) -> tuple[tuple[float, ...], float]:
     """Return the one nonlinear number and the size that are most probable, by a scan of its range.
 
@@ -255,7 +189,7 @@ def _scanned(
     prior = {name: getattr(term, name)[:1] for name in ("std", "mean", "low", "high")}
     values = np.linspace(low, high, SCANNED)
 
-    def law_at(at: float) -> Term:
+    def law_at(at: float) -> EffectTerm:
         theta = (float(np.exp(at)) if p.logarithmic else at,)
         X = linear.columns(feature, theta)
         return replace(
@@ -264,7 +198,7 @@ def _scanned(
 
     tried: list[tuple[float, tuple[float, ...], float]] = []
 
-    def cost(one: Term) -> float:
+    def cost(one: EffectTerm) -> float:
         fit = model.fit([*others, one], near)
         size = float(fit.beta(one)[0])
         inside = one.low[0] <= size <= one.high[0]
@@ -286,7 +220,7 @@ def _scanned(
     return theta, 1.0 if feature.fixed else size
 
 
-def _step(term: Term, fit: Fit) -> Array | None:
+def _step(term: EffectTerm, fit: Fit) -> Array | None:
     """Return the step of each nonlinear number in its coordinate; None where none moves."""
     if not term.tangents:
         return None

@@ -13,6 +13,7 @@ the bounds over that of the prior.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,13 +21,20 @@ from scipy.linalg import lapack
 from scipy.special import log_ndtr
 
 from elastic_arm.arrays import Array
-from elastic_arm.evidence.grams import Products
 
 STEPS, SETTLED = (
     60,
     0.01,
 )  # of the noise powers, and the change of their logarithms that is none; numerical
 JITTER = 1e-13  # of the precision's diagonal; numerical
+
+
+class Products(NamedTuple):
+    """Products of a set of terms, B bands and p coefficients."""
+
+    half: Array  # (B, p (p + 1) / 2) the lower half of H, row by row
+    b: Array  # (B, p)
+    yy: Array  # (B,)
 
 
 @dataclass(frozen=True)

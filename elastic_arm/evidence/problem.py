@@ -17,6 +17,7 @@ from elastic_arm.estimation.band import Band
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.equation_sets import EquationSet
 from elastic_arm.estimation.observation import Observation
+from elastic_arm.evidence.keys import Key
 from elastic_arm.evidence.numbers import (
     numbers_of,
     of_each_recording,
@@ -24,7 +25,6 @@ from elastic_arm.evidence.numbers import (
     unreferenced,
 )
 from elastic_arm.evidence.priors import Priors
-from elastic_arm.evidence.term import Key
 from elastic_arm.robot import Robot
 
 Observations = tuple[Observation, ...]

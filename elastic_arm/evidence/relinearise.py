@@ -10,18 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.arrays import Array
-from elastic_arm.effects.effect import ControllerEffect, EffectInstance, SensorEffect
-from elastic_arm.equations.places import scaling
-from elastic_arm.equations.robot_at import LEAST
-from elastic_arm.estimation.effect_columns import Feature
+from elastic_arm.effects.effect import ControllerEffect, SensorEffect
 from elastic_arm.estimation.known_torques import ActingEffect
-from elastic_arm.evidence.changes import CHANGE, change_of
 from elastic_arm.evidence.frontier import Frontier, Node
 from elastic_arm.evidence.grams import Bands, kept
+from elastic_arm.evidence.keys import Key
 from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.model import EXACT, KINDS, Fit, LinearModel, Screen
-from elastic_arm.evidence.nonlinear import components, moved, placed_anew, tangent_term
-from elastic_arm.evidence.pool import effect_terms, law_terms, linear_prior, number_terms
+from elastic_arm.evidence.nonlinear import placed_anew
 from elastic_arm.evidence.priors import (
     BUILT,
     COMPARED,
@@ -29,19 +25,22 @@ from elastic_arm.evidence.priors import (
     FIRST,
     MEASURED,
     MOST,
-    STATED,
     TRUST,
     WORTH,
 )
 from elastic_arm.evidence.problem import Problem
 from elastic_arm.evidence.search import ADDED, ALL, SIMPLE, Search, Thetas, words_of
-from elastic_arm.evidence.term import Key, Term
+from elastic_arm.evidence.terms.change import ChangeTerm
+from elastic_arm.evidence.terms.effect import EffectTerm, effect_terms
+from elastic_arm.evidence.terms.known import coefficients_of, known_terms, theta_of
+from elastic_arm.evidence.terms.law import law_terms
+from elastic_arm.evidence.terms.number import number_terms
+from elastic_arm.evidence.terms.share import shares_of
+from elastic_arm.evidence.terms.term import Term
 from elastic_arm.evidence.watch import Watch
 
-STEPS, SHORTER = (
-    8,
-    0.3,
-)  # of Gauss and Newton beside a set, and the share of a step that was too long; numerical
+STEPS = 8  # of Gauss and Newton beside a set; numerical
+SHORTER = 0.3  # share of a step that was too long; numerical
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,7 +218,7 @@ def _stated(problem: Problem) -> tuple[ActingEffect, ...]:
     """Return what the description states to act, at its stated size: gains scale it, too."""
     return tuple(
         ActingEffect(
-            feature, _theta(feature, instance), _coefficients(feature, instance.parameters)
+            feature, theta_of(feature, instance), coefficients_of(feature, instance.parameters)
         )
         for feature, instance in problem.known[: len(problem.stated)]
         if not feature.fixed and not isinstance(feature.effect, (SensorEffect, ControllerEffect))
@@ -302,7 +301,7 @@ def linear_model(linear: Linearisation, trust: str) -> LinearModel:
             np.array([KINDS.index(p.kind) for p in linear.problem.numbers], dtype=int),
             _moving(linear.problem),
             tuple(known_terms(linear)[0]),
-            linear.shares,
+            shares_of(linear),
             trust,
             linear.data.density,
             linear.fitted_rows,
@@ -400,158 +399,23 @@ def _chosen_among(terms: Sequence[Term], usual: Set[Key] = frozenset()) -> list[
     return found
 
 
-def known_terms(linear: Linearisation) -> tuple[list[Term], list[Term]]:
-    """Return the terms of known effects, and those by which stated ones may be far off; made
-    once."""
-    if "known" not in linear.cache:
-        linear.cache["known"] = _known_terms(linear)
-    known: tuple[list[Term], list[Term]] = linear.cache["known"]
-    return known
-
-
-def _known_terms(linear: Linearisation) -> tuple[list[Term], list[Term]]:
-    problem, always, off = linear.problem, [], []
-    acting = {one.feature.key: one.coefficients for one in linear.acting if one.known}
-    for i, (feature, instance) in enumerate(problem.known):
-        (feature,) = linear.placed([feature])
-        theta = _theta(feature, instance)
-        X = linear.columns(feature, theta)
-        if feature.fixed:
-            whole = X.sum(axis=1)
-            always.append(
-                Term(
-                    feature.key,
-                    "effect",
-                    X[:, :0],
-                    np.zeros(0),
-                    offset=whole,
-                    feature=feature,
-                    theta=theta,
-                )
-            )
-            continue
-        std, _, _ = linear_prior(feature, problem.largest_at(feature.joint))
-        if i >= len(problem.stated):
-            always.append(Term(feature.key, "effect", X, std, feature=feature, theta=theta))
-            continue
-        stated = _coefficients(feature, instance.parameters)
-        law = _whole(feature, instance)
-        # Its columns are the law to first order alone: what is stated is known beyond.
-        offset = None if law is None else linear.columns(*law).sum(axis=1) - X @ stated
-        mean, width = _prior_of_stated(stated, acting.get(feature.key, stated))
-        width = np.where(stated == 0.0, 1e-3 * STATED * std, width)
-        term = Term(
-            feature.key, "effect", X, width, mean=mean, feature=feature, theta=theta, trusted=True
-        )
-        always.append(replace(term, offset=offset, what=law, stated=stated))
-        # Less than no friction would be a gain.
-        bounded = all(p.least == 0.0 for p in feature.linear)
-        low = -stated if bounded else np.full(len(stated), -np.inf)
-        off.append(Term(feature.key, "stated", X, std, low=low, feature=feature, theta=theta))
-    return always, off
-
-
-def _prior_of_stated(stated: Array, now: Array) -> tuple[Array, Array]:
-    """Return mean and deviation (k,) of the Gaussian that a prior of the logarithm is at a size.
-
-        p(ln b) = N(ln b_0, s²):  mean = b (1 - ln(b / b_0)),  deviation = s b
-
-    stated, now: b_0 and b, (k,). A size of another sign than the stated one counts as small.
-    """
-    nonzero = np.where(stated == 0.0, 1.0, stated)
-    ratio = np.maximum(np.where(stated == 0.0, 1.0, now / nonzero), LEAST)
-    return stated * ratio * (1.0 - np.log(ratio)), STATED * np.abs(stated) * ratio
-
-
-def _theta(feature: Feature, instance: EffectInstance) -> tuple[float, ...]:
-    return tuple(
-        float(v) for p in feature.searched for v in np.atleast_1d(instance.parameters[p.name])
-    )
-
-
-def _whole(feature: Feature, instance: EffectInstance) -> tuple[Feature, tuple[float, ...]] | None:
-    """Return the law at its stated numbers where it is not linear in them."""
-    return (feature.whole(), _theta(feature.whole(), instance)) if feature.bends else None
-
-
-def _coefficients(feature: Feature, values: Mapping[str, Any]) -> Array:
-    """Return the coefficients of the columns of an effect with these parameters."""
-    if feature.phase is not None:
-        size, phase = values[feature.linear[0].name], values[feature.phase.name]
-        return size * np.array([np.cos(phase), np.sin(phase)])
-    return np.concatenate(
-        [np.atleast_1d(values[p.name]) - (p.neutral or 0.0) for p in feature.linear]
-    )
-
-
-def theta_of(term: Term, fit: Fit) -> tuple[float, ...]:
-    """Return the nonlinear numbers of a term where a fit puts them."""
-    theta, own = list(term.theta), components(term.feature)
-    for k, j in enumerate(term.tangents):
-        theta[j] = moved(own[j], theta[j], float(fit.beta(term)[term.linear + k]))
-    return tuple(theta)
-
-
 def _acting(fit: Fit) -> tuple[ActingEffect, ...]:
-    """Return the effects of a fit that act in the true torques: neither those of sensors nor those
-    of controllers."""
-    beside = (SensorEffect, ControllerEffect)
-    acting = [
-        t
-        for t in fit.terms
-        if t.kind in ("effect", "stated") and not isinstance(t.feature.effect, beside)
-    ]
-    sizes = [np.ones(1) if t.feature.fixed else fit.beta(t)[: t.linear] for t in acting]
-    return tuple(
-        ActingEffect(t.feature, theta_of(t, fit), size, known=t in fit.model.always)
-        for t, size in zip(acting, sizes, strict=True)
-    )
+    """Return the effects of a fit that act in the true torques."""
+    terms = [t for t in fit.terms if isinstance(t, EffectTerm) and t.acts]
+    return tuple(t.acting(fit, known=t in fit.model.always) for t in terms)
 
 
 def _again(fit: Fit, linear: Linearisation) -> list[Term]:
     """Return the terms of a fit at another linearisation; made once there for the same fit."""
     if linear.cache.get("again", (None,))[0] is fit:
         return list(linear.cache["again"][1])
-    stated = {t.key: t for t in known_terms(linear)[1]}
-    found = []
-    for t in sorted(fit.optional, key=lambda t: t.kind == CHANGE):  # the sizes that change first
-        if t.kind == "number":
-            found.append(replace(t, columns=linear.numbers @ t.what))
-        elif t.kind == "law":
-            found.append(replace(t, columns=linear.data.whiten(t.what.plain(linear.data))))
-        elif t.kind == CHANGE:
-            common = (
-                u
-                for u in (*known_terms(linear)[0], *found)
-                if u.key == t.what and u.kind != "stated"
-            )
-            found += [change_of(linear, one) for one in common]
-        elif t.kind == "stated":
-            found.append(replace(t, columns=stated[t.key].columns))
-        else:
-            again = _effect_again(t, fit, linear)
-            # Without the friction that it scales there is nothing of it.
-            found += (
-                [again]
-                if again.feature.friction or not again.feature.effect.scales_friction
-                else []
-            )
+    always = known_terms(linear)[0]
+    found: list[Term] = []
+    for t in sorted(fit.optional, key=lambda t: isinstance(t, ChangeTerm)):
+        found += t.again(linear, fit, [*always, *found])
     for k, t in enumerate(found):
-        if t.tangents and t.feature.quadratic and t.feature.count == 1 and not t.feature.fixed:
+        if isinstance(t, EffectTerm) and t.is_relaxed:
             model = linear_model(linear, fit.model.name)
             found[k] = placed_anew(linear, model, t, [*found[:k], *found[k + 1 :]])
     linear.cache["again"] = fit, found
     return found
-
-
-def _effect_again(t: Term, fit: Fit, linear: Linearisation) -> Term:
-    """Return the term of an effect at another linearisation."""
-    (feature,) = linear.placed([t.feature])
-    feature = scaling(feature, linear.acting)
-    if t.tangents:
-        size = 1.0 if feature.fixed else float(fit.beta(t)[0])
-        return tangent_term(linear, replace(t, feature=feature), theta_of(t, fit), size)
-    X = linear.columns(feature, t.theta)
-    if t.offset is not None:
-        return replace(t, offset=X.sum(axis=1), feature=feature)
-    return replace(t, columns=X[:, : t.count], feature=feature)

@@ -13,11 +13,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import logsumexp
 
-from elastic_arm.evidence.changes import CHANGE, possible_changes
+from elastic_arm.evidence.keys import Ident, Key
 from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.model import Fit, LinearModel, Screen
-from elastic_arm.evidence.nonlinear import is_open, refined
-from elastic_arm.evidence.pool import sized
+from elastic_arm.evidence.nonlinear import refined
 from elastic_arm.evidence.priors import (
     COMPARED,
     MOST,
@@ -29,15 +28,16 @@ from elastic_arm.evidence.priors import (
     TRIED_OF_TWO,
     WORTH,
 )
-from elastic_arm.evidence.term import Ident, Key, Term
+from elastic_arm.evidence.problem import FITTED
+from elastic_arm.evidence.terms.change import change_key, change_of, may_change
+from elastic_arm.evidence.terms.effect import EffectTerm
+from elastic_arm.evidence.terms.law import LawTerm
+from elastic_arm.evidence.terms.term import Term
 from elastic_arm.evidence.watch import Watch
 
 Thetas = dict[Key, tuple[float, ...]]
-ADDED, SIMPLE, ALL = (
-    2,
-    4,
-    7,
-)  # how many kinds of moves, in the order of `_better`: the later ones take longer
+# how many kinds of moves, in the order of `_better`: the later ones take longer
+ADDED, SIMPLE, ALL = 2, 4, 7
 
 
 class Instead(NamedTuple):
@@ -62,7 +62,7 @@ class Search:
         default_factory=dict
     )  # scores of sets at their own linearisation
     met: dict[frozenset[Key], Fit] = field(default_factory=dict)
-    _refined: dict[tuple[Key, frozenset[Ident]], Term] = field(default_factory=dict)
+    _refined: dict[tuple[Key, frozenset[Ident]], EffectTerm] = field(default_factory=dict)
     _looked: set[tuple[Key, frozenset[Ident]]] = field(
         default_factory=set
     )  # beside which sets a range was scanned
@@ -164,7 +164,7 @@ class Search:
     def _placed(self, terms: Sequence[Term], more: Term, near: Fit) -> Fit:
         """Return the fit of a set with one more term, its nonlinear numbers where they are most
         probable."""
-        if not is_open(more):
+        if not isinstance(more, EffectTerm) or not more.is_open:
             return self._keep(self.model.fit([*terms, more], near))
         key = (more.key, frozenset(t.ident for t in terms))
         if key not in self._refined:
@@ -206,16 +206,16 @@ class Search:
         """Yield fits with a size on the scale on which it is most probable beside the others."""
         for t in fit.optional:
             yield self._scaled(fit, t.key)
-        if any(t.kind == "law" for t in fit.optional):
+        if any(isinstance(t, LawTerm) for t in fit.optional):
             yield self._resized(fit)
 
     def _resized(self, fit: Fit) -> Fit:
         """Return a fit with each law without a form at the size that is most probable beside the
         others."""
-        for t in [t for t in fit.optional if t.kind == "law"]:
+        for t in [t for t in fit.optional if isinstance(t, LawTerm)]:
             gains = [fit.gain_of_size(t, float(size)) for size in SIZES]
             if max(gains) > WORTH:
-                other = sized(t, float(SIZES[int(np.argmax(gains))]))
+                other = t.at_size(float(SIZES[int(np.argmax(gains))]))
                 fit = self._keep(
                     self.model.fit([other if u is t else u for u in fit.optional], fit)
                 )
@@ -226,7 +226,7 @@ class Search:
 
     def _exchanged(self, fit: Fit) -> Iterator[Fit]:
         for t, less in self._left_out(fit):
-            own = [u for u in fit.optional if u.kind == CHANGE and u.what == t.key]
+            own = [u for u in fit.optional if u.changes(t.key)]
             changes = bool(own)
             common = self._keep(self.model.fit(without(fit, *own), fit)) if changes else fit
             for u in self.proposals(
@@ -236,7 +236,7 @@ class Search:
                 yield one
                 # What takes the place of a term that changes between recordings may change as well.
                 for more in possible_changes(self.linear, one) if changes else ():
-                    if more.what == u.key:
+                    if more.changes(u.key):
                         yield self._with(one.optional, more, one)
 
     def _scanned(self, fit: Fit) -> Iterator[Fit]:
@@ -244,12 +244,15 @@ class Search:
         other terms."""
         for t, less in self._left_out(fit):
             key = (t.key, frozenset(u.ident for u in less.optional))
-            if is_open(t) and len(t.theta) == 1 and key not in self._looked:
-                self._looked.add(key)
-                self._refined[key], found = refined(
-                    self.linear, self.model, t, less.optional, less, scan=True
-                )
-                yield self._keep(found)
+            if not isinstance(t, EffectTerm) or not t.is_open or len(t.theta) != 1:
+                continue
+            if key in self._looked:
+                continue
+            self._looked.add(key)
+            self._refined[key], found = refined(
+                self.linear, self.model, t, less.optional, less, scan=True
+            )
+            yield self._keep(found)
 
     def _two_for_one(self, fit: Fit) -> Iterator[Fit]:
         for pair in combinations(fit.optional, 2):
@@ -292,7 +295,17 @@ class Search:
 def without(fit: Fit, *terms: Term) -> list[Term]:
     """Return the terms of a fit without some and their changes between recordings."""
     keys = {t.key for t in terms}
-    return [u for u in fit.optional if u not in terms and not (u.kind == CHANGE and u.what in keys)]
+    gone = [u for u in fit.optional if u in terms or any(u.changes(key) for key in keys)]
+    return [u for u in fit.optional if u not in gone]
+
+
+def possible_changes(linear: Linearisation, fit: Fit) -> Iterator[Term]:
+    """Yield the changes of a fit's terms that are not in it."""
+    if len(linear.problem.observed[FITTED]) < 2:
+        return
+    for term in fit.terms:
+        if may_change(term) and change_key(term) not in fit.keys:
+            yield change_of(linear, term)
 
 
 def words_of(now: Fit, before: Fit) -> str:

@@ -12,7 +12,7 @@ from elastic_arm.diagnosis.next_motion import DECISIVE, RATE, _ambiguous_pairs, 
 from elastic_arm.diagnosis.predicted_experiment import ExperimentConditions, PredictedExperiment
 from elastic_arm.diagnosis.result import SEPARATING, Diagnosis
 from elastic_arm.effects import EFFECTS
-from elastic_arm.evidence.changes import change_of
+from elastic_arm.evidence.terms.change import change_of
 from elastic_arm.excitation import load_trajectory
 from tests.helpers.gap_recordings import LIMITS, MODEL, ROBOT, motions, record
 from tests.helpers.shared_diagnoses import PLAY, Commanded

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from elastic_arm.evidence.grams import Bands
 from elastic_arm.evidence.model import LinearModel
-from elastic_arm.evidence.term import Term
+from elastic_arm.evidence.terms.term import Term
 
 Array = NDArray[np.float64]
 
@@ -31,7 +31,6 @@ def term(name: str, X: Array, std: float | Array = 1.0, **more: Any) -> Term:
     columns = X if X.ndim == 2 else X[:, None]
     return Term(
         (name, None, ()),
-        "effect",
         columns,
         np.broadcast_to(std, columns.shape[1]).astype(float),
         **more,

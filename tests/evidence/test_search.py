@@ -12,11 +12,14 @@ import pytest
 from elastic_arm.arrays import Array
 from elastic_arm.effects.parameters import Parameter, Role
 from elastic_arm.evidence.model import LinearModel, Screen
-from elastic_arm.evidence.nonlinear import moved, refined, tangent_term
-from elastic_arm.evidence.pool import sized
+from elastic_arm.evidence.nonlinear import refined
 from elastic_arm.evidence.priors import SIZES
 from elastic_arm.evidence.search import Search
-from elastic_arm.evidence.term import Term
+from elastic_arm.evidence.terms.effect import EffectTerm, moved, tangent_term
+from elastic_arm.evidence.terms.law import LawTerm
+from elastic_arm.evidence.terms.number import NumberTerm
+from elastic_arm.evidence.terms.share import ShareTerm
+from elastic_arm.evidence.terms.term import Term
 from tests.evidence.made_up import HARMONICS, model, quiet, term
 
 ROWS = 4 * HARMONICS
@@ -101,14 +104,12 @@ def test_a_set_without_an_effect_has_no_share_of_it_in_the_numbers() -> None:
     """Without the effect that acts in a gain's column, a set scores as if the column had been made
     without it; a gain that is far off has no more of it than an ordinary one."""
     effect = term("friction", COLUMNS[:, 0], 3.0)
-    share = replace(
-        effect, kind="share", columns=COLUMNS[:, [1]], std=np.zeros(1), what=[1], ident=("share",)
-    )
+    share = ShareTerm(effect.key, COLUMNS[:, [1]], np.zeros(1), numbers=(1,))
     y, other = quiet(RNG) + 0.5 * N[:, 1], term("other", COLUMNS[:, 2])
     moves = np.array([[0.0], [1.0]])
 
     def gain(columns: Array) -> Term:
-        return Term(("gain", None, ()), "number", columns @ moves, np.array([3.0]), what=moves)
+        return NumberTerm(("gain", None, ()), columns @ moves, np.array([3.0]), along=moves)
 
     with_share = N + COLUMNS[:, [1]] * [0.0, 1.0]
     acting, without = model(y, with_share, shares=(share,)), model(y, N)
@@ -129,9 +130,9 @@ def test_a_law_without_a_form_is_screened_over_its_sizes() -> None:
     """Its gain is that of the mean likelihood over the sizes it may have, the likeliest of which is
     proposed."""
     data = model(quiet(RNG) + 0.2 * COLUMNS[:, :4] @ [0.4, -0.3, 0.5, 0.2], N)
-    law = Term(("law", 0, ("motor", "its speed")), "law", COLUMNS[:, :4], np.ones(4), odds=2.0)
+    law = LawTerm(("law", "0", ("motor", "its speed")), COLUMNS[:, :4], np.ones(4), odds=2.0)
     screen, nothing = Screen(data.grams, [law]), data.fit([])
-    scores = np.array([data.fit([sized(law, float(a))]).score - nothing.score for a in SIZES])
+    scores = np.array([data.fit([law.at_size(float(a))]).score - nothing.score for a in SIZES])
     (gain,) = screen.gains(nothing)
     assert gain == pytest.approx(np.logaddexp.reduce(scores), abs=1e-6)
     assert screen.term(0).std[0] == SIZES[np.argmax(scores)]
@@ -199,9 +200,8 @@ def bumps(true: float, seed: int, start: float) -> tuple[Any, LinearModel, Term]
     return (
         linear,
         data,
-        Term(
+        EffectTerm(
             bump.key,
-            "effect",
             columns(bump, [start]),
             np.array([10.0]),
             feature=bump,

@@ -1,0 +1,20 @@
+"""What may be in the data, a class a kind.
+
+    y = N nu + sum over terms of (offset + X beta) + e,   beta ~ N(mean, std²) within bounds
+
+An effect of the catalogue, a number of the arm or a sensor that is far off, and a law without a
+form are the same thing with other columns, another prior and another word in the report:
+
+| class | what | columns X | prior of beta |
+|---|---|---|---|
+| `EffectTerm` | an effect of the catalogue | its law, derivatives by theta | range |
+| `KnownTerm` | what the description states or the user knows | its law | stated size, or range |
+| `StatedTerm` | how far a stated size is off | its law | range |
+| `NumberTerm` | a number that is far off | its column of N | wide |
+| `LawTerm` | a smooth function at one place | Gaussian process | size by evidence |
+| `ChangeTerm` | a size of its own in each recording | a term's, by recording | as of the term |
+| `ShareTerm` | what an effect adds to columns of N | that part | none: never chosen |
+
+Each class makes its columns at a linearisation (`again`), says what it adds to the residuals in Nm
+(`added`), and what odds it has. A further kind is a further file here.
+"""
