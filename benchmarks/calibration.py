@@ -31,7 +31,7 @@ from elastic_arm.effects.parameters import Parameter
 from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.model import LinearModel, Screen
 from elastic_arm.evidence.priors import SCALES
-from elastic_arm.evidence.relinearise import BUILT, linear_model, pool_of
+from elastic_arm.evidence.relinearise import BUILT, linear_model, pool_of, weighted
 from elastic_arm.evidence.search import Search
 from elastic_arm.evidence.terms.effect import EffectTerm, axis
 from elastic_arm.evidence.terms.term import Term
@@ -97,7 +97,9 @@ def searched(
         y += term.columns @ size
     own = replace(model, y=y)
     search = Search(linear, own, [Screen(own.grams, pool)])
-    best, found = search.run(), []
+    best = search.run()
+    sets = weighted([*search.met.values()])
+    found = []
     for name in {key[:2] for keys in search.met for key in keys}:
         truth = next(((t, size) for t, size in acting if t.key[:2] == name), None)
         said, rank = (
@@ -108,9 +110,7 @@ def searched(
             at = best.slices[said.ident].start + int(rng.integers(said.linear))
             off = truth[1][at - best.slices[said.ident].start] - best.found.x[at]
             rank = float(norm.cdf(off / np.sqrt(best.found.S[at, at])))
-        confidence = sum(
-            p for keys, p in search.probabilities().items() if name in {key[:2] for key in keys}
-        )
+        confidence = sum(p for p, fit in sets if name in {key[:2] for key in fit.keys})
         found.append((confidence, truth is not None, rank))
     return count, found
 

@@ -157,12 +157,10 @@ class Answer:
         """The most probable set."""
         return self.explanation.best if self.by_all else self.explanation.sized
 
-    @cached_property
-    def sets(self) -> list[tuple[float, Fit]]:
-        """All sets met with their probabilities, the most probable first."""
-        search = self.explanation.search
-        found = [(p, search.met[s]) for s, p in search.probabilities().items()]
-        return sorted(found, key=lambda one: -one[0])
+    @property
+    def sets(self) -> Sequence[tuple[float, Fit]]:
+        """The sets that share the probability, the most probable first."""
+        return self.explanation.sets
 
     def probability(self, name: Name) -> float:
         """Return the probability that an effect is there, on whatever side, or a number is off."""

@@ -22,7 +22,7 @@ def changes_between(explanation: Explanation, problem: Problem) -> tuple[Change,
     that were fitted."""
     found = []
     for term in (t for t in explanation.best.optional if isinstance(t, ChangeTerm)):
-        probability = explanation.search.probability(partial(eq, term.key))
+        probability = explanation.probability(partial(eq, term.key))
         if probability > 0.5:
             found.append(_change(explanation, problem, explanation.best, term, probability))
     return tuple(found)

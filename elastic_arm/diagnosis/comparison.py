@@ -175,7 +175,7 @@ def _finding(found: Diagnosis, name: Name) -> SizeFound:
     parameters, _ = estimated(
         fit, term, explanation.linear.problem.numbers, explanation.linear.values
     )
-    return SizeFound(explanation.search.probability(lambda key: key[:2] == name), parameters)
+    return SizeFound(explanation.probability(lambda key: key[:2] == name), parameters)
 
 
 def _apart(one: ParameterEstimate, other: ParameterEstimate) -> float:

@@ -26,12 +26,10 @@ def search_words(explanation: Explanation) -> list[str]:
 
 
 def _sets(explanation: Explanation) -> Iterator[str]:
-    probabilities = explanation.search.probabilities()
-    ranked = sorted(probabilities, key=lambda keys: -probabilities[keys])
-    for keys in ranked[:SETS]:
-        behind = explanation.best.score - explanation.search.met[keys].score
-        terms = ", ".join(sorted(_named(explanation, key) for key in keys)) or NOTHING
-        yield f"  {probabilities[keys]:6.1%}  {behind:6.1f} nats behind  {terms}"
+    for p, fit in explanation.sets[:SETS]:
+        behind = explanation.best.score - fit.score
+        terms = ", ".join(sorted(_named(explanation, key) for key in fit.keys)) or NOTHING
+        yield f"  {p:6.1%}  {behind:6.1f} nats behind  {fit.model.name}: {terms}"
 
 
 def _lacking(explanation: Explanation) -> Iterator[str]:

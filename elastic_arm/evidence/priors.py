@@ -78,6 +78,7 @@ MOTION = 8.0  # Hz; above, what is left is the encoders'
 # power that a place may keep over its sensors' noise, in that noise: how badly a noise is known
 NOISY = 2.0
 LISTED = 0.01  # probability of an alternative that is listed (contract)
+SUMMED = 1e-3  # of the most probable set's probability: what is less likely changes no sum
 # Proposals that are evaluated in full: of terms that are added or exchanged, and where two of them
 # change.
 TRIED, TRIED_OF_TWO = 5, 2

@@ -1,13 +1,14 @@
 """Select, linearise beside the selection, until nothing changes; no step knows what came before
 it."""
 
-from collections.abc import Mapping, Sequence, Set
+from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import logsumexp
 
 from elastic_arm.arrays import Array
 from elastic_arm.effects.effect import ControllerEffect, SensorEffect
@@ -25,6 +26,7 @@ from elastic_arm.evidence.priors import (
     FIRST,
     MEASURED,
     MOST,
+    SUMMED,
     TRUST,
     WORTH,
 )
@@ -51,9 +53,23 @@ class Explanation:
     search: Search  # all sets met
     best: Fit  # the most probable one
     path: Sequence[Fit]  # better and better sets on the way to it
-    trust: Mapping[str, float]  # probability of each trust in the description
+    # The sets that share the probability, each under every trust in the description; most probable
+    # first.
+    sets: Sequence[tuple[float, Fit]] = ()
     log: tuple[str, ...] = ()  # what was done, a line a step
     is_whole: bool = True  # whether all moves were tried
+
+    @cached_property
+    def trust(self) -> dict[str, float]:
+        """The probability of each trust in the description."""
+        found: dict[str, float] = {}
+        for p, fit in self.sets:
+            found[fit.model.name] = found.get(fit.model.name, 0.0) + p
+        return found
+
+    def probability(self, held: Callable[[Key], bool]) -> float:
+        """Return the probability of the sets that hold a term whose key is one of those."""
+        return sum(p for p, fit in self.sets if any(held(key) for key in fit.keys))
 
     @cached_property
     def sized(self) -> Fit:
@@ -138,7 +154,8 @@ def explain(problem: Problem, *, refit: bool, watch: Watch | None = None) -> Exp
             best.linear, best.fit.optional, best.fit.model.name, refit, shared, moves=0
         )
         best.found = nothing_more
-    return replace(_known(best, frontier.scores, log), is_whole=best.depth == frontier.depths)
+    known = _known(best, frontier.scores, log, _trusts(refit))
+    return replace(known, is_whole=best.depth == frontier.depths)
 
 
 def _about_itself(linear: Linearisation, fit: Fit) -> tuple[Linearisation, Fit]:
@@ -168,9 +185,22 @@ def _about_itself(linear: Linearisation, fit: Fit) -> tuple[Linearisation, Fit]:
     return best
 
 
-def _known(node: Node, scores: Mapping[Any, float], log: Sequence[str]) -> Explanation:
+def _trusts(refit: bool) -> list[str]:
+    """Return the kinds of trust that a description may have.
+
+    refit: whether it cannot be as measured.
+    """
+    return [name for name in TRUST if not (refit and name == MEASURED)]
+
+
+def _known(
+    node: Node, scores: Mapping[Any, float], log: Sequence[str], trusts: Sequence[str]
+) -> Explanation:
     """Return the explanation at the best node: sets that were linearised about themselves have that
-    score."""
+    score.
+
+        p(S | y) = sum over the trusts t of p(S, t | y)
+    """
     found: Explanation = node.found
     met = found.search.met
     for keys, fit in met.items():
@@ -178,7 +208,24 @@ def _known(node: Node, scores: Mapping[Any, float], log: Sequence[str]) -> Expla
             own = scores[keys] - node.fit.correction
             met[keys] = replace(fit, correction=fit.correction + own - fit.score)
     best = max(met.values(), key=lambda fit: fit.score)
-    return replace(found, best=best, log=tuple(log))
+    least = best.score + float(np.log(SUMMED))
+    fits: list[Fit] = []
+    for fit in met.values():
+        if fit.score < least:
+            continue
+        others = [name for name in trusts if name != fit.model.name]
+        under = [fit.model.trusting(name).fit(fit.optional, fit) for name in others]
+        fits.append(fit)
+        fits += [replace(other, correction=fit.correction) for other in under]
+    best = max(fits, key=lambda fit: fit.score)
+    return replace(found, best=best, sets=weighted(fits), log=tuple(log))
+
+
+def weighted(fits: Sequence[Fit]) -> list[tuple[float, Fit]]:
+    """Return fits with their probabilities, the most probable first."""
+    scores = np.array([fit.score for fit in fits])
+    p = np.exp(scores - logsumexp(scores))
+    return sorted(zip(p.tolist(), fits, strict=True), key=lambda one: -one[0])
 
 
 def _begun(
@@ -343,8 +390,9 @@ def _explained(
     most: terms that it may have more than the start; refused: scores of sets at their own
     linearisations, as they compare with those at this one.
     """
-    trusts = {name: one for name, one in TRUST.items() if not (refit and name == MEASURED)}
-    model, log = linear_model(linear, trust), []
+    trusts = _trusts(refit)
+    model = linear_model(linear, trust)
+    log: list[str] = []
     screens = _screens(linear, model, shared, laws=moves == ALL)
     terms = start
     # The trust in the description that is most probable beside the set, and the set beside it,
@@ -367,12 +415,10 @@ def _explained(
         path += search.path
     search.screens = ()
     model.grams.let_go()
-    total = np.logaddexp.reduce(list(scores.values()))
     log.append(
         f"{trust}, {best.score:.1f}: {', '.join(f'{k[0]} {k[1]}' for k in best.keys) or 'nothing'}"
     )
-    shares = {k: float(np.exp(v - total)) for k, v in scores.items()}
-    return Explanation(linear, search, best, path, shares, tuple(log))
+    return Explanation(linear, search, best, path, log=tuple(log))
 
 
 def pool_of(linear: Linearisation) -> list[Term]:

@@ -11,7 +11,6 @@ from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import logsumexp
 
 from elastic_arm.evidence.keys import Ident, Key
 from elastic_arm.evidence.linearisation import Linearisation
@@ -280,16 +279,6 @@ class Search:
         """Return the fit of a set without some of its terms; laws without a form take the size they
         then have."""
         return self._resized(self._keep(self.model.fit(without(fit, *terms), fit)))
-
-    def probabilities(self) -> dict[frozenset[Key], float]:
-        """Return the probability of each set met."""
-        sets = list(self.met)
-        scores = np.array([self.met[s].score for s in sets])
-        return dict(zip(sets, np.exp(scores - logsumexp(scores)).tolist(), strict=True))
-
-    def probability(self, held: Callable[[Key], bool]) -> float:
-        """Return the probability of the sets that hold a term whose key is one of those."""
-        return sum(p for keys, p in self.probabilities().items() if any(held(key) for key in keys))
 
 
 def without(fit: Fit, *terms: Term) -> list[Term]:

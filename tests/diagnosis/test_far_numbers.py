@@ -10,7 +10,8 @@ from elastic_arm.diagnosis.far_numbers import beyond, bounds_of, gain_beyond, st
 from elastic_arm.effects.text import parse
 from elastic_arm.equations.numbers import Number
 from elastic_arm.evidence.model import Fit
-from tests.evidence.made_up import HARMONICS, model, term
+from elastic_arm.evidence.terms.known import KnownTerm
+from tests.evidence.made_up import HARMONICS, model
 from tests.helpers.gap_recordings import ROBOT, motions, record
 
 ROWS = 4 * HARMONICS
@@ -63,9 +64,9 @@ def test_a_number_that_only_the_fitted_recording_has_gains_nothing_on_the_other(
 def test_a_stated_size_is_beyond_in_either_direction(ratio: float, is_beyond: bool) -> None:
     rng = np.random.default_rng(7)
     column = rng.standard_normal(ROWS)
-    known = term(
-        "coulomb_friction", column, 10.0, mean=np.array([5.0]), trusted=True, stated=np.array([5.0])
-    )
+    key = ("coulomb_friction", None, ())
+    stated = np.array([5.0])
+    known = KnownTerm(key, column[:, None], np.array([10.0]), mean=stated, stated=stated)
     data = model(0.5 * rng.standard_normal(ROWS) + 5.0 * ratio * column, always=(known,))
     (p,) = stated_beyond(data.fit([])).values()
     assert (p > 0.5) == is_beyond
