@@ -492,7 +492,10 @@ class Answer:
 
     def _cause(self, name: Name, probability: float) -> tuple[Cause, list[Array]]:
         problem = self.prepared.problem
+        best = self.explanation.best
         holding = [(p, fit, t) for p, fit in self.sets for t in self._terms_of(fit, name)]
+        # The best set without what was not confirmed may be none of those met.
+        holding = holding or [(probability, best, t) for t in self._terms_of(best, name)]
         _, fit, term = holding[0]
         values = self.explanation.linear.values
         each: list[tuple[float, dict[str, ParameterEstimate]]] = []
@@ -517,7 +520,7 @@ class Answer:
             ),
             None,
         )
-        here = next(iter(self._terms_of(self.explanation.best, name)), None)
+        here = next(iter(self._terms_of(best, name)), None)
         alone = self.before if here is None else _minus(self.before, [self._added_alone(here)])
         share = shrink(self.gaps[0], Gap.of(self.judging.data, alone)).share
         confirmation = None if here is None else self.confirmations.get(here.key)
@@ -568,11 +571,12 @@ class Answer:
         """Return the probabilities of what is there in the sets without a cause and not in the most
         probable one."""
         best = self._there(self.explanation.best)
+        refused = {other for other, _ in self.refused}
         found: dict[Name, float] = {}
         for p, fit in self.sets:
             own = self._there(fit)
             if name not in own:
-                for other in own - best:
+                for other in own - best - refused:
                     found[other] = found.get(other, 0.0) + p
         return found
 
