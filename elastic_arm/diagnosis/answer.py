@@ -302,7 +302,19 @@ class Answer:
             y - N @ step
             for y, N in zip(self.judging.data.y, self.judging.plain_numbers, strict=True)
         ]
-        return _minus(left, [self._as_stated(t) for t in self._always])
+        described = _minus(left, [self._as_stated(t) for t in self._always])
+        return [y + more for y, more in zip(described, self._mounting_added, strict=True)]
+
+    @cached_property
+    def _mounting_added(self) -> list[Array]:
+        """What another mounting than the described one adds to the residuals of the description."""
+        if self.prepared.mounting is None:
+            return [np.zeros_like(y) for y in self.judging.data.y]
+        problem = self.prepared.problem
+        neutral = np.zeros(len(problem.numbers))
+        at = replace(self.judging, values=neutral, near=None)
+        described = replace(at, problem=replace(problem, robot=self.question.robot))
+        return _minus(described.data.y, [at.data.y])
 
     @property
     def _always(self) -> list[KnownTerm]:
@@ -329,7 +341,7 @@ class Answer:
         """Residuals of each stretch with the causes and what is ordinary."""
         known = [_minus(self.added[t.ident], [self._as_stated(t)]) for t in self._always]
         causes = [self.added[t.ident] for t in self.best.optional if t.ident in self.added]
-        return _minus(self.before, [self.numbers_added, *known, *causes])
+        return _minus(self.before, [self._mounting_added, self.numbers_added, *known, *causes])
 
     @cached_property
     def gaps(self) -> tuple[Gap, Gap]:
@@ -476,19 +488,21 @@ class Answer:
             "y": ParameterEstimate(y, small["y"].std, "rad"),
         }
         instance = EffectInstance(effect, None, {"x": x, "y": y})
+        alone = _minus(self.before, [self._mounting_added])
+        share = shrink(self.gaps[0], Gap.of(self.judging.data, alone)).share
         cause = Cause(
             TILT,
             None,
             effect.sides,
             effect.regime,
             values,
-            0.0,
+            0.0 if share is None else share,
             1.0 - CHANCE,
             (),
             instance,
             is_number=True,
         )
-        return cause, self.before
+        return cause, alone
 
     def _cause(self, name: Name, probability: float) -> tuple[Cause, list[Array]]:
         problem = self.prepared.problem
