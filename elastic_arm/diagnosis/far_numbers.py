@@ -22,11 +22,16 @@ from elastic_arm.evidence.terms.number import NumberTerm
 Name = tuple[str, str | None]  # effect and joint
 
 
-def bounds_of(numbers: Sequence[Number]) -> Array:
-    """Return how far (K,) each number is ordinarily off, in its standard deviations."""
+def bounds_of(numbers: Sequence[Number], zeros: float = 1.0) -> Array:
+    """Return how far (K,) each number is ordinarily off, in its standard deviations.
+
+    zeros: the scale of the zeros that the arm has.
+    """
     stds = np.array([p.prior_std for p in numbers])
     logarithmic = np.array([p.is_logarithmic for p in numbers], dtype=bool)
-    return np.where(logarithmic, np.log1p(ORDINARY * stds) / stds, ORDINARY)
+    bounds = np.where(logarithmic, np.log1p(ORDINARY * stds) / stds, ORDINARY)
+    scaled = np.array([p.kind == "zero" for p in numbers], dtype=bool)
+    return np.where(scaled, zeros * bounds, bounds)
 
 
 def named_numbers(numbers: Sequence[Number], effects: Set[str]) -> dict[Name, list[int]]:
@@ -54,8 +59,8 @@ def beyond(fit: Fit, values: Array, numbers: Sequence[Number]) -> Array:
     """
     mean = values + fit.numbers
     std = np.sqrt(np.maximum(np.diag(fit.number_covariance), 0.0))
-    std = np.clip(std, np.finfo(float).eps, 1.0)
-    bounds = bounds_of(numbers)
+    bounds = bounds_of(numbers, fit.model.assumed.zeros)
+    std = np.clip(std, np.finfo(float).eps, bounds / bounds_of(numbers))
     return np.asarray(norm.sf((bounds - mean) / std) + norm.cdf((-bounds - mean) / std))
 
 
@@ -114,7 +119,7 @@ def gain_beyond(whole: Fit, fitted: Fit, values: Array, numbers: Sequence[Number
 
     with d the distance of the mean from the bound in posterior deviations, the rest refitted.
     """
-    bounds = bounds_of(numbers)
+    bounds = bounds_of(numbers, whole.model.assumed.zeros)
     found = []
     for fit in (whole, fitted):
         mean = values + fit.numbers

@@ -29,12 +29,12 @@ def _sets(explanation: Explanation) -> Iterator[str]:
     for p, fit in explanation.sets[:SETS]:
         behind = explanation.best.score - fit.score
         terms = ", ".join(sorted(_named(explanation, key) for key in fit.keys)) or NOTHING
-        yield f"  {p:6.1%}  {behind:6.1f} nats behind  {fit.model.name}: {terms}"
+        yield f"  {p:6.1%}  {behind:6.1f} nats behind  {fit.model.assumed.trust}: {terms}"
 
 
 def _lacking(explanation: Explanation) -> Iterator[str]:
     best: Fit = explanation.best
-    model = linear_model(explanation.linear, best.model.name)
+    model = linear_model(explanation.linear, best.model.assumed)
     screen = Screen(model.grams, pool_of(explanation.linear))
     gains = screen.gains(best)
     listed: set[Key] = set(best.keys)

@@ -64,10 +64,14 @@ class Number:
 
     @property
     def kind(self) -> str:
-        """Whose number it is: of the "arm", of a "sensor" or controller, or a "detail" of how a law
-        is met."""
-        of_arm = self.feature is None and self.what not in GAINS
-        return "detail" if not self.is_number else "arm" if of_arm else "sensor"
+        """Whose number it is: of the "arm", of a "sensor" or controller, the "zero" of a torque
+        channel, or a "detail" of how a law is met."""
+        if not self.is_number:
+            return "detail"
+        if self.feature is None:
+            return "sensor" if self.what in GAINS else "arm"
+        of_torque = bool(self.feature.sensed & {"tau_J", "tau_m"})
+        return "zero" if of_torque and self.feature.effect.set_at_start else "sensor"
 
     @property
     def is_number(self) -> bool:

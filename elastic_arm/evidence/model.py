@@ -16,11 +16,14 @@ from elastic_arm.evidence.grams import Bands, Grams, kept
 from elastic_arm.evidence.keys import Ident, Key
 from elastic_arm.evidence.posterior import Posterior, Prior, mass, posterior
 from elastic_arm.evidence.priors import (
+    AS_BUILT,
     MEASURED,
     RELATED,
     SCALES,
     SIZES,
     TRUST,
+    ZEROS,
+    Assumed,
 )
 from elastic_arm.evidence.terms.change import ChangeTerm
 from elastic_arm.evidence.terms.law import LawTerm
@@ -28,7 +31,8 @@ from elastic_arm.evidence.terms.number import NumberTerm
 from elastic_arm.evidence.terms.share import ShareTerm
 from elastic_arm.evidence.terms.term import Term
 
-WIDEST = max(one.factor for one in TRUST.values())
+# factors of the prior's deviation up to which the data may tell something
+WIDEST = {"arm": max(one.factor for one in TRUST.values()), "zero": max(ZEROS)}
 SCREENS, PRODUCTS, FITS = (
     4,
     100,
@@ -39,7 +43,7 @@ EXACT = 0.1
 LOOKED_AT = 30  # terms of which first-order gains are made well; numerical
 # Of sensors, only a simulation's description says how they are; details of how a law is met are in
 # no description.
-KINDS = "arm", "sensor", "detail"
+KINDS = "arm", "sensor", "detail", "zero"
 UNTOLD = 1e-3  # of a prior's precision: what data tell no more of, they tell nothing of; numerical
 
 
@@ -60,10 +64,7 @@ class Fit:
         """ln p(y, set) up to a constant of the data."""
         prices = sum(t.price + self.model.doubt(t) for t in self.optional)
         return (
-            self.found.evidence
-            - prices
-            + float(np.log(TRUST[self.model.name].prior))
-            + self.correction
+            self.found.evidence - prices + float(np.log(self.model.assumed.prior)) + self.correction
         )
 
     def compared_with(self, other: Fit) -> Fit:
@@ -416,7 +417,7 @@ class LinearModel:
     always: tuple[Term, ...] = ()  # terms that are known to be there
     # what other terms add to columns of the numbers (:func:`.shares_of`)
     shares: tuple[ShareTerm, ...] = ()
-    name: str = ""  # the trust in the description
+    assumed: Assumed = AS_BUILT  # trust in the description, scale of the zeros
     # ln of the density of what was recorded over that of the rows (:attr:`.WhitenedData.density`)
     density: float = 0.0
     fitted_rows: NDArray[np.bool_] | None = (
@@ -445,7 +446,7 @@ class LinearModel:
         for kind in np.unique(self.kinds):
             own = np.flatnonzero(self.kinds == kind)
             e, U = np.linalg.eigh(self.N[:, own].T @ self.N[:, own])
-            told = e * (WIDEST if kind == KINDS.index("arm") else 1.0) ** 2 > UNTOLD
+            told = e * WIDEST.get(KINDS[kind], 1.0) ** 2 > UNTOLD
             V = np.zeros((len(self.mean), int(told.sum())))
             V[own] = U[:, told]
             found.append(V)
@@ -455,8 +456,9 @@ class LinearModel:
         )
 
     def factors(self, kinds: NDArray[np.intp]) -> Array:
-        """Return the factors of the trust on the standard deviations of numbers of some kinds."""
-        return np.array([self.trust, self.trust if self.trust < EXACT else 1.0, 1.0])[kinds]
+        """Return the factors on the standard deviations of numbers of some kinds."""
+        sensor = self.trust if self.trust < EXACT else 1.0
+        return np.array([self.trust, sensor, 1.0, sensor * self.assumed.zeros])[kinds]
 
     @cached_property
     def grams(self) -> Grams:
@@ -467,11 +469,11 @@ class LinearModel:
     @property
     def trust(self) -> float:
         """Factor on the standard deviations of the numbers."""
-        return TRUST[self.name].factor
+        return TRUST[self.assumed.trust].factor
 
     def doubt(self, term: Term) -> float:
         """Return -ln of the prior odds that one of the terms of a kind is there, nats."""
-        return term.doubt(term.key in self.usual and self.name != MEASURED)
+        return term.doubt(term.key in self.usual and self.assumed.trust != MEASURED)
 
     def lacking(self, terms: Sequence[Term]) -> tuple[ShareTerm, ...]:
         """Return the shares of the numbers' columns that are not there where some terms are."""
@@ -479,7 +481,7 @@ class LinearModel:
         return tuple(share for share in self.shares if share.key not in there)
 
     def _posterior(self, terms: Sequence[Term], prior: Prior, start: Array | None) -> Posterior:
-        coloured = float(np.log(TRUST[self.name].coloured))
+        coloured = float(np.log(TRUST[self.assumed.trust].coloured))
         return posterior(
             self.grams.of(terms, self.lacking(terms)),
             self.bands.n,
@@ -507,12 +509,12 @@ class LinearModel:
                 fitted_rows=None,
                 parts={},
             )
-        part = self.parts["fitted"].trusting(self.name)
+        part = self.parts["fitted"].assuming(self.assumed)
         return part.fit([t.among(rows) for t in fit.optional])
 
-    def trusting(self, name: str) -> LinearModel:
-        """Return the same data with another trust in the description."""
-        other = replace(self, name=name)
+    def assuming(self, assumed: Assumed) -> LinearModel:
+        """Return the same data with another trust in the description, or scale of the zeros."""
+        other = replace(self, assumed=assumed)
         other.basis, other.grams = self.basis, self.grams
         return other
 

@@ -35,7 +35,28 @@ TRUST = {
     "as built": Trust(1.0, 0.3, 0.1),
     "rough": Trust(4.0, 0.1, 0.1),
 }
+# Common scale of the zeros and drifts of one arm's torque channels, with its probability: sensors
+# of one make, warmed up alike. Twice as large is half as likely.
+ZEROS = {1.0: 8 / 15, 2.0: 4 / 15, 4.0: 2 / 15, 8.0: 1 / 15}
+
+
 MEASURED, BUILT = "as measured", "as built"  # the kinds of trust from which a search starts
+
+
+class Assumed(NamedTuple):
+    """What all priors of an arm share."""
+
+    trust: str  # in the description, of :data:`TRUST`
+    zeros: float = 1.0  # scale of the torque channels' zeros, of :data:`ZEROS`
+
+    @property
+    def prior(self) -> float:
+        """Its probability."""
+        return TRUST[self.trust].prior * (1.0 if self.trust == MEASURED else ZEROS[self.zeros])
+
+
+AS_MEASURED = Assumed(MEASURED)
+AS_BUILT = Assumed(BUILT)
 # prior odds of what every real drive has, friction, where a description states none: but for a
 # simulation
 USUAL = 9.0

@@ -20,7 +20,8 @@ from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.model import EXACT, KINDS, Fit, LinearModel, Screen
 from elastic_arm.evidence.nonlinear import placed_anew
 from elastic_arm.evidence.priors import (
-    BUILT,
+    AS_BUILT,
+    AS_MEASURED,
     COMPARED,
     ELSEWHERE,
     FIRST,
@@ -29,6 +30,8 @@ from elastic_arm.evidence.priors import (
     SUMMED,
     TRUST,
     WORTH,
+    ZEROS,
+    Assumed,
 )
 from elastic_arm.evidence.problem import Problem
 from elastic_arm.evidence.search import ADDED, ALL, SIMPLE, Search, Thetas, words_of
@@ -64,7 +67,8 @@ class Explanation:
         """The probability of each trust in the description."""
         found: dict[str, float] = {}
         for p, fit in self.sets:
-            found[fit.model.name] = found.get(fit.model.name, 0.0) + p
+            trust = fit.model.assumed.trust
+            found[trust] = found.get(trust, 0.0) + p
         return found
 
     def probability(self, held: Callable[[Key], bool]) -> float:
@@ -123,9 +127,9 @@ def explain(problem: Problem, *, refit: bool, watch: Watch | None = None) -> Exp
         moves = (SIMPLE, ALL)[node.depth]
         frame = node.fit.correction  # scores at its linearisation lack it
         others = {keys: score - frame for keys, score in scores.items() if keys != node.fit.keys}
-        trust = node.fit.model.name
+        assumed = node.fit.model.assumed
         found = _explained(
-            node.linear, node.fit.optional, trust, refit, shared, moves=moves, refused=others
+            node.linear, node.fit.optional, assumed, refit, shared, moves=moves, refused=others
         )
         log.extend(found.log)
         node.found = found
@@ -151,10 +155,10 @@ def explain(problem: Problem, *, refit: bool, watch: Watch | None = None) -> Exp
         best = frontier.run()
     if best.found is None:  # ended before anything was looked for from there
         nothing_more = _explained(
-            best.linear, best.fit.optional, best.fit.model.name, refit, shared, moves=0
+            best.linear, best.fit.optional, best.fit.model.assumed, refit, shared, moves=0
         )
         best.found = nothing_more
-    known = _known(best, frontier.scores, log, _trusts(refit))
+    known = _known(best, frontier.scores, log, _assumptions(refit))
     return replace(known, is_whole=best.depth == frontier.depths)
 
 
@@ -165,12 +169,12 @@ def _about_itself(linear: Linearisation, fit: Fit) -> tuple[Linearisation, Fit]:
     Gauss and Newton: numbers of the arm and nonlinear numbers of effects move together. A step that
     loses much was too long.
     """
-    trust = fit.model.name
+    assumed = fit.model.assumed
     best: tuple[Linearisation, Fit] | None = None
     share = 1.0
     for _ in range(STEPS):
         there = _moved(linear, fit, share)
-        own = linear_model(there, trust).fit(_again(fit, there))
+        own = linear_model(there, assumed).fit(_again(fit, there))
         gain = np.inf if best is None else own.compared_with(best[1]).score - best[1].score
         if gain < -COMPARED and share == 1.0:
             share = SHORTER
@@ -185,21 +189,23 @@ def _about_itself(linear: Linearisation, fit: Fit) -> tuple[Linearisation, Fit]:
     return best
 
 
-def _trusts(refit: bool) -> list[str]:
-    """Return the kinds of trust that a description may have.
+def _assumptions(refit: bool) -> list[Assumed]:
+    """Return what the priors of an arm may share: trust in the description, scale of the zeros.
 
     refit: whether it cannot be as measured.
     """
-    return [name for name in TRUST if not (refit and name == MEASURED)]
+    found = [] if refit else [AS_MEASURED]
+    found += [Assumed(name, zeros) for name in TRUST if name != MEASURED for zeros in ZEROS]
+    return found
 
 
 def _known(
-    node: Node, scores: Mapping[Any, float], log: Sequence[str], trusts: Sequence[str]
+    node: Node, scores: Mapping[Any, float], log: Sequence[str], assumptions: Sequence[Assumed]
 ) -> Explanation:
     """Return the explanation at the best node: sets that were linearised about themselves have that
     score.
 
-        p(S | y) = sum over the trusts t of p(S, t | y)
+        p(S | y) = sum over what may be assumed, a, of p(S, a | y)
     """
     found: Explanation = node.found
     met = found.search.met
@@ -209,14 +215,16 @@ def _known(
             met[keys] = replace(fit, correction=fit.correction + own - fit.score)
     best = max(met.values(), key=lambda fit: fit.score)
     least = best.score + float(np.log(SUMMED))
+    # What is unlikely beside the best set is unlikely beside those that differ little from it.
+    beside = [best.model.assuming(one).fit(best.optional, best) for one in assumptions]
+    likely = [fit.model.assumed for fit in beside if fit.score + best.correction > least]
     fits: list[Fit] = []
-    for fit in met.values():
-        if fit.score < least:
-            continue
-        others = [name for name in trusts if name != fit.model.name]
-        under = [fit.model.trusting(name).fit(fit.optional, fit) for name in others]
+    for fit in (fit for fit in met.values() if fit.score > least):
+        own = fit.model.assumed
         fits.append(fit)
-        fits += [replace(other, correction=fit.correction) for other in under]
+        for other in (one for one in likely if one != own):
+            under = fit.model.assuming(other).fit(fit.optional, fit)
+            fits.append(replace(under, correction=fit.correction))
     best = max(fits, key=lambda fit: fit.score)
     return replace(found, best=best, sets=weighted(fits), log=tuple(log))
 
@@ -235,18 +243,18 @@ def _begun(
     # Where the description is exact, all that is left is an effect. Where it is off everywhere,
     # there is less to mistake for one where its numbers lie beside what every drive has; but beside
     # a large effect they lie far off.
-    usual = linear_model(described, BUILT).fit(_usual_terms(described))
-    built = _settled(described, usual if usual.optional else None, BUILT)
+    usual = linear_model(described, AS_BUILT).fit(_usual_terms(described))
+    built = _settled(described, usual if usual.optional else None, AS_BUILT)
     terms = _again(usual, built)
-    starts = [_explained(built, terms, BUILT, refit, shared, moves=ADDED)]
+    starts = [_explained(built, terms, AS_BUILT, refit, shared, moves=ADDED)]
     if not refit:
         starts.insert(
-            0, _explained(described, (), MEASURED, refit, shared, moves=ADDED, most=FIRST)
+            0, _explained(described, (), AS_MEASURED, refit, shared, moves=ADDED, most=FIRST)
         )
-        if all(one.best.model.name != MEASURED for one in starts):
+        if all(one.best.model.assumed != AS_MEASURED for one in starts):
             # One number that is far off may have found its place among those that are a little.
             starts.append(
-                _explained(built, terms, MEASURED, refit, shared, moves=ADDED, most=FIRST)
+                _explained(built, terms, AS_MEASURED, refit, shared, moves=ADDED, most=FIRST)
             )
     first = max(starts, key=lambda found: found.best.compared_with(starts[0].best).score)
     others = [one for one in starts if one is not first]
@@ -286,16 +294,16 @@ def _elsewhere(found: Explanation, tried: Set[frozenset[Key]]) -> Fit | None:
     return max(sets, key=lambda fit: fit.score, default=None)
 
 
-def _settled(linear: Linearisation, before: Fit | None, trust: str) -> Linearisation:
+def _settled(linear: Linearisation, before: Fit | None, assumed: Assumed) -> Linearisation:
     """Return the linearisation where the numbers are most probable beside a set, by Gauss and
     Newton."""
     if before is not None and _apart(linear, before):
         linear = _moved(linear, before)
     best: tuple[Linearisation, Fit] | None = None
     for _ in range(STEPS):
-        if before is None and TRUST[trust].factor < EXACT:
+        if before is None and TRUST[assumed.trust].factor < EXACT:
             return linear
-        model = linear_model(linear, trust)
+        model = linear_model(linear, assumed)
         fit = model.fit([] if before is None else _again(before, linear))
         gain = np.inf if best is None else fit.compared_with(best[1]).score - best[1].score
         if best is not None and gain < -COMPARED:
@@ -337,7 +345,7 @@ def _moved(linear: Linearisation, fit: Fit, share: float = 1.0) -> Linearisation
     )
 
 
-def linear_model(linear: Linearisation, trust: str) -> LinearModel:
+def linear_model(linear: Linearisation, assumed: Assumed) -> LinearModel:
     """Return the data at a linearisation; made once."""
     if "model" not in linear.cache:
         linear.cache["model"] = LinearModel(
@@ -349,12 +357,12 @@ def linear_model(linear: Linearisation, trust: str) -> LinearModel:
             _moving(linear.problem),
             tuple(known_terms(linear)[0]),
             shares_of(linear),
-            trust,
+            assumed,
             linear.data.density,
             linear.fitted_rows,
             linear.problem.usual,
         )
-    return linear.cache["model"].trusting(trust)
+    return linear.cache["model"].assuming(assumed)
 
 
 def _screens(
@@ -377,7 +385,7 @@ def _screens(
 def _explained(
     linear: Linearisation,
     start: Sequence[Term],
-    trust: str,
+    assumed: Assumed,
     refit: bool,
     shared: Shared,
     *,
@@ -390,35 +398,38 @@ def _explained(
     most: terms that it may have more than the start; refused: scores of sets at their own
     linearisations, as they compare with those at this one.
     """
-    trusts = _trusts(refit)
-    model = linear_model(linear, trust)
+    assumptions = _assumptions(refit)
+    model = linear_model(linear, assumed)
     log: list[str] = []
     screens = _screens(linear, model, shared, laws=moves == ALL)
     terms = start
-    # The trust in the description that is most probable beside the set, and the set beside it,
-    # until both stay.
-    tried: dict[str, Search] = {}
+    # What is most probably assumed beside the set, and the set beside it, until both stay.
+    tried: dict[Assumed, Search] = {}
     path: list[Fit] = []
-    while trust not in tried:
-        search = Search(linear, model.trusting(trust), screens, shared.thetas, refused or {})
+    while assumed not in tried:
+        search = Search(linear, model.assuming(assumed), screens, shared.thetas, refused or {})
         search.is_over = shared.watch.is_over
         search.is_far = _far
-        tried[trust], best = search, search.run(terms, moves=moves, most=most)
+        best = search.run(terms, moves=moves, most=most)
+        tried[assumed] = search
         path += search.path
-        log += [f"{trust}: {line}" for line in search.log]
+        log += [f"{_words(assumed)}: {line}" for line in search.log]
         terms = best.optional
-        scores = {name: model.trusting(name).fit(terms, best).score for name in trusts}
-        trust = max(scores, key=lambda name: scores[name])
-    if tried[trust] is not search:  # found under another trust since
-        search = tried[trust]
+        scores = {one: model.assuming(one).fit(terms, best).score for one in assumptions}
+        assumed = max(scores, key=lambda one: scores[one])
+    if tried[assumed] is not search:  # found under another assumption since
+        search = tried[assumed]
         best = search.run(terms, moves=moves)
         path += search.path
     search.screens = ()
     model.grams.let_go()
-    log.append(
-        f"{trust}, {best.score:.1f}: {', '.join(f'{k[0]} {k[1]}' for k in best.keys) or 'nothing'}"
-    )
+    names = ", ".join(f"{key[0]} {key[1]}" for key in best.keys) or "nothing"
+    log.append(f"{_words(assumed)}, {best.score:.1f}: {names}")
     return Explanation(linear, search, best, path, log=tuple(log))
+
+
+def _words(assumed: Assumed) -> str:
+    return f"{assumed.trust}, zeros x {assumed.zeros:g}"
 
 
 def pool_of(linear: Linearisation) -> list[Term]:
@@ -461,7 +472,7 @@ def _again(fit: Fit, linear: Linearisation) -> list[Term]:
         found += t.again(linear, fit, [*always, *found])
     for k, t in enumerate(found):
         if isinstance(t, EffectTerm) and t.is_relaxed:
-            model = linear_model(linear, fit.model.name)
+            model = linear_model(linear, fit.model.assumed)
             found[k] = placed_anew(linear, model, t, [*found[:k], *found[k + 1 :]])
     linear.cache["again"] = fit, found
     return found

@@ -127,7 +127,7 @@ def test_the_corrected_arm_has_the_numbers_of_the_answer(tmp_path: Path) -> None
         6.0 * ((one.what, one.joint) == ("link_mass", "j2")) for one in linear.problem.numbers
     ]
     there = Linearisation(linear.problem, linear.values + heavier, linear.acting)
-    best = linear_model(there, explanation.best.model.name).fit(_again(explanation.best, there))
+    best = linear_model(there, explanation.best.model.assumed).fit(_again(explanation.best, there))
     beside = replace(
         context,
         explanation=replace(explanation, linear=there, best=best),

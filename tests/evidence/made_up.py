@@ -47,7 +47,6 @@ def model(y: Array, N: Array | None = None, **more: Any) -> LinearModel:
         "mean": np.zeros(count),
         "kinds": np.zeros(count, dtype=int),
         "moving": own,
-        "name": "as built",
         **more,
     }
     return LinearModel(y, N, bands(len(y) // (2 * HARMONICS)), **more)

@@ -6,7 +6,7 @@ from scipy.integrate import quad
 from scipy.stats import multivariate_normal, norm, truncnorm
 
 from elastic_arm.evidence.posterior import mass
-from elastic_arm.evidence.priors import TRUST
+from elastic_arm.evidence.priors import TRUST, Assumed
 from tests.evidence.made_up import bands, model, quiet, term
 
 RNG = np.random.default_rng(1)
@@ -33,7 +33,7 @@ def test_posterior_and_evidence_are_those_of_dense_formulas() -> None:
     rounding."""
     mean = np.array([0.4, -1.0, 2.0])
     one, two = term("one", X[:, :1], 2.0, mean=np.array([0.3])), term("two", X, 0.7)
-    fit = model(Y, N, mean=mean, name="rough").fit([one, two])
+    fit = model(Y, N, mean=mean, assumed=Assumed("rough")).fit([one, two])
     std = np.array([ROUGH, ROUGH, ROUGH, 2.0, 0.7, 0.7])
     x, S, evidence = dense(
         np.hstack([N, X[:, :1], X]), std, np.concatenate([mean, [0.3, 0.0, 0.0]]), np.ones(len(Y))
@@ -50,8 +50,8 @@ def test_numbers_that_the_data_say_nothing_of_keep_their_priors() -> None:
     changes no evidence."""
     silent = np.column_stack([N, np.zeros(len(Y))])
     mean = np.array([0.4, -1.0, 2.0, 0.7])
-    with_it = model(Y, silent, mean=mean, name="rough").fit([])
-    without = model(Y, N, mean=mean[:3], name="rough").fit([])
+    with_it = model(Y, silent, mean=mean, assumed=Assumed("rough")).fit([])
+    without = model(Y, N, mean=mean[:3], assumed=Assumed("rough")).fit([])
     assert with_it.numbers[3] == pytest.approx(0.7)
     assert with_it.number_covariance[3, 3] == pytest.approx(ROUGH**2)
     assert with_it.found.evidence == pytest.approx(without.found.evidence)
