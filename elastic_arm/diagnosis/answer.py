@@ -15,6 +15,7 @@ from elastic_arm.arrays import Array
 from elastic_arm.diagnosis.changes import changes_between
 from elastic_arm.diagnosis.confirmation import (
     Confirmation,
+    NumberConfirmation,
     has_size,
     held_out,
     share_without,
@@ -26,6 +27,7 @@ from elastic_arm.diagnosis.events import Event, blocks_of, events_of
 from elastic_arm.diagnosis.far_numbers import (
     Name,
     beyond,
+    bounds_of,
     gain_beyond,
     named_numbers,
     probabilities,
@@ -295,9 +297,7 @@ class Answer:
     def before(self) -> list[Array]:
         """Residuals (N', R) of each stretch of the description, known effects in it; refitted where
         that was asked."""
-        ordinary = self._numbers[1]
-        at = ordinary if self.question.refit else np.where(self._of_one, ordinary, 0.0)
-        step = self._described + self._shares * at
+        step = self._described + self._shares * self._numbers_before
         left = [
             y - N @ step
             for y, N in zip(self.judging.data.y, self.judging.plain_numbers, strict=True)
@@ -316,6 +316,20 @@ class Answer:
         described = replace(at, problem=replace(problem, robot=self.question.robot))
         return _minus(described.data.y, [at.data.y])
 
+    @cached_property
+    def _excess(self) -> Array:
+        """How far numbers that no term makes wide are beyond their ordinary deviations (K,)."""
+        ordinary = self._numbers[1]
+        bounds = bounds_of(self.prepared.problem.numbers, self.best.model.assumed.zeros)
+        return ordinary - np.clip(ordinary, -bounds, bounds)
+
+    @cached_property
+    def _numbers_before(self) -> Array:
+        """The numbers (K,) beside which the description is compared: ordinary ones after a refit,
+        else those of single recordings."""
+        ordinary = self._numbers[1] - self._excess
+        return ordinary if self.question.refit else np.where(self._of_one, ordinary, 0.0)
+
     @property
     def _always(self) -> list[KnownTerm]:
         """The known effects."""
@@ -331,17 +345,20 @@ class Answer:
     @cached_property
     def numbers_added(self) -> list[Array]:
         """What the ordinary deviations of the numbers change beside :attr:`before`."""
-        if self.question.refit:
-            return [np.zeros_like(y) for y in self.before]
-        ordinary = np.where(self._of_one, 0.0, self._numbers[1])
-        return [N @ (self._shares * ordinary) for N in self.judging.plain_numbers]
+        more = self._numbers[1] - self._excess - self._numbers_before
+        return self._moved_by(more)
+
+    def _moved_by(self, numbers: Array) -> list[Array]:
+        """Return what a change of the numbers (K,) adds to the residuals of each stretch, Nm."""
+        return [N @ (self._shares * numbers) for N in self.judging.plain_numbers]
 
     @cached_property
     def after(self) -> list[Array]:
         """Residuals of each stretch with the causes and what is ordinary."""
         known = [_minus(self.added[t.ident], [self._as_stated(t)]) for t in self._always]
         causes = [self.added[t.ident] for t in self.best.optional if t.ident in self.added]
-        return _minus(self.before, [self._mounting_added, self.numbers_added, *known, *causes])
+        numbers = [self.numbers_added, self._moved_by(self._excess)]
+        return _minus(self.before, [self._mounting_added, *numbers, *known, *causes])
 
     @cached_property
     def gaps(self) -> tuple[Gap, Gap]:
@@ -421,6 +438,9 @@ class Answer:
             if name in there:
                 continue
             found.append(UnconfirmedCause(*name, self.probability(name), share))
+        for name, number in self._confirmed_numbers.items():
+            if not number.confirms:
+                found.append(UnconfirmedCause(*name, self.probability(name), number.share))
         return tuple(found)
 
     @property
@@ -442,28 +462,54 @@ class Answer:
         best = self._there(self.explanation.best)
         refused = {name for name, _ in self.refused} - best
         for name, p in self._probabilities.items():
-            if name in refused or name in self._given or not self._gains(name):
+            if name in refused or name in self._given or not self._is_confirmed(name):
                 continue
             if p > 0.5 or (name in best and p + sum(self._instead(name).values()) > 0.5):
                 found.append(self._cause(name, p))
         found.sort(key=lambda one: -one[0].shrink)
         return [self._mounted(found), *found] if self.prepared.mounting is not None else found
 
-    def _gains(self, name: Name) -> bool:
+    def _is_confirmed(self, name: Name) -> bool:
         """Whether a number that no term makes wide is confirmed by the recordings that judge.
 
         Terms were confirmed one by one (:meth:`confirmed`).
         """
-        best = self.explanation.best
-        if name not in self._named or any(_name(t.key) == name for t in best.optional):
-            return True
-        return bool(self._number_gains[self._named[name]].max() > 0.0)
+        found = self._confirmed_numbers.get(name)
+        return found is None or found.confirms
 
     @cached_property
-    def _number_gains(self) -> Array:
-        """What the recordings that judge gain by each number beyond its bounds (K,), nats."""
+    def _confirmed_numbers(self) -> dict[Name, NumberConfirmation]:
+        """What the recordings that judge gain by the numbers that are beyond and have no term."""
+        best = self.explanation.best
+        with_term = {_name(term.key) for term in best.optional}
         values, numbers = self.explanation.linear.values, self.prepared.problem.numbers
-        return gain_beyond(self.explanation.best, self.explanation.sized, values, numbers)
+        nats = gain_beyond(best, self.explanation.sized, values, numbers)
+        found = {}
+        for name, own in self._named.items():
+            if name not in with_term and self.probability(name) > 0.5:
+                share = self._share_of_numbers(name)
+                found[name] = NumberConfirmation(float(nats[own].max()), share)
+        return found
+
+    def _share_of_numbers(self, name: Name) -> float | None:
+        """Return the share of a gap that comes back where the numbers of a name are ordinary.
+
+        Each is at its nearest ordinary value, and the rest is refitted. The gap is that of the
+        numbers as they are, without any term, or what is left then, where that is larger.
+        """
+        problem, sized = self.prepared.problem, self.explanation.sized
+        which = self._named[name]
+        values = self.explanation.linear.values[which]
+        bounds = bounds_of(problem.numbers, sized.model.assumed.zeros)[which]
+        at = np.clip(values + sized.numbers[which], -bounds, bounds) - values
+        held = replace(self._with(sized.held(which, at)), by_all=True)
+        beyond = np.zeros(len(problem.numbers))
+        beyond[which] = sized.numbers[which] - at
+        own = Gap.of(self.judging.data, self._moved_by(beyond))
+        causes = [self.added[t.ident] for t in self.best.optional if t.ident in self.added]
+        without = [sum(each) for each in zip(self.after, *causes, strict=True)]
+        first = Gap.of(self.judging.data, without)
+        return share_without(first, self.gaps[1], held.gaps[1], own)
 
     def _there(self, fit: Fit) -> set[Name]:
         """Return the effects of a set, and the numbers that are more likely than not off in it."""
@@ -537,7 +583,7 @@ class Answer:
         here = next(iter(self._terms_of(best, name)), None)
         alone = self.before if here is None else _minus(self.before, [self._added_alone(here)])
         share = shrink(self.gaps[0], Gap.of(self.judging.data, alone)).share
-        confirmation = None if here is None else self.confirmations.get(here.key)
+        confirmation = self._confirmation(name, here)
         cause = Cause(
             effect=name[0],
             joint=name[1],
@@ -553,6 +599,13 @@ class Answer:
             is_number=isinstance(term, NumberTerm) and term.feature.effect.model_parameter,
         )
         return cause, alone
+
+    def _confirmation(
+        self, name: Name, here: Term | None
+    ) -> Confirmation | NumberConfirmation | None:
+        """Return what confirms a cause: its term in the best set, or its numbers."""
+        own = None if here is None else self.confirmations.get(here.key)
+        return own or self._confirmed_numbers.get(name)
 
     def _terms_of(self, fit: Fit, name: Name) -> list[Term]:
         """Return the terms of a fit that are an effect; of a number that no term makes wide, one
@@ -576,10 +629,8 @@ class Answer:
             return _minus(self.added[term.ident], [self._as_stated(term)])
         if not isinstance(term, NumberTerm):
             return self.added[term.ident]
-        total, ordinary = self._numbers
-        at = ordinary if self.question.refit else np.where(self._of_one, ordinary, 0.0)
-        step = np.where(term.moved, total - at, 0.0)
-        return [N @ (self._shares * step) for N in self.judging.plain_numbers]
+        step = np.where(term.moved, self._numbers[0] - self._numbers_before, 0.0)
+        return self._moved_by(step)
 
     def _instead(self, name: Name) -> dict[Name, float]:
         """Return the probabilities of what is there in the sets without a cause and not in the most

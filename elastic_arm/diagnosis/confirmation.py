@@ -20,7 +20,7 @@ from scipy.stats import chi2, norm
 from elastic_arm.arrays import Array
 from elastic_arm.diagnosis.gap import Gap
 from elastic_arm.evidence.model import Fit
-from elastic_arm.evidence.priors import ORDINARY, WORTH
+from elastic_arm.evidence.priors import LEFT, ORDINARY, WORTH
 from elastic_arm.evidence.terms.term import Term
 
 TWO = 2.0  # deviations within which a size is none (contract)
@@ -42,6 +42,22 @@ class Confirmation:
         """Whether it has a size and gains likelihood, or loses none where numbers that are far off
         stand for it."""
         return self.has_size and self.nats > (-WORTH if self.taken_over else 0.0)
+
+
+@dataclass(frozen=True)
+class NumberConfirmation:
+    """What a number beyond its ordinary deviations gains where no term makes it wide."""
+
+    nats: float  # of log-likelihood on the recordings that judge
+    share: float | None  # of the gap that comes back where it is ordinary; None without a gap
+
+    @property
+    def confirms(self) -> bool:
+        """Whether it gains likelihood, and removes more of the gap than may be left.
+
+        Under a rough trust many numbers move together, and each could be ordinary as well.
+        """
+        return self.nats > 0.0 and (self.share is None or self.share > LEFT)
 
 
 def has_size(fit: Fit, term: Term) -> bool:

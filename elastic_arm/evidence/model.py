@@ -140,6 +140,18 @@ class Fit:
             np.zeros(len(self.model.mean)),
         )
 
+    def held(self, which: Sequence[int], at: Array) -> Fit:
+        """Return the posterior where some numbers (m,) are known to be at values (m,), the rest
+        refitted.
+
+            x' = x - K (R x - at),   S' = S - K R S,   K = S R' (R S R')^-1
+        """
+        R = self.moves[list(which)]
+        x, S = self.found.x, self.found.S
+        K = S @ R.T @ np.linalg.pinv(R @ S @ R.T)
+        off = self.numbers[list(which)] - at
+        return replace(self, found=replace(self.found, x=x - K @ off, S=S - K @ R @ S))
+
     def rows(self, term: Term) -> Array:
         """Return the coefficients (k, p) of a term by the fit's: of one that changes, its mean over
         fitted ones."""

@@ -158,7 +158,7 @@ def explain(problem: Problem, *, refit: bool, watch: Watch | None = None) -> Exp
             best.linear, best.fit.optional, best.fit.model.assumed, refit, shared, moves=0
         )
         best.found = nothing_more
-    known = _known(best, frontier.scores, log, _assumptions(refit))
+    known = _known(best, frontier.scores, log, _assumptions(problem, refit))
     return replace(known, is_whole=best.depth == frontier.depths)
 
 
@@ -189,13 +189,15 @@ def _about_itself(linear: Linearisation, fit: Fit) -> tuple[Linearisation, Fit]:
     return best
 
 
-def _assumptions(refit: bool) -> list[Assumed]:
+def _assumptions(problem: Problem, refit: bool) -> list[Assumed]:
     """Return what the priors of an arm may share: trust in the description, scale of the zeros.
 
-    refit: whether it cannot be as measured.
+    refit: whether the description cannot be as measured.
     """
+    has_zeros = any(number.kind == "zero" for number in problem.numbers)
+    scales = [*ZEROS] if has_zeros else [1.0]
     found = [] if refit else [AS_MEASURED]
-    found += [Assumed(name, zeros) for name in TRUST if name != MEASURED for zeros in ZEROS]
+    found += [Assumed(name, zeros) for name in TRUST if name != MEASURED for zeros in scales]
     return found
 
 
@@ -398,7 +400,7 @@ def _explained(
     most: terms that it may have more than the start; refused: scores of sets at their own
     linearisations, as they compare with those at this one.
     """
-    assumptions = _assumptions(refit)
+    assumptions = _assumptions(linear.problem, refit)
     model = linear_model(linear, assumed)
     log: list[str] = []
     screens = _screens(linear, model, shared, laws=moves == ALL)
