@@ -84,27 +84,6 @@ class Kernel:
         shaped = tuple(array.reshape(shape) for array, shape in zip(flat, shapes, strict=True))
         return shaped if len(shaped) > 1 else shaped[0]
 
-    def row_products(
-        self, arrays: Sequence[np.ndarray], y: np.ndarray, entries: int, *, rounded: bool = False
-    ) -> list[tuple[np.ndarray, np.ndarray]] | None:
-        """Sum products of each row's non-zero entries, and y, beyond double precision.
-
-        The entries are structurally non-zero.
-
-        The matrix itself, the first output, is never stored.
-
-        entries: products in all: those of the lower triangle of each row's matrix, row after row;
-        rounded: whether values may be rounded to 51 bits below the largest of their column, which
-        is nearly twice as fast where the processor multiplies integers. The products of what is
-        rounded are exact.
-
-        Returns hi and lo, (entries, lanes) each, of parts of the samples; the sum over parts and
-        lanes is hi + lo. None where the engine has no such sum.
-        """
-        if not isinstance(self.engine, CEngine):
-            return None
-        return self.engine.row_products(arrays, y, entries, rounded=rounded)
-
     def _shapes(self, samples: int) -> list[tuple[int, ...]]:
         return [
             (samples, out.size) if out.shape[1] == 1 else (samples, *out.shape)

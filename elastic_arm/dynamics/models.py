@@ -14,7 +14,6 @@ from elastic_arm.codegen import kernels
 from elastic_arm.codegen.derivations import cached_program
 from elastic_arm.dynamics.bodies import Bodies, ModelParameter
 from elastic_arm.dynamics.composition import compose
-from elastic_arm.dynamics.gram import Information
 from elastic_arm.robot.description import Robot, require_robot
 
 if TYPE_CHECKING:
@@ -181,36 +180,6 @@ class Model:
         """
         kinetic, potential = self._run("energy", x, dx, self._psi(Psi))
         return kinetic[:, 0], potential[:, 0]
-
-    def accumulator(self, columns: Columns | None = None, *, rounded: bool = False) -> Information:
-        """Empty sum of information matrices of Phi (or of its `columns`).
-
-        Feed it by ``add(x, dx, ddx, y=y)``.
-
-        `rounded` allows fixed point, which is faster; see
-        :class:`~elastic_arm.dynamics.gram.Information`.
-        """
-        return Information(self.kernel("regressor", columns), rounded=rounded)
-
-    def information(
-        self,
-        x: np.ndarray,
-        dx: np.ndarray,
-        ddx: np.ndarray,
-        y: np.ndarray,
-        columns: Columns | None = None,
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Sum over samples of [Phi_r, y_r]T [Phi_r, y_r] of every equation r; Phi is never stored.
-
-        x, dx, ddx: (N, dof) rad, rad/s and rad/s²; y: (N, dof) right side, Nm; the last column of
-        the sums.
-
-        Returns hi and lo, (dof, P + 1, P + 1) each: the sums are hi + lo, to some 77 bits of the
-        columns' norms; `y` (N, dof) comes last.
-        """
-        total = self.accumulator(columns)
-        total.add(x, dx, ddx, y=y)
-        return total.grams()
 
     def function(self, name: str) -> casadi.Function:
         """CasADi SX function of that name: see :mod:`elastic_arm.dynamics.derivation`."""
