@@ -15,7 +15,6 @@ import numpy as np
 
 from elastic_arm.codegen.c_engine import CEngine
 from elastic_arm.codegen.compiler import build
-from elastic_arm.codegen.emit_c import emit_scalar
 from elastic_arm.codegen.numpy_engine import NumpyEngine
 from elastic_arm.codegen.program import Program, from_casadi
 from elastic_arm.errors import KernelError
@@ -26,7 +25,7 @@ if TYPE_CHECKING:
 _LOG = logging.getLogger(__name__)
 
 
-__all__ = ["Engine", "Kernel", "build", "compile", "emit_c", "make"]
+__all__ = ["Engine", "Kernel", "build", "compile", "make"]
 
 
 class Engine(Protocol):
@@ -168,14 +167,3 @@ def _choose(program: Program, engine: str | None, shared: Sequence[str]) -> Engi
 @functools.cache
 def _say_once(reason: str) -> None:
     _LOG.warning("Kernels run in numpy, about ten times slower than compiled: %s", reason)
-
-
-def emit_c(function: casadi.Function | Program, name: str) -> str:
-    """Return C source of ``static inline void name(const double* in, double* out)``.
-
-    One sample a call.
-
-    `in` holds all inputs of `function` one after another; `out` its outputs, dense, matrices row by
-    row. Put a loop around it in C and give both to :func:`build`.
-    """
-    return emit_scalar(function if isinstance(function, Program) else from_casadi(function), name)

@@ -165,6 +165,8 @@ class BaseRegression:
 
         The rows of a long motion are never in memory as a whole.
         """
+        if "drive" in self.sides:
+            assert self.drive_columns is not None  # an error where the description hides a spring
         factors = np.zeros((len(self.groups), 0, len(self.base) + 1))
         for start in range(0, max(len(motion), 1), AT_ONCE):
             rows = self.rows(motion[start : start + AT_ONCE])
@@ -196,13 +198,12 @@ class BaseRegression:
         """The base columns of K and D of joints whose deflection is measured."""
         place = {self.names[c]: k for k, c in enumerate(self.base.columns.tolist())}
         joints = [self.model.robot.joint_names[j] for j in self.wound]
-        if lost := [
-            name for joint in joints for name in (f"{joint}.K", f"{joint}.D") if name not in place
-        ]:
-            raise IdentificationError(
-                f"{lost[0]} is lost numerically next to much larger numbers of the description",
-                "Check its lengths, ratios and gravity",
-            )
+        for name in (f"{joint}.{spring}" for joint in joints for spring in "KD"):
+            if name not in place:
+                raise IdentificationError(
+                    f"{name} is lost numerically next to much larger numbers of the description",
+                    "Check its lengths, ratios and gravity",
+                )
         return [(place[f"{joint}.K"], place[f"{joint}.D"]) for joint in joints]
 
     def predict(self, motion: Motion, Psi_base: Array) -> dict[str, Array]:
