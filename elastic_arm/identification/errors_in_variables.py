@@ -14,7 +14,7 @@ import numpy as np
 
 from elastic_arm.arrays import Array
 from elastic_arm.estimation.motion import Motion
-from elastic_arm.estimation.noise import StateNoise
+from elastic_arm.estimation.noise import WHITE, StateNoise
 from elastic_arm.identification.base_regression import BaseRegression
 
 # Over steps of this size in position, velocity and acceleration (rad, rad/s, rad/s²) a regressor is
@@ -26,9 +26,8 @@ _RATES = ("", "d", "dd")
 MOST_TAKEN_OFF = 0.9
 # Singular values below this share of the largest are rounding.
 SMALLEST = 1e-12
-# Coefficients of a spectrum per sample from which the level of white noise is estimated
-# (`estimation.noise.WHITE`).
-WHITE_SHARE = 0.14
+# Coefficients of a spectrum per sample from which the level of white noise is estimated.
+WHITE_SHARE = WHITE[1] - WHITE[0]
 
 
 def noise_sums(equations: BaseRegression, motion: Motion, every: int, first: int) -> Array | None:
