@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 import logging
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -28,25 +28,8 @@ _LOG = logging.getLogger(__name__)
 __all__ = ["Engine", "Kernel", "build", "compile", "make"]
 
 
-class Engine(Protocol):
-    """Runs one program."""
-
-    name: str
-
-    def allocate(self, samples: int, size: int) -> np.ndarray:
-        """Memory (samples, size) for an output."""
-
-    def run(
-        self, arrays: Sequence[np.ndarray], outputs: Sequence[np.ndarray], *, fresh: bool
-    ) -> None:
-        """Fill `outputs` from `arrays`.
-
-        `fresh` ones come from :meth:`allocate`, others hold anything.
-
-        arrays: (N, k) values of each argument; (k,) where it is shared by all samples; outputs: (N,
-        size) each, to be filled; fresh: whether the outputs come from :meth:`allocate`; others hold
-        anything.
-        """
+# What runs a program.
+Engine = CEngine | NumpyEngine
 
 
 class Kernel:

@@ -127,25 +127,23 @@ class Model:
             len(x), self.dof, width
         )
 
-    def mass_matrix(self, x: np.ndarray, Psi: np.ndarray | None = None) -> np.ndarray:
+    def mass_matrix(self, x: np.ndarray) -> np.ndarray:
         """Whole matrix of (1), (N, dof, dof), in the order of x."""
-        return self._run("mass_matrix", x, self._psi(Psi))[0].reshape(len(x), self.dof, self.dof)
+        return self._run("mass_matrix", x, self.Psi)[0].reshape(len(x), self.dof, self.dof)
 
-    def bias(self, x: np.ndarray, dx: np.ndarray, Psi: np.ndarray | None = None) -> np.ndarray:
+    def bias(self, x: np.ndarray, dx: np.ndarray) -> np.ndarray:
         """All of the left side of (1) that is not acceleration, K and D included: (N, dof).
 
-        x, dx: (N, dof) rad and rad/s; Psi: (P,) parameters; the description's when None.
+        x, dx: (N, dof) rad and rad/s.
         """
-        return self._run("bias", x, dx, self._psi(Psi))[0]
+        return self._run("bias", x, dx, self.Psi)[0]
 
-    def terms(
-        self, x: np.ndarray, dx: np.ndarray, Psi: np.ndarray | None = None
-    ) -> dict[str, np.ndarray]:
+    def terms(self, x: np.ndarray, dx: np.ndarray) -> dict[str, np.ndarray]:
         """M, S, B, c, c1, c2, g of (1) by name, samples first; the tilts count as link side.
 
-        x, dx: (N, dof) rad and rad/s; Psi: (P,) parameters; the description's when None.
+        x, dx: (N, dof) rad and rad/s.
         """
-        values = self._run("terms", x, dx, self._psi(Psi))
+        values = self._run("terms", x, dx, self.Psi)
         rows = len(self.bodies.link_side)
         columns = len(self.bodies.motor_side)
         shapes = {
