@@ -43,7 +43,7 @@ from elastic_arm.arrays import Array
 from elastic_arm.dynamics import Model
 from elastic_arm.dynamics.composition import ARMATURE
 from elastic_arm.errors import IdentificationError
-from elastic_arm.estimation.equation_sets import MOTOR, SIDES, VOID, Channels, Equation, EquationSet
+from elastic_arm.estimation.equation_sets import MOTOR, VOID, Channels, Equation, EquationSet
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.formatting import JointUnits
 from elastic_arm.identification.base_parameters import BaseParameters, find_base
@@ -58,9 +58,9 @@ class Column:
 
     name: str  # of the parameter, e.g. `coulomb_friction:joint_2.torque`
     unit: str
-    # motion -> residual name ("link", "drive", "motor") -> (N, n) Nm per unit of the parameter,
-    # where it acts
-    values: Callable[[Motion], dict[str, Array]]
+    # motion -> (N, 3 n), what a unit of the parameter adds to the residuals of link, drive and
+    # motor, Nm
+    values: Callable[[Motion], Array]
     nominal: float = 0.0  # Value in the nominal arm
     least: float = -np.inf  # What a real arm has at least, such as no negative friction
     ordinary: float | None = (
@@ -269,11 +269,9 @@ class BaseRegression:
 
     def _stacked(self, motion: Motion, columns: Sequence[Column]) -> Array:
         """Return columns (N, 3 n, k) for link, drive and motor residuals."""
-        stacked = np.zeros((len(motion), 3 * self.n, len(columns)))
+        stacked = np.empty((len(motion), 3 * self.n, len(columns)))
         for k, column in enumerate(columns):
-            for residual, values in column.values(motion).items():
-                first = SIDES.index(residual) * self.n
-                stacked[:, first : first + self.n, k] = values
+            stacked[:, :, k] = column.values(motion)
         return stacked
 
     def _all_rows(
@@ -385,12 +383,13 @@ def _encoder_columns(
     )
 
 
-def _of_drive(joint: int, what: str, motion: Motion) -> dict[str, Array]:
-    """Return what a unit of the parameter takes from the spring's torque of one joint, (N, n)."""
+def _of_drive(joint: int, what: str, motion: Motion) -> Array:
+    """Return what a unit of the parameter takes from the spring's torque of one joint."""
     if motion.dq is None:
         raise IdentificationError("no link angles were recorded", "Record /joint_states.")
-    column = np.zeros_like(motion.dq)
+    samples, n = motion.dq.shape
+    column = np.zeros((samples, 3 * n))
     # The deflection is recorded too large by lag times speed, and too small by a link angle
     # recorded too large.
-    column[:, joint] = -motion.dq[:, joint] if what == "K_delay" else 1.0
-    return {"drive": column}
+    column[:, n + joint] = -motion.dq[:, joint] if what == "K_delay" else 1.0
+    return column
