@@ -1,4 +1,4 @@
-"""Triangular factors of rows, a cache full at a time."""
+"""Triangular factors of rows."""
 
 import numpy as np
 from scipy.linalg.lapack import dgeqrt
@@ -20,12 +20,9 @@ def triangular(rows: Array) -> Array:
         return np.stack([triangular(one) for one in rows])
     live = np.flatnonzero(rows.any(axis=0))
     found = np.zeros((rows.shape[1],) * 2)
-    if not len(live):
-        return found
-    factor = np.zeros((len(live),) * 2)
-    for start in range(0, len(rows), AT_ONCE):
-        some = rows[start : start + AT_ONCE, live]
-        reflected, *_ = dgeqrt(min(TOGETHER, len(live)), np.concatenate([factor, some]))
+    if len(live):
+        columns = rows.T[live].T
+        reflected, *_ = dgeqrt(min(TOGETHER, *columns.shape), columns, overwrite_a=True)
         factor = np.triu(reflected[: len(live)])
-    found[np.ix_(live, live)] = factor
+        found[np.ix_(live[: len(factor)], live)] = factor
     return found
