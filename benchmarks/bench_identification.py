@@ -1,14 +1,14 @@
 """Identification against its peers: ratios measured in one run. ``python -m
 benchmarks.bench_identification``.
 
-Two jobs. *From arrays*: the Gram matrices of the equations and their solution, Phi never stored,
-against building Phi with the same compiled kernel and numpy's lstsq, errors of both against a known
-truth. Ours has one thread of BLAS, as commands have; the peer has as many as make it fastest in
-that round, one or all. *From a bag*: a recording on disk to parameters with standard deviations,
-against rosbags' reading and deserialising, a loop over Pinocchio's regressor, and numpy's lstsq.
-The peers' costs are linear: they are timed on fewer samples and scaled up. Wall times; in brackets
-processor time, which a busy machine disturbs less; ours and the peer take turns. Last, how the cost
-grows with N and n.
+Two jobs. *From arrays*: the triangular factors of the equations and their solution, Phi never
+stored, against building Phi with the same compiled kernel and numpy's lstsq, errors of both against
+a known truth. Ours has one thread of BLAS, as commands have; the peer has as many as make it
+fastest in that round, one or all. *From a bag*: a recording on disk to parameters with standard
+deviations, against rosbags' reading and deserialising, a loop over Pinocchio's regressor, and
+numpy's lstsq. The peers' costs are linear: they are timed on fewer samples and scaled up. Wall
+times; in brackets processor time, which a busy machine disturbs less; ours and the peer take turns.
+Last, how the cost grows with N and n.
 """
 
 import argparse
@@ -22,15 +22,13 @@ import numpy as np
 from rosbags.highlevel import AnyReader
 
 from benchmarks.bench_regressor import PinocchioLoop
-from elastic_arm.codegen.emit_block import LANES
-from elastic_arm.codegen.kernels import build
 from elastic_arm.codegen.parallel import threads
 from elastic_arm.dynamics import Model, build_model
-from elastic_arm.errors import KernelError
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.identification import IdentificationSettings, identify
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.least_squares import Blocks, fit
+from elastic_arm.identification.triangular import AT_ONCE, triangular
 from elastic_arm.memory import keep_memory
 from elastic_arm.recording import Recording, Side, read_recording, write_recording
 from elastic_arm.robot import load_robot
@@ -108,11 +106,16 @@ class FromArrays:
         self.y = motion.tau_m
 
     def fused(self) -> np.ndarray:
-        """Sum Gram matrices without storing Phi, as `identify` does, and solve."""
-        total = self.model.accumulator(self.columns, rounded=True)
-        total.add(*self.states, y=self.y)
+        """Bring one part of Phi after another to triangular form, as `identify` does, and solve."""
+        factors = np.zeros((self.model.dof, 0, len(self.columns) + 1))
+        for start in range(0, len(self.y), AT_ONCE):
+            part = slice(start, start + AT_ONCE)
+            some = [values[part] for values in self.states]
+            Phi = self.model.regressor(*some, columns=self.columns)
+            rows = np.concatenate([Phi, self.y[part][..., None]], axis=2).transpose(1, 0, 2)
+            factors = triangular(np.concatenate([factors, rows], axis=1))
         blocks = Blocks(self.model.dof, len(self.columns) + 1)
-        blocks.add(total.grams(), len(self.y))
+        blocks.add(factors, len(self.y))
         return fit(blocks, power=0.0).Psi
 
     def stored(self) -> np.ndarray:
@@ -232,79 +235,14 @@ def report_growth(model: Model) -> None:
         )
 
 
-LIMITS = """
-#include <immintrin.h>
-void multiplications(long count, long long *out) {
-  __m512i s[16], x = _mm512_set1_epi64(out[0]), y = _mm512_set1_epi64(out[1]);
-  for (int k = 0; k < 16; k++) s[k] = _mm512_set1_epi64(k);
-  for (; count > 0; count -= 16) {
-#pragma GCC unroll 8
-    for (int k = 0; k < 8; k++) {
-      s[k] = _mm512_madd52lo_epu64(s[k], x, y);
-      s[k + 8] = _mm512_madd52hi_epu64(s[k + 8], x, y);
-    }
-    __asm__ volatile("" : "+v"(x), "+v"(y));
-  }
-  for (int k = 0; k < 16; k++) out[k] = _mm512_reduce_add_epi64(s[k]);
-}
-double memory(long count, const double *from) {
-  __m512d s[8];
-  for (int k = 0; k < 8; k++) s[k] = _mm512_setzero_pd();
-  for (; count >= 64; count -= 64, from += 64)
-    for (int k = 0; k < 8; k++) s[k] = _mm512_add_pd(s[k], _mm512_loadu_pd(from + 8 * k));
-  for (int k = 1; k < 8; k++) s[0] = _mm512_add_pd(s[0], s[k]);
-  return _mm512_reduce_add_pd(s[0]);
-}
-"""
-
-
-def report_limits(model: Model) -> None:
-    """Print what the machine's multiplications and its memory allow at best, one thread, beside the
-    sums."""
-    count = 1_000_000
-    job = FromArrays(model, count)
-    total = model.accumulator(job.columns, rounded=True)
-    places = model.kernel("regressor", tuple(job.columns)).program.outputs[0].places
-    columns = np.bincount(places // len(job.columns)) + 1
-    entries = int(np.sum(columns * (columns + 1) // 2))
-    read = np.hstack([*job.states, job.y]).ravel()
-    sums = timed(lambda: total.add(*job.states, y=job.y), 5)[1]
-    try:
-        library = build(LIMITS)
-    except KernelError as error:
-        print(f"limits: not measured ({error})")
-        return
-    out, number = (ctypes.c_longlong * 16)(1 << 50, 3), ctypes.c_long
-    products = timed(lambda: library.multiplications(number(2 * entries * count // LANES), out), 5)[
-        1
-    ]
-    memory = timed(lambda: library.memory(number(read.size), ctypes.c_void_p(read.ctypes.data)), 5)[
-        1
-    ]
-    print(
-        f"limits, processor ns a sample: sums {1e9 * sums / count:.1f}, of that {2 * entries}"
-        " multiplications alone"
-    )
-    print(
-        f"  {1e9 * products / count:.1f}; reading its {read.nbytes // count} bytes alone"
-        f" {1e9 * memory / count:.1f}"
-    )
-
-
 def main() -> None:
     """Run and print."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--samples", type=int, default=1_000_000, help="of the recording on disk")
     parser.add_argument("--array-samples", type=int, nargs="*", default=[200_000, 1_000_000])
-    parser.add_argument(
-        "--limits", action="store_true", help="the machine's limits alone (AVX-512 IFMA)"
-    )
     arguments = parser.parse_args()
     model = build_model(load_robot(None), "mod3")
     set_blas_threads(1)
-    if arguments.limits:
-        report_limits(model)
-        return
     for count in arguments.array_samples:
         report_arrays(model, count)
     with tempfile.TemporaryDirectory() as folder:

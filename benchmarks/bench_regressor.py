@@ -101,7 +101,7 @@ def compare(
         f" operations {operations}"
     )
     print(f"{'':20} times the Pinocchio loop's rate {'':17} times the time to fill")
-    heads = ("fresh", "reused", "numpy", "reused", "fused", "fresh", "reused")
+    heads = ("fresh", "reused", "numpy", "reused", "fresh", "reused")
     print("        N  samples/s", *(f"{head:>9}" for head in heads))
     for count in counts:
         measure(compiled, fallback, loop, columns, samples(compiled, count, rng))
@@ -127,13 +127,11 @@ def measure(
             "ours, reused": lambda: compiled.regressor(x, dx, ddx, columns, out=memory),
             "numpy": lambda: fallback.regressor(x, dx, ddx, columns),
             "numpy, reused": lambda: fallback.regressor(x, dx, ddx, columns, out=memory),
-            "fused": lambda: compiled.information(x, dx, ddx, x, columns),
         }
     )
     peer = times["loop"] * count / min(count, LOOP_SAMPLES)
     faster = [
-        np.median(peer / times[name])
-        for name in ("ours", "ours, reused", "numpy", "numpy, reused", "fused")
+        np.median(peer / times[name]) for name in ("ours", "ours, reused", "numpy", "numpy, reused")
     ]
     fills = [
         np.median(times[a] / times[b]) for a, b in (("ours", "fresh"), ("ours, reused", "warm"))

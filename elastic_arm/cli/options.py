@@ -207,11 +207,8 @@ def channel_map(path: Path | None) -> ChannelMap | None:
     return None if path is None else load_channels(path)
 
 
-def bags_in(paths: Sequence[Path], *, bare: bool = False) -> list[Path]:
-    """Return bags; of a folder those in it.
-
-    `bare` files in a folder are bags of their own, else the folder is one bag.
-    """
+def bags_in(paths: Sequence[Path]) -> list[Path]:
+    """Return bags; of a folder of bags those in it."""
     from elastic_arm.recording.storage.bag import METADATA
 
     found: list[Path] = []
@@ -219,12 +216,10 @@ def bags_in(paths: Sequence[Path], *, bare: bool = False) -> list[Path]:
         # Path.glob raises for names that are too long.
         a_bag = os.path.exists(path / METADATA) or not os.path.isdir(path)
         inside = [] if a_bag else sorted(path.glob("*"))
-        files = [one for one in inside if one.suffix in (".mcap", ".db3")]
-        folders = [one for one in inside if os.path.exists(one / METADATA)]
-        bags = [] if files else folders
-        if bare:
-            bags = sorted(files + folders)
-        found += bags or [path]
+        # A folder that holds files of a bag is one, though it lacks its metadata.
+        whole = any(one.suffix in (".mcap", ".db3") for one in inside)
+        bags = [one for one in inside if os.path.exists(one / METADATA)]
+        found += [path] if whole or not bags else bags
     return found
 
 

@@ -1,13 +1,12 @@
 """Programs run by compiled C, eight samples side by side, chunks of samples on all cores."""
 
 import ctypes
-import functools
 from collections.abc import Sequence
 
 import numpy as np
 
-from elastic_arm.codegen.compiler import build, build_once
-from elastic_arm.codegen.emit_block import LANES, block_identity, emit_block, gram_source
+from elastic_arm.codegen.compiler import build_once
+from elastic_arm.codegen.emit_block import block_identity, emit_block
 from elastic_arm.codegen.parallel import in_chunks
 from elastic_arm.codegen.program import Program
 
@@ -40,7 +39,6 @@ class CEngine:
         self.library.dense.argtypes = [ctypes.c_long, _ARRAY, _ARRAY, _ARRAY, ctypes.c_int]
         self.library.prepare_shared.argtypes = [_ARRAY, _ARRAY]
         self.library.prepared_size.restype = ctypes.c_long
-        self.library.information.argtypes = [ctypes.c_long, *[_ARRAY] * 6]
         self._is_shared = [name in set(shared) for name, _ in program.inputs]
 
     def run(
@@ -64,38 +62,6 @@ class CEngine:
                 raise MemoryError("no memory for a block of samples")
 
         in_chunks(len(outputs[0]), chunk)
-
-    def row_products(
-        self, arrays: Sequence[np.ndarray], y: np.ndarray, entries: int, *, rounded: bool
-    ) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Return hi, lo (entries, lanes) of each part of the samples, in order.
-
-        See :meth:`Kernel.row_products`.
-
-        The order, and so every bit of the sum, does not depend on which thread ends first.
-
-        arrays: (N, k) values of each argument; (k,) where it is shared by all samples; y: (N, rows)
-        a further entry of each row, the last; entries: products in all: the lower triangle of each
-        row's matrix, row after row; rounded: whether values may be rounded to 51 bits below the
-        largest of their column, which is faster.
-        """
-        prepared = self.prepare(arrays)
-        accumulate = _accumulator(rounded=rounded)
-        sums: dict[int, tuple[np.ndarray, np.ndarray]] = {}
-
-        def chunk(start: int, stop: int) -> None:
-            hi, lo = (self.allocate(entries, LANES) for _ in range(2))
-            hi[:], lo[:] = 0.0, 0.0
-            addresses = [array.ctypes.data for array in (prepared, y[start:stop])]
-            into = [array.ctypes.data for array in (hi, lo)]
-            if self.library.information(
-                stop - start, self.inputs(arrays, start), *addresses, accumulate, *into
-            ):
-                raise MemoryError("no memory for a tile of samples")
-            sums[start] = hi, lo
-
-        in_chunks(len(y), chunk)
-        return [sums[start] for start in sorted(sums)]
 
     @staticmethod
     def allocate(samples: int, size: int) -> np.ndarray:
@@ -122,14 +88,6 @@ class CEngine:
                 for array, shared in zip(arrays, self._is_shared, strict=True)
             ]
         )
-
-
-@functools.cache
-def _accumulator(*, rounded: bool) -> ctypes.Array[ctypes.c_void_p]:
-    """Functions that sum tiles of samples, in the order of ``accumulator`` in ``c/sums.c``."""
-    library = build(gram_source(rounded=rounded))
-    names = ("blocks", "column_step", "state_size", "add_tile", "finish")
-    return (_ARRAY * len(names))(*(ctypes.cast(getattr(library, name), _ARRAY) for name in names))
 
 
 def _way(outputs: Sequence[np.ndarray], fresh: bool) -> int:

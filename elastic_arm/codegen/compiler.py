@@ -23,7 +23,10 @@ from elastic_arm.codegen.cache import (
 from elastic_arm.errors import KernelError
 
 _TIMEOUT_S = 300.0
-_FLAGS = ("-std=gnu11", "-shared", "-fPIC", "-w", "-O2", "-fno-math-errno", "-fno-trapping-math")
+_FLAGS = (
+    "-std=gnu11", "-shared", "-fPIC", "-w", "-O2", "-fno-math-errno", "-fno-trapping-math",
+    "-ffp-contract=fast",
+)  # fmt: skip
 # Tried in turn: with the vector mathematics of the GNU C library, for this processor only, and
 # plain.
 _VARIANTS = (("-march=native", "-DVECTOR_MATH"), ("-march=native",), ())
@@ -52,23 +55,19 @@ def find_compiler() -> tuple[str, ...] | None:
     return None
 
 
-def build(source: str, *, flags: tuple[str, ...] = ("-ffp-contract=fast",)) -> ctypes.CDLL:
+def build(source: str) -> ctypes.CDLL:
     """Compile C `source` to a shared library, or find it in the cache, and load it.
 
     Safe among processes that build the same source at once: a library appears under its name only
     when complete.
 
-    flags: added to the usual ones (``-O2``, for this machine's processor).
-
     Raises a KernelError if there is no compiler, $CC is no command, it refuses the source, or there
     is no folder at all to write to.
     """
-    return build_once(source, lambda: source, flags=flags)
+    return build_once(source, lambda: source)
 
 
-def build_once(
-    identity: str, source: Callable[[], str], *, flags: tuple[str, ...] = ("-ffp-contract=fast",)
-) -> ctypes.CDLL:
+def build_once(identity: str, source: Callable[[], str]) -> ctypes.CDLL:
     """As :func:`build`, but print the source only for an `identity` that is not cached.
 
     identity: what the source depends on; part of the library's name in the cache.
@@ -78,15 +77,15 @@ def build_once(
     compiler = find_compiler()
     if compiler is None:
         raise KernelError("no C compiler was found", "Install gcc or clang, or set CC to one")
-    name = f"{_key(identity, compiler, flags)}.so"
+    name = f"{_key(identity, compiler)}.so"
     try:
         folder = cache_folder()
         try:
-            return _found_or_made(folder / name, source, compiler, flags)
+            return _found_or_made(folder / name, source, compiler)
         except OSError as error:  # a disk that is full, may not be written, or runs no programs
             reason = (error.strerror or str(error)).removeprefix(f"{folder / name}: ")
         return _found_or_made(
-            replace_folder(folder, f"cannot be used ({reason})") / name, source, compiler, flags
+            replace_folder(folder, f"cannot be used ({reason})") / name, source, compiler
         )
     except OSError as error:
         raise KernelError(
@@ -96,10 +95,10 @@ def build_once(
 
 
 def _found_or_made(
-    library: Path, source: Callable[[], str], compiler: tuple[str, ...], flags: tuple[str, ...]
+    library: Path, source: Callable[[], str], compiler: tuple[str, ...]
 ) -> ctypes.CDLL:
     if not _is_whole(library):
-        content = _compiled(source(), compiler, flags)
+        content = _compiled(source(), compiler)
         with whole(library) as passing:
             # loaders take no notice of what follows the last section
             passing.write_bytes(content + _digest(content))
@@ -125,10 +124,8 @@ def _digest(content: bytes) -> bytes:
     return hashlib.sha256(content).digest()
 
 
-def _key(identity: str, compiler: tuple[str, ...], flags: tuple[str, ...]) -> str:
-    content = "\0".join(
-        [identity, *compiler, *_compiler_stamp(compiler[0]), *_FLAGS, *flags, processor()]
-    )
+def _key(identity: str, compiler: tuple[str, ...]) -> str:
+    content = "\0".join([identity, *compiler, *_compiler_stamp(compiler[0]), *_FLAGS, processor()])
     return hashlib.sha256(content.encode()).hexdigest()[:32]
 
 
@@ -152,7 +149,7 @@ def processor() -> str:
     return platform.machine() + "".join(sorted(set(chosen)))
 
 
-def _compiled(source: str, compiler: tuple[str, ...], flags: tuple[str, ...]) -> bytes:
+def _compiled(source: str, compiler: tuple[str, ...]) -> bytes:
     """Return the library that the compiler makes of a source.
 
     Raises a KernelError if it refuses the source, or does not end; an OSError if there is no room
@@ -167,7 +164,6 @@ def _compiled(source: str, compiler: tuple[str, ...], flags: tuple[str, ...]) ->
             command = [
                 *compiler,
                 *_FLAGS,
-                *flags,
                 *variant,
                 str(text),
                 "-o",

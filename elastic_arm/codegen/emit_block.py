@@ -28,7 +28,6 @@ def emit_block(program: Program, shared: Sequence[str]) -> str:
         *_prepare(program, uniform),
         *_compute(program, uniform),
         *_spread(program),
-        _source("sums"),
         _source("block"),
     ]
     return "\n".join(parts)
@@ -40,23 +39,6 @@ def block_identity(program: Program, shared: Sequence[str]) -> str:
     They depend on the program and the printer's own source.
     """
     return f"{program.digest()}:{','.join(sorted(shared))}:{_printer_digest()}"
-
-
-def gram_source(*, rounded: bool) -> str:
-    """C source of the accumulation of information matrices in more than the working precision.
-
-    Where values may be `rounded` to fixed point, and the processor multiplies integers of 52 bits,
-    that is faster.
-    """
-    exact = _source("gram")
-    wanted = [
-        "#if defined(__AVX512IFMA__) && defined(__AVX512DQ__)",
-        _source("fixed_point"),
-        "#else",
-        exact,
-        "#endif\n",
-    ]
-    return "\n".join([_source("lanes"), _source("sums"), *(wanted if rounded else [exact])])
 
 
 @functools.cache
@@ -110,8 +92,7 @@ def _handed_over(program: Program, uniform: np.ndarray) -> list[int]:
 
 
 def _compute(program: Program, uniform: np.ndarray) -> list[str]:
-    """The operations on eight samples, as ``compute``; value k of the outputs goes to ``out[k *
-    step]``.
+    """The operations on eight samples, as ``compute``; value k of the outputs goes to ``out[k]``.
 
     Cut into parts, because a compiler's time grows faster than a function's length; what a later
     part needs passes through ``work``.
@@ -134,27 +115,25 @@ def _compute(program: Program, uniform: np.ndarray) -> list[str]:
         np.concatenate([out.values for out in program.outputs]).tolist()
     ):
         targets.setdefault(value, []).append(position)
-    signature = "(const double *const *in, const double *shared, v8 *out, long step, v8 *work)"
+    signature = "(const double *const *in, const double *shared, v8 *out, v8 *work)"
     lines, calls = [], []
     for number in range(max(part_of.values(), default=-1) + 1):
         lines.append(f"static __attribute__((noinline)) void part_{number}{signature} {{")
-        calls.append(f"  part_{number}(in, shared, out, step, work);")
+        calls.append(f"  part_{number}(in, shared, out, work);")
         names = dict(shared)
         for k in order[number * _PART : (number + 1) * _PART]:
             lines += _named(program, k, names, passed)
             lines.append(f"  const v8 t{k} = {_lane_expression(program, k, uniform, names)};")
             names[k] = f"t{k}"
-            lines += [f"  out[{position} * step] = t{k};" for position in targets.get(k, ())]
+            lines += [f"  out[{position}] = t{k};" for position in targets.get(k, ())]
             lines += [f"  work[{passed[k]}] = t{k};"] if k in passed else []
         lines.append("}")
-    lines.append(
-        "static void compute(const double *const *in, const double *shared, v8 *out, long step) {"
-    )
+    lines.append("static void compute(const double *const *in, const double *shared, v8 *out) {")
     lines += [f"  v8 work[{len(passed) + 1}];", *calls]
     for k, positions in targets.items():
         if k not in part_of:
             value = f"splat({shared[k]})" if uniform[k] else _load(program, k)
-            lines += [f"  out[{position} * step] = {value};" for position in positions]
+            lines += [f"  out[{position}] = {value};" for position in positions]
     return [*lines, "}"]
 
 
@@ -193,23 +172,19 @@ def _lane_expression(program: Program, k: int, uniform: np.ndarray, names: dict[
 
 
 def _tables(program: Program, shared: Sequence[str]) -> list[str]:
-    """Sizes, and where the values of each row of the first output begin."""
+    """Sizes of inputs and outputs."""
     sizes = [size for _, size in program.inputs]
-    head = program.outputs[0]
-    row_first = np.searchsorted(head.places // head.shape[1], np.arange(head.shape[0] + 1))
     constants = {
         "N_INPUTS": len(sizes),
         "N_OUTPUTS": len(program.outputs),
         "N_VALUES": sum(len(out.values) for out in program.outputs),
         "N_SHARED": len(_handed_over(program, program.uniform(shared))),
         "MAX_SIZE": max(sizes, default=1),
-        "ROWS": head.shape[0],
     }
     tables = {
         "input_size": sizes,
         "input_shared": [int(name in set(shared)) for name, _ in program.inputs],
         "output_size": [out.size for out in program.outputs],
-        "row_first": row_first.tolist(),
     }
     lines = [f"enum {{ {', '.join(f'{name} = {value}' for name, value in constants.items())} }};"]
     for name, values in tables.items():

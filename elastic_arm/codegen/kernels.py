@@ -9,13 +9,12 @@ from __future__ import annotations
 import functools
 import logging
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from elastic_arm.codegen.c_engine import CEngine
 from elastic_arm.codegen.compiler import build
-from elastic_arm.codegen.emit_c import emit_scalar
 from elastic_arm.codegen.numpy_engine import NumpyEngine
 from elastic_arm.codegen.program import Program, from_casadi
 from elastic_arm.errors import KernelError
@@ -26,28 +25,11 @@ if TYPE_CHECKING:
 _LOG = logging.getLogger(__name__)
 
 
-__all__ = ["Engine", "Kernel", "build", "compile", "emit_c", "make"]
+__all__ = ["Engine", "Kernel", "build", "compile", "make"]
 
 
-class Engine(Protocol):
-    """Runs one program."""
-
-    name: str
-
-    def allocate(self, samples: int, size: int) -> np.ndarray:
-        """Memory (samples, size) for an output."""
-
-    def run(
-        self, arrays: Sequence[np.ndarray], outputs: Sequence[np.ndarray], *, fresh: bool
-    ) -> None:
-        """Fill `outputs` from `arrays`.
-
-        `fresh` ones come from :meth:`allocate`, others hold anything.
-
-        arrays: (N, k) values of each argument; (k,) where it is shared by all samples; outputs: (N,
-        size) each, to be filled; fresh: whether the outputs come from :meth:`allocate`; others hold
-        anything.
-        """
+# What runs a program.
+Engine = CEngine | NumpyEngine
 
 
 class Kernel:
@@ -83,27 +65,6 @@ class Kernel:
         shapes = self._shapes(samples)
         shaped = tuple(array.reshape(shape) for array, shape in zip(flat, shapes, strict=True))
         return shaped if len(shaped) > 1 else shaped[0]
-
-    def row_products(
-        self, arrays: Sequence[np.ndarray], y: np.ndarray, entries: int, *, rounded: bool = False
-    ) -> list[tuple[np.ndarray, np.ndarray]] | None:
-        """Sum products of each row's non-zero entries, and y, beyond double precision.
-
-        The entries are structurally non-zero.
-
-        The matrix itself, the first output, is never stored.
-
-        entries: products in all: those of the lower triangle of each row's matrix, row after row;
-        rounded: whether values may be rounded to 51 bits below the largest of their column, which
-        is nearly twice as fast where the processor multiplies integers. The products of what is
-        rounded are exact.
-
-        Returns hi and lo, (entries, lanes) each, of parts of the samples; the sum over parts and
-        lanes is hi + lo. None where the engine has no such sum.
-        """
-        if not isinstance(self.engine, CEngine):
-            return None
-        return self.engine.row_products(arrays, y, entries, rounded=rounded)
 
     def _shapes(self, samples: int) -> list[tuple[int, ...]]:
         return [
@@ -189,14 +150,3 @@ def _choose(program: Program, engine: str | None, shared: Sequence[str]) -> Engi
 @functools.cache
 def _say_once(reason: str) -> None:
     _LOG.warning("Kernels run in numpy, about ten times slower than compiled: %s", reason)
-
-
-def emit_c(function: casadi.Function | Program, name: str) -> str:
-    """Return C source of ``static inline void name(const double* in, double* out)``.
-
-    One sample a call.
-
-    `in` holds all inputs of `function` one after another; `out` its outputs, dense, matrices row by
-    row. Put a loop around it in C and give both to :func:`build`.
-    """
-    return emit_scalar(function if isinstance(function, Program) else from_casadi(function), name)

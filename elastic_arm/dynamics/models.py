@@ -14,7 +14,6 @@ from elastic_arm.codegen import kernels
 from elastic_arm.codegen.derivations import cached_program
 from elastic_arm.dynamics.bodies import Bodies, ModelParameter
 from elastic_arm.dynamics.composition import compose
-from elastic_arm.dynamics.gram import Information
 from elastic_arm.robot.description import Robot, require_robot
 
 if TYPE_CHECKING:
@@ -128,25 +127,23 @@ class Model:
             len(x), self.dof, width
         )
 
-    def mass_matrix(self, x: np.ndarray, Psi: np.ndarray | None = None) -> np.ndarray:
+    def mass_matrix(self, x: np.ndarray) -> np.ndarray:
         """Whole matrix of (1), (N, dof, dof), in the order of x."""
-        return self._run("mass_matrix", x, self._psi(Psi))[0].reshape(len(x), self.dof, self.dof)
+        return self._run("mass_matrix", x, self.Psi)[0].reshape(len(x), self.dof, self.dof)
 
-    def bias(self, x: np.ndarray, dx: np.ndarray, Psi: np.ndarray | None = None) -> np.ndarray:
+    def bias(self, x: np.ndarray, dx: np.ndarray) -> np.ndarray:
         """All of the left side of (1) that is not acceleration, K and D included: (N, dof).
 
-        x, dx: (N, dof) rad and rad/s; Psi: (P,) parameters; the description's when None.
+        x, dx: (N, dof) rad and rad/s.
         """
-        return self._run("bias", x, dx, self._psi(Psi))[0]
+        return self._run("bias", x, dx, self.Psi)[0]
 
-    def terms(
-        self, x: np.ndarray, dx: np.ndarray, Psi: np.ndarray | None = None
-    ) -> dict[str, np.ndarray]:
+    def terms(self, x: np.ndarray, dx: np.ndarray) -> dict[str, np.ndarray]:
         """M, S, B, c, c1, c2, g of (1) by name, samples first; the tilts count as link side.
 
-        x, dx: (N, dof) rad and rad/s; Psi: (P,) parameters; the description's when None.
+        x, dx: (N, dof) rad and rad/s.
         """
-        values = self._run("terms", x, dx, self._psi(Psi))
+        values = self._run("terms", x, dx, self.Psi)
         rows = len(self.bodies.link_side)
         columns = len(self.bodies.motor_side)
         shapes = {
@@ -181,36 +178,6 @@ class Model:
         """
         kinetic, potential = self._run("energy", x, dx, self._psi(Psi))
         return kinetic[:, 0], potential[:, 0]
-
-    def accumulator(self, columns: Columns | None = None, *, rounded: bool = False) -> Information:
-        """Empty sum of information matrices of Phi (or of its `columns`).
-
-        Feed it by ``add(x, dx, ddx, y=y)``.
-
-        `rounded` allows fixed point, which is faster; see
-        :class:`~elastic_arm.dynamics.gram.Information`.
-        """
-        return Information(self.kernel("regressor", columns), rounded=rounded)
-
-    def information(
-        self,
-        x: np.ndarray,
-        dx: np.ndarray,
-        ddx: np.ndarray,
-        y: np.ndarray,
-        columns: Columns | None = None,
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Sum over samples of [Phi_r, y_r]T [Phi_r, y_r] of every equation r; Phi is never stored.
-
-        x, dx, ddx: (N, dof) rad, rad/s and rad/s²; y: (N, dof) right side, Nm; the last column of
-        the sums.
-
-        Returns hi and lo, (dof, P + 1, P + 1) each: the sums are hi + lo, to some 77 bits of the
-        columns' norms; `y` (N, dof) comes last.
-        """
-        total = self.accumulator(columns)
-        total.add(x, dx, ddx, y=y)
-        return total.grams()
 
     def function(self, name: str) -> casadi.Function:
         """CasADi SX function of that name: see :mod:`elastic_arm.dynamics.derivation`."""

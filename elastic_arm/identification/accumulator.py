@@ -1,4 +1,4 @@
-"""From motion to sums: rows of the equations, block by block.
+"""From motion to triangular factors: rows of the equations, block by block.
 
 An arm that is taken for rigid is so below its first resonance alone; beyond, rotors move against
 links, and torques grow as accelerations fall. Its rows can therefore be averaged over
@@ -10,13 +10,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from elastic_arm.dynamics.double_double import Pair
-from elastic_arm.dynamics.gram import gram
+from elastic_arm.arrays import Array
 from elastic_arm.estimation.equation_sets import MOTOR
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.errors_in_variables import noise_sums
 from elastic_arm.identification.least_squares import Blocks, Fit
+from elastic_arm.identification.triangular import triangular
 from elastic_arm.identification.verdict import MotionStatistics
 
 # Seconds over which rows are averaged: the first resonances of arms are at 5 to 20 Hz.
@@ -48,7 +48,7 @@ class Accumulator:
         Short ones begin half as long, so that noise is taken from as many samples as in a stream.
         Blocks that were begun stay as they are.
         """
-        if not self.blocks.grams:
+        if not self.blocks.factors:
             longest = 2 ** (samples // BLOCK // self.blocks.most).bit_length()
             self.blocks.span = longest if longest > MOST_REPRESENTED else max(longest // 2, 1)
 
@@ -106,21 +106,19 @@ class Accumulator:
     def _add_to(self, blocks: Blocks, motion: Motion, units: int) -> None:
         """Add samples, each as often as it stands for others."""
         if self.averaged:
-            sums, count = averaged(self.equations, motion, _unit(motion))
-            blocks.add(sums, count, units)
+            factors, count = averaged(self.equations, motion, _unit(motion))
+            blocks.add(factors, count, units)
             return
-        hi, lo = self.equations.information(motion)
+        factors = np.sqrt(motion.every) * self.equations.information(motion)
         noise = noise_sums(self.equations, motion, *_thinning(blocks, _unit(motion)))
-        sums = motion.every * hi, motion.every * lo
-        blocks.add(
-            sums, motion.every * len(motion), units, None if noise is None else motion.every * noise
-        )
+        known_noise = None if noise is None else motion.every * noise
+        blocks.add(factors, motion.every * len(motion), units, known_noise)
 
 
 def averaged(
     equations: BaseRegression, motion: Motion, unit: int | None = None
-) -> tuple[Pair, int]:
-    """Return [Phi y]'[Phi y] of rows averaged over :data:`AVERAGED`, and the number of averages."""
+) -> tuple[Array, int]:
+    """Return factors of rows averaged over :data:`AVERAGED`, and the number of averages."""
     unit = unit or len(motion)
     step = float(np.median(np.diff(motion.t))) if len(motion) > 1 else AVERAGED
     parts = min(max(round(unit * step / AVERAGED), 1), unit)
@@ -131,9 +129,7 @@ def averaged(
     # What is shorter, at the end, counts less.
     weight = np.sqrt(counts * unit / parts)[:, None]
     rows = np.add.reduceat(equations.rows(motion), starts, axis=1) / weight
-    hi, lo = zip(*map(gram, rows), strict=True)
-    count = max(round(len(motion) * parts / unit), 1)
-    return (np.stack(hi), np.stack(lo)), count
+    return triangular(rows), max(round(len(motion) * parts / unit), 1)
 
 
 def _thinning(blocks: Blocks, unit: int) -> tuple[int, int]:
@@ -153,7 +149,6 @@ def _unit(motion: Motion) -> int:
 
 def closes(fit: Fit, blocks: Blocks) -> bool:
     """Whether foreign motion in a sample would be larger than what the equations leave."""
-    square = np.sum([hi[:, -1, -1] for hi, _ in blocks.grams], axis=0) / max(blocks.samples, 1)
-    torque = np.sqrt(np.maximum(square, 0.0))  # next to none, rounding may leave less than nothing
+    torque = np.linalg.norm(blocks.total()[..., -1], axis=-1) / np.sqrt(max(blocks.samples, 1))
     carries = torque > 0.0
     return not carries.any() or float(np.median(fit.noise[carries] / torque[carries])) < CLOSED

@@ -42,13 +42,12 @@ from numpy.typing import NDArray
 from elastic_arm.arrays import Array
 from elastic_arm.dynamics import Model
 from elastic_arm.dynamics.composition import ARMATURE
-from elastic_arm.dynamics.double_double import Pair
-from elastic_arm.dynamics.gram import Information, gram
 from elastic_arm.errors import IdentificationError
-from elastic_arm.estimation.equation_sets import MOTOR, SIDES, VOID, Channels, Equation, EquationSet
+from elastic_arm.estimation.equation_sets import MOTOR, VOID, Channels, Equation, EquationSet
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.formatting import JointUnits
 from elastic_arm.identification.base_parameters import BaseParameters, find_base
+from elastic_arm.identification.triangular import AT_ONCE, triangular
 
 RANDOM_STATES = 200
 
@@ -59,9 +58,9 @@ class Column:
 
     name: str  # of the parameter, e.g. `coulomb_friction:joint_2.torque`
     unit: str
-    # motion -> residual name ("link", "drive", "motor") -> (N, n) Nm per unit of the parameter,
-    # where it acts
-    values: Callable[[Motion], dict[str, Array]]
+    # motion -> (N, 3 n), what a unit of the parameter adds to the residuals of link, drive and
+    # motor, Nm
+    values: Callable[[Motion], Array]
     nominal: float = 0.0  # Value in the nominal arm
     least: float = -np.inf  # What a real arm has at least, such as no negative friction
     ordinary: float | None = (
@@ -161,53 +160,18 @@ class BaseRegression:
                 if equation.combination[MOTOR]:
                     yield k, motion.stuck[:, joint]
 
-    def information(self, motion: Motion) -> Pair:
-        """Return [Phi y]'[Phi y] of all groups as hi + lo, (groups, B + 1, B + 1) each.
+    def information(self, motion: Motion) -> Array:
+        """Return triangular factors (groups, B + 1, B + 1) of the rows of all groups.
 
-        Together they have twice the working precision.
+        The rows of a long motion are never in memory as a whole.
         """
-        # Equations that no line of the model stands for alone: sums of both, one line measured
-        # twice, or a part of one.
-        sums = self.summed or ("whole" in self.sides and (self.elastic or "joint" in self.sides))
-        apart = (
-            self.partial
-            or motion.stuck is not None
-            or ("joint" in self.sides and len(self._armatures))
-        )
-        if self.columns or sums or apart:
-            products, rests = zip(*map(gram, self.rows(motion)), strict=True)
-            return np.stack(products), np.stack(rests)
-        both = self._both_sides(motion)
-        x, dx, ddx = (self._coordinates(both, name) for name in ("", "d", "dd"))
-        measured = [self._measured(motion, side).T for side in self.sides if side != "drive"]
-        y = np.zeros((len(motion), self.model.dof))
-        y[:, : self.n * len(measured)] = np.hstack(measured)[:, : y.shape[1]]
-        total = self._sums
-        total.reset()
-        total.add(x, dx, ddx, y=y)
-        hi, lo = total.grams()
-        own = self.n * len(measured)
-        if "drive" not in self.sides:
-            return hi[:own], lo[:own]
-        drive = self._drive_information(x, dx, self._measured(motion, "drive"))
-        return np.concatenate([hi[:own], drive[0]]), np.concatenate([lo[:own], drive[1]])
-
-    @cached_property
-    def _sums(self) -> Information:
-        """Sums of the base columns, used again and again: to set them up takes as long as a
-        thousand samples."""
-        return self.model.accumulator(self.base.columns, rounded=True)
-
-    def _drive_information(self, x: Array, dx: Array, tau_J: Array) -> Pair:
-        """Return the sums of the drive rows: their only columns are deflections and their rates."""
-        width = len(self.base) + 1
-        hi, lo = np.zeros((2, self.n, width, width))
-        n = self.n
-        for i, (K, D) in enumerate(self.drive_columns):
-            columns = np.stack([x[:, n + i] - x[:, i], dx[:, n + i] - dx[:, i], tau_J[i]])
-            # Three columns that are far from dependent: working precision will do.
-            hi[np.ix_([i], [K, D, width - 1], [K, D, width - 1])] = (columns @ columns.T)[None]
-        return hi, lo
+        if "drive" in self.sides:
+            assert self.drive_columns is not None  # an error where the description hides a spring
+        factors = np.zeros((len(self.groups), 0, len(self.base) + 1))
+        for start in range(0, max(len(motion), 1), AT_ONCE):
+            rows = self.rows(motion[start : start + AT_ONCE])
+            factors = triangular(np.concatenate([factors, rows], axis=1))
+        return factors
 
     @cached_property
     def described(self) -> Array:
@@ -234,13 +198,12 @@ class BaseRegression:
         """The base columns of K and D of joints whose deflection is measured."""
         place = {self.names[c]: k for k, c in enumerate(self.base.columns.tolist())}
         joints = [self.model.robot.joint_names[j] for j in self.wound]
-        if lost := [
-            name for joint in joints for name in (f"{joint}.K", f"{joint}.D") if name not in place
-        ]:
-            raise IdentificationError(
-                f"{lost[0]} is lost numerically next to much larger numbers of the description",
-                "Check its lengths, ratios and gravity",
-            )
+        for name in (f"{joint}.{spring}" for joint in joints for spring in "KD"):
+            if name not in place:
+                raise IdentificationError(
+                    f"{name} is lost numerically next to much larger numbers of the description",
+                    "Check its lengths, ratios and gravity",
+                )
         return [(place[f"{joint}.K"], place[f"{joint}.D"]) for joint in joints]
 
     def predict(self, motion: Motion, Psi_base: Array) -> dict[str, Array]:
@@ -306,11 +269,9 @@ class BaseRegression:
 
     def _stacked(self, motion: Motion, columns: Sequence[Column]) -> Array:
         """Return columns (N, 3 n, k) for link, drive and motor residuals."""
-        stacked = np.zeros((len(motion), 3 * self.n, len(columns)))
+        stacked = np.empty((len(motion), 3 * self.n, len(columns)))
         for k, column in enumerate(columns):
-            for residual, values in column.values(motion).items():
-                first = SIDES.index(residual) * self.n
-                stacked[:, first : first + self.n, k] = values
+            stacked[:, :, k] = column.values(motion)
         return stacked
 
     def _all_rows(
@@ -422,12 +383,13 @@ def _encoder_columns(
     )
 
 
-def _of_drive(joint: int, what: str, motion: Motion) -> dict[str, Array]:
-    """Return what a unit of the parameter takes from the spring's torque of one joint, (N, n)."""
+def _of_drive(joint: int, what: str, motion: Motion) -> Array:
+    """Return what a unit of the parameter takes from the spring's torque of one joint."""
     if motion.dq is None:
         raise IdentificationError("no link angles were recorded", "Record /joint_states.")
-    column = np.zeros_like(motion.dq)
+    samples, n = motion.dq.shape
+    column = np.zeros((samples, 3 * n))
     # The deflection is recorded too large by lag times speed, and too small by a link angle
     # recorded too large.
-    column[:, joint] = -motion.dq[:, joint] if what == "K_delay" else 1.0
-    return {"drive": column}
+    column[:, n + joint] = -motion.dq[:, joint] if what == "K_delay" else 1.0
+    return column

@@ -25,7 +25,6 @@ import numpy as np
 from scipy.special import stdtrit
 
 from elastic_arm.arrays import Array
-from elastic_arm.dynamics.double_double import Pair
 
 # A single block has no scatter: errors are taken for white there.
 FEWEST_BLOCKS = 2
@@ -42,7 +41,7 @@ NORMAL = 1.96
 
 
 def scattered(
-    blocks: Iterable[tuple[Pair, Array]],
+    blocks: Iterable[tuple[Array, Array]],
     Psi: Array,
     weights: Array,
     back: Array,
@@ -50,7 +49,8 @@ def scattered(
 ) -> Array:
     """Return the covariance (P, P) of an estimate from its blocks' scores.
 
-    `blocks` hold sums [Phi y]'[Phi y] (groups, P + 1, P + 1) and what noise in Phi adds to them.
+    `blocks` hold factors of [Phi y] (groups, P + 1, P + 1) and what noise in Phi adds to their
+    squares.
     `back` (P, k) leads from whitened coordinates to parameters: `back @ back.T` is the covariance
     at unit noise. `prior` has rows [F, F mean].
     """
@@ -64,10 +64,11 @@ def scattered(
         pull = known.T @ (prior @ solution)
     to_unit, from_unit = _unit_errors(back.shape[1], known)
     each = []
-    for (hi, lo), noise_in_phi in blocks:
-        gram = np.tensordot(weights**2, hi - noise_in_phi, 1)
-        score = back.T @ (gram @ solution + np.tensordot(weights**2, lo, 1) @ solution)[:-1]
-        gram = gram[:-1, :-1]
+    for factor, noise_in_phi in blocks:
+        rows = (weights[:, None, None] * factor).reshape(-1, len(solution))
+        noise = np.tensordot(weights**2, noise_in_phi, 1)
+        score = back.T @ (rows.T @ (rows @ solution) - noise @ solution)[:-1]
+        gram = (rows.T @ rows - noise)[:-1, :-1]
         each.append((gram, score + back.T @ gram @ back @ pull))
     joined = resembling(np.array([score for _, score in each]) @ to_unit.T)
     scores = []

@@ -14,7 +14,7 @@ import numpy as np
 
 from elastic_arm.arrays import Array
 from elastic_arm.estimation.motion import Motion
-from elastic_arm.estimation.noise import StateNoise
+from elastic_arm.estimation.noise import WHITE, StateNoise
 from elastic_arm.identification.base_regression import BaseRegression
 
 # Over steps of this size in position, velocity and acceleration (rad, rad/s, rad/s²) a regressor is
@@ -26,9 +26,8 @@ _RATES = ("", "d", "dd")
 MOST_TAKEN_OFF = 0.9
 # Singular values below this share of the largest are rounding.
 SMALLEST = 1e-12
-# Coefficients of a spectrum per sample from which the level of white noise is estimated
-# (`estimation.noise.WHITE`).
-WHITE_SHARE = 0.14
+# Coefficients of a spectrum per sample from which the level of white noise is estimated.
+WHITE_SHARE = WHITE[1] - WHITE[0]
 
 
 def noise_sums(equations: BaseRegression, motion: Motion, every: int, first: int) -> Array | None:
@@ -100,6 +99,17 @@ def _moved(thin: Motion, offsets: dict[str, Array]) -> Motion:
     return Motion(**moved, lacking=thin.lacking)
 
 
+def without_noise(whole: Array, noise: Array) -> Array:
+    """Return rows (k, width) whose square is that of rows `whole` (width, width) less `noise`.
+
+    Of `noise` no more than :func:`correction_share` is taken off. With whole = U F and F' E F the
+    noise, the square is F'(1 - E)F.
+    """
+    forward, inside = _among_rows(whole, noise)
+    left = np.eye(len(inside)) - _share(inside) * inside
+    return np.asarray(np.linalg.cholesky(left).T @ forward)
+
+
 def correction_share(whole: Array, noise: Array) -> float:
     """Return which share of the noise may be taken off sums so that they stay those of something.
 
@@ -107,12 +117,25 @@ def correction_share(whole: Array, noise: Array) -> float:
     left without it, or less than nothing. As Fuller's modified estimator (section 2.5 there) does,
     no more is taken off than :data:`MOST_TAKEN_OFF` of what would leave nothing.
     """
+    return _share(_among_rows(whole, noise)[1])
+
+
+def _share(inside: Array) -> float:
+    largest = float(np.linalg.eigvalsh(inside)[-1])
+    return min(1.0, MOST_TAKEN_OFF / max(largest, 1e-300))
+
+
+def _among_rows(whole: Array, noise: Array) -> tuple[Array, Array]:
+    """Return F (k, width), with orthogonal rows and the square of `whole`, and E (k, k), with which
+    F' E F is the noise."""
     size = np.linalg.norm(whole, axis=0)
     live = size > 0
     _, s, right = np.linalg.svd(whole[:, live] / size[live])
-    back = right.T / np.maximum(s, SMALLEST * s[0]) / size[live, None]
-    largest = float(np.linalg.eigvalsh(back.T @ noise[np.ix_(live, live)] @ back)[-1])
-    return min(1.0, MOST_TAKEN_OFF / max(largest, 1e-300))
+    s = np.maximum(s, SMALLEST * s[0])
+    forward = np.zeros((len(s), len(size)))
+    forward[:, live] = s[:, None] * right * size[live]
+    back = right.T / s / size[live, None]
+    return forward, back.T @ noise[np.ix_(live, live)] @ back
 
 
 def covariance_left(

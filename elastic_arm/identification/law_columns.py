@@ -14,7 +14,6 @@ from elastic_arm.effects.effect import Effect, SensorEffect
 from elastic_arm.effects.effect_set import law_joints
 from elastic_arm.effects.library.friction import SIDE
 from elastic_arm.effects.parameters import Parameter
-from elastic_arm.estimation.equation_sets import SIDES
 from elastic_arm.estimation.motion import CompletedMotion, Motion
 from elastic_arm.estimation.regressors import CompiledColumns, Signals, Term
 from elastic_arm.identification.base_regression import Column
@@ -150,11 +149,11 @@ class _LawColumns:
         self.standstill = np.broadcast_to(np.asarray(sign_speed, dtype=float), (robot.n,)).copy()
         self.last: tuple[Motion, Array] | None = None
 
-    def column(self, k: int, motion: Motion) -> dict[str, Array]:
-        """Return column k by residual."""
+    def column(self, k: int, motion: Motion) -> Array:
+        """Return column k, (N, 3 n)."""
         if self.last is None or self.last[0] is not motion:
             self.last = motion, self.columns(self._signals(motion))
-        return dict(zip(SIDES, np.split(self.last[1][:, :, k], 3, axis=1), strict=True))
+        return self.last[1][:, :, k]
 
     def _signals(self, motion: Motion) -> Signals:
         """Return the signals of motion that has both sides; no usable row holds a torque that is

@@ -1,26 +1,26 @@
-"""Least squares in constant memory: Gram matrices of blocks of samples, and what follows from them.
+"""Least squares in constant memory: triangular factors of blocks of samples, and what follows from
+them.
 
     Psi = argmin sum w_g² |y_g - Phi_g Psi|² over groups g,    w_g = 1 / std(y_g - Phi_g Psi)
 
-A group is the rows of one equation of one joint. Each block of samples leaves [Phi y]'[Phi y] of
-each group, in twice the working precision, so that nothing is lost by squaring. At most
-:data:`MOST_BLOCKS` are kept: when they are full, neighbours are added up. The scores of the blocks,
-Phi'(y - Phi Psi), give standard deviations for coloured errors too.
+A group is the rows of one equation of one joint. Each block of samples leaves a triangular factor R
+of each group's rows, R'R = [Phi y]'[Phi y] (QR), so that nothing is lost by squaring. At most
+:data:`MOST_BLOCKS` are kept: when they are full, neighbours are put together. The scores of the
+blocks, Phi'(y - Phi Psi), give standard deviations for coloured errors too.
 """
 
 from __future__ import annotations
 
-import functools
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.linalg import solve_triangular
 
 from elastic_arm.arrays import Array
-from elastic_arm.dynamics.double_double import Pair, add, cholesky, multiply
 from elastic_arm.errors import IdentificationError
 from elastic_arm.identification import deviations
-from elastic_arm.identification.errors_in_variables import correction_share, covariance_left
+from elastic_arm.identification.errors_in_variables import covariance_left, without_noise
+from elastic_arm.identification.triangular import triangular
 
 MOST_BLOCKS = 64
 # With fewer long blocks than this there is nothing to tell the errors' colour by.
@@ -43,26 +43,18 @@ OPEN_SHARE = 1e-3
 CLOSURE = 3e-9
 
 
-def triangular(rows: Array) -> Array:
-    """Return the triangular factor (k, k) of rows (N, k)."""
-    width = rows.shape[-1]
-    r: Array = np.asarray(np.linalg.qr(rows, mode="r"))
-    return r if len(r) == width else np.concatenate([r, np.zeros((width - len(r), width))])
-
-
 @dataclass
 class Blocks:
-    """The accumulator: a bounded number of blocks, each the Gram matrices of its rows."""
+    """The accumulator: a bounded number of blocks, each a factor of its rows for each group."""
 
     groups: int  # Number of groups
     width: int  # Columns, the measured side included
     most: int = MOST_BLOCKS  # Largest number of blocks kept, even
     span: int = 1  # Units of samples that make a block; it doubles whenever the blocks are full
-    # hi, lo (groups, width, width) of each block: [Phi y]'[Phi y] in twice the working precision
-    grams: list[Pair] = field(default_factory=list)
+    # R (groups, width, width) of each block, R'R = [Phi y]'[Phi y]
+    factors: list[Array] = field(default_factory=list)
     counts: list[int] = field(default_factory=list)  # Samples of each block
-    # (groups, width, width) of each block: what noise in Phi is known to add to its sums, on the
-    # average
+    # (groups, width, width) of each block: what noise in Phi is known to add to R'R, on the average
     known_noise: list[Array] = field(default_factory=list)
     # of each group's rows, (groups,), those that count; others are zero
     share: Array = field(default_factory=lambda: np.ones(()))
@@ -78,22 +70,24 @@ class Blocks:
         """Units that the last block still takes."""
         return self.span - self._units
 
-    def add(self, gram: Pair, count: int, units: int = 1, known_noise: Array | None = None) -> None:
-        """Add the sums of the next `count` samples, which are `units` units.
+    def add(
+        self, factor: Array, count: int, units: int = 1, known_noise: Array | None = None
+    ) -> None:
+        """Add the factors of the next `count` samples, which are `units` units.
 
         There are at most :attr:`room`.
         """
-        noise = np.zeros_like(gram[0]) if known_noise is None else known_noise
+        noise = np.zeros_like(factor) if known_noise is None else known_noise
         if self._units:
-            self.grams[-1] = add(self.grams[-1], gram)
+            self.factors[-1] = triangular(np.concatenate([self.factors[-1], factor], axis=1))
             self.counts[-1] += count
             self.known_noise[-1] = self.known_noise[-1] + noise
         else:
-            self.grams.append(gram)
+            self.factors.append(factor)
             self.counts.append(count)
             self.known_noise.append(noise)
         self._units = (self._units + units) % self.span
-        if len(self.grams) == self.most and not self._units:
+        if len(self.factors) == self.most and not self._units:
             self._halve()
 
     @property
@@ -106,17 +100,14 @@ class Blocks:
         """Whether any noise in Phi is known."""
         return any(noise.any() for noise in self.known_noise)
 
-    def sums(self) -> tuple[Pair, Array]:
-        """Return the sums of all blocks, and what noise is known to add to them.
-
-        There must be some blocks.
-        """
-        return functools.reduce(add, self.grams), functools.reduce(np.add, self.known_noise)
+    def noise(self) -> Array:
+        """Return what noise in Phi is known to add to all samples, (groups, width, width)."""
+        return np.sum(self.known_noise, axis=0)
 
     def total(self) -> Array:
         """Return the triangular factors (groups, width, width) of all samples."""
-        shape = (self.groups, self.width, self.width)
-        return cholesky(functools.reduce(add, self.grams)) if self.grams else np.zeros(shape)
+        none = np.zeros((self.groups, 0, self.width))
+        return triangular(np.concatenate([none, *self.factors], axis=1))
 
     def corrected(self, weights: Array, factors: Array) -> Array:
         """Return the triangular factor (width, width) of all weighted rows.
@@ -126,41 +117,29 @@ class Blocks:
         whole = triangular((weights[:, None, None] * factors).reshape(-1, self.width))
         if not self.noisy:
             return whole
-        (hi, lo), noise = self.sums()
-        noise = correction_share(whole, np.tensordot(weights**2, noise, 1)) * noise
-        rest = add((hi, lo), (-noise, np.zeros_like(noise)))
-        square = np.broadcast_to((weights**2)[:, None, None], hi.shape)
-        weighted = multiply((square, np.zeros_like(square)), rest)
-        return cholesky(functools.reduce(add, zip(*weighted, strict=True)))
+        return triangular(without_noise(whole, np.tensordot(weights**2, self.noise(), 1)))
 
     def transformed(self, change: Array) -> Blocks:
         """Return the blocks of rows [Phi y] C, for C `change` (groups, width, width)."""
         back = change.transpose(0, 2, 1)
-        grams = [(back @ hi @ change, back @ lo @ change) for hi, lo in self.grams]
+        factors = [factor @ change for factor in self.factors]
         noise = [back @ known @ change for known in self.known_noise]
-        return replace(self, grams=grams, counts=list(self.counts), known_noise=noise)
+        return replace(self, factors=factors, counts=list(self.counts), known_noise=noise)
 
     def copy(self) -> Blocks:
         """Return blocks that go their own way from here."""
         return replace(
             self,
-            grams=list(self.grams),
+            factors=list(self.factors),
             counts=list(self.counts),
             known_noise=list(self.known_noise),
         )
 
-    def together(self) -> Blocks:
-        """Return all samples, of which there must be some, as one block."""
-        whole, noise = self.sums()
-        return replace(self, grams=[whole], counts=[self.samples], known_noise=[noise])
-
     def _halve(self) -> None:
-        pairs = [slice(k, k + 2) for k in range(0, len(self.grams), 2)]
-        self.grams = [functools.reduce(add, self.grams[pair]) for pair in pairs]
+        pairs = [slice(k, k + 2) for k in range(0, len(self.factors), 2)]
+        self.factors = [triangular(np.concatenate(self.factors[pair], axis=1)) for pair in pairs]
         self.counts = [sum(self.counts[pair]) for pair in pairs]
-        self.known_noise = [
-            sum(self.known_noise[pair][1:], self.known_noise[pair][0]) for pair in pairs
-        ]
+        self.known_noise = [np.sum(self.known_noise[pair], axis=0) for pair in pairs]
         self.span *= 2
 
 
@@ -222,16 +201,15 @@ def fit(blocks: Blocks, power: float = 1.0, rounds: int = 4, prior: Prior | None
         raise IdentificationError(
             f"{rows} equations do not determine {P} parameters", "Record several seconds of motion."
         )
-    together = blocks.together()
-    r = together.total()
+    r = blocks.total()
     live = np.any(r[..., -1] != 0.0, axis=-1)
     weights = np.ones(blocks.groups)
     for _ in range(rounds if power else 1):
-        Psi, *_ = _solve(together.corrected(weights, r))
+        Psi, *_ = _solve(blocks.corrected(weights, r))
         noise = deviations.residual_std(r, Psi, blocks.samples * blocks.share)
         weights = noise**-power
         weights /= np.sqrt(np.mean((weights * noise)[live] ** 2)) if live.any() else 1.0
-    whole = together.corrected(weights, r)
+    whole = blocks.corrected(weights, r)
     known = whole if prior is None else triangular(np.vstack([whole, prior.rows()]))
     Psi, number, undetermined, back = _solve(known)
     noise = deviations.residual_std(r, Psi, blocks.samples * blocks.share)
@@ -245,10 +223,11 @@ def fit(blocks: Blocks, power: float = 1.0, rounds: int = 4, prior: Prior | None
 
 def correlation(blocks: Blocks, found: Fit, samples: float) -> float:
     """Return the ratio of variances to those of white errors, by scatter of long blocks."""
-    if len(blocks.grams) < FEWEST_LONG_BLOCKS:
+    if len(blocks.factors) < FEWEST_LONG_BLOCKS:
         return float("inf")
     long = blocks.copy()
-    while len(long.grams) >= 2 * FEWEST_LONG_BLOCKS and long.samples < samples * len(long.grams):
+    fewest = 2 * FEWEST_LONG_BLOCKS
+    while len(long.factors) >= fewest and long.samples < samples * len(long.factors):
         long._halve()
     *_, back = _solve(found.factor)
     robust, white = _covariances(
@@ -317,14 +296,14 @@ def _covariances(
     Psi, weights, noise = solved
     systematic = deviations.white(r, weights, CLOSURE * deviations.largest_terms(r, Psi), back)
     if blocks.noisy:
-        known_noise = (weights**2)[:, None, None] * blocks.sums()[1]
+        known_noise = (weights**2)[:, None, None] * blocks.noise()
         rows = triangular((weights[:, None, None] * r).reshape(-1, blocks.width))
         described = np.zeros_like(Psi) if prior is None else prior.mean
         left = covariance_left(known_noise, rows, Psi, described, blocks.samples)[:-1, :-1]
         systematic = systematic + back @ back.T @ left @ back @ back.T
     white = deviations.white(r, weights, noise, back) + systematic
-    if len(blocks.grams) < deviations.FEWEST_BLOCKS:
+    if len(blocks.factors) < deviations.FEWEST_BLOCKS:
         return white, white
-    scores = zip(blocks.grams, blocks.known_noise, strict=True)
+    scores = zip(blocks.factors, blocks.known_noise, strict=True)
     held = None if prior is None else prior.rows()
     return deviations.scattered(scores, Psi, weights, back, held) + systematic, white

@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.arrays import Array
-from elastic_arm.dynamics.double_double import add
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.consistent import description_covariance
 from elastic_arm.identification.least_squares import Blocks, Fit, Prior
@@ -73,7 +72,7 @@ def law_sizes(blocks: Blocks, equations: BaseRegression) -> Array:
     all the torque of its joint. A joint that never reverses shows friction and the zero of its
     torque as one and the same constant: any two numbers of the right sum would fit.
     """
-    squares = np.diagonal(blocks.sums()[0][0], axis1=1, axis2=2)
+    squares = np.sum(np.square(blocks.total()), axis=1)
     columns = squares[:, :-1]
     torques = squares[:, -1:]
     whole = np.sum(np.where(columns > 0.0, torques, 0.0), axis=0)
@@ -142,7 +141,7 @@ def chosen_width(
 
     None where none predicts clearly better.
     """
-    if len(blocks.grams) < 2 * FOLDS:
+    if len(blocks.factors) < 2 * FOLDS:
         return None
     laws = law_sizes(blocks, equations)
     loose, *priors = (
@@ -150,7 +149,7 @@ def chosen_width(
     )
     parts = [
         _gram(blocks, part, fit.weights)
-        for part in np.array_split(np.arange(len(blocks.grams)), FOLDS)
+        for part in np.array_split(np.arange(len(blocks.factors)), FOLDS)
     ]
     plain = _left_out_errors(parts, loose)
     whole = np.sum(parts, axis=0)
@@ -178,9 +177,11 @@ def chosen_width(
 
 def _gram(blocks: Blocks, part: NDArray[np.intp], weights: Array) -> Array:
     """Return the weighted sums (B + 1, B + 1) of some blocks."""
-    hi, lo = functools.reduce(add, [blocks.grams[k] for k in part.tolist()])
-    known = np.sum([blocks.known_noise[k] for k in part.tolist()], axis=0)
-    return np.asarray(np.tensordot(weights**2, hi - known + lo, 1))
+    found = np.zeros((blocks.width, blocks.width))
+    for k in part.tolist():
+        rows = (weights[:, None, None] * blocks.factors[k]).reshape(-1, blocks.width)
+        found += rows.T @ rows - np.tensordot(weights**2, blocks.known_noise[k], 1)
+    return found
 
 
 def _left_out_errors(parts: Sequence[Array], prior: Prior | None) -> Array:

@@ -308,7 +308,7 @@ class Identifier:
         Raises an IdentificationError if there are too few.
         """
         blocks = self._ready().snapshot()
-        if not blocks.grams:
+        if not blocks.factors:
             raise IdentificationError(
                 f"{self._piece.waiting} samples are not sufficient for an estimate",
                 "Wait some seconds, or record longer.",

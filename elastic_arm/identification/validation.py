@@ -1,7 +1,6 @@
 """The judgement on recordings that no fit has seen: the description holds what they refute until it
 is no worse."""
 
-import functools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -11,7 +10,6 @@ import numpy as np
 
 from elastic_arm.arrays import Array
 from elastic_arm.dynamics.composition import ARMATURE
-from elastic_arm.dynamics.double_double import Pair, add, cholesky
 from elastic_arm.effects import EffectInstance
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.identification.accumulator import averaged
@@ -28,6 +26,7 @@ from elastic_arm.identification.regularisation import (
 )
 from elastic_arm.identification.result import Identification
 from elastic_arm.identification.stream import Identifier
+from elastic_arm.identification.triangular import triangular
 from elastic_arm.robot import Robot
 
 # Relative errors of the description that are tried where held-out motion refutes a fit: errors of a
@@ -83,14 +82,14 @@ class HeldOut:
         """The same of rows averaged over :data:`.accumulator.AVERAGED`."""
         return self._factors(lambda motion: averaged(self.equations, motion))
 
-    def _factors(self, information: Callable[[Motion], tuple[Pair, int]]) -> dict[str, Array]:
+    def _factors(self, information: Callable[[Motion], tuple[Array, int]]) -> dict[str, Array]:
         found = {}
         for source, motions in self.motions.items():
-            sums, counts = zip(*map(information, motions), strict=True)
+            factors, counts = zip(*map(information, motions), strict=True)
             # Rows that hold the friction of a joint that sticks are zero, and no errors.
             shares = [self.equations.counted(motion) / max(len(motion), 1) for motion in motions]
             size = np.sqrt(np.maximum(np.array(counts) @ np.array(shares), 1.0))
-            found[source] = cholesky(functools.reduce(add, sums)) / size[:, None, None]
+            found[source] = triangular(np.concatenate(factors, axis=1)) / size[:, None, None]
         return found
 
     def errors(

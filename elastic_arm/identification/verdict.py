@@ -11,7 +11,8 @@ from elastic_arm.arrays import Array
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.formatting import rounded
 from elastic_arm.identification.base_regression import BaseRegression
-from elastic_arm.identification.least_squares import Blocks, Fit, triangular
+from elastic_arm.identification.least_squares import Blocks, Fit
+from elastic_arm.identification.triangular import triangular
 
 # A parameter is determined well below the first, poorly below the second relative standard
 # deviation, else not at all.

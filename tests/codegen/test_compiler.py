@@ -97,7 +97,7 @@ def test_a_file_that_others_put_into_the_cache_is_not_loaded(cache: Path, how: s
     assert used() == "42"
     (library,) = cache.iterdir()
     planted = compiler._compiled(
-        "int answer(void) { return 666; }", compiler.find_compiler() or ("cc",), ()
+        "int answer(void) { return 666; }", compiler.find_compiler() or ("cc",)
     )
     library.write_bytes(planted + compiler._digest(planted))
     assert used() == "666"  # in a file of one's own it would run

@@ -1,12 +1,10 @@
 """Kernels: C and numpy give the same numbers, the cache is shared safely, a missing compiler is
 survived and said."""
 
-import itertools
 import logging
 import os
 import subprocess
 import sys
-from fractions import Fraction
 from pathlib import Path
 
 import casadi as ca
@@ -16,7 +14,6 @@ import pytest
 from elastic_arm.codegen import kernels
 from elastic_arm.codegen.cache import CACHE_VARIABLE
 from elastic_arm.dynamics import build_model
-from elastic_arm.dynamics.gram import gram
 from elastic_arm.errors import KernelError
 from elastic_arm.robot import load_robot
 
@@ -215,13 +212,6 @@ def test_a_compiler_that_fails_is_named_with_its_first_words(
         kernels.build("int answer(void) { return 42; }")
 
 
-def exact_entry(a: np.ndarray, b: np.ndarray) -> Fraction:
-    return sum(
-        (Fraction(p) * Fraction(q) for p, q in zip(a.tolist(), b.tolist(), strict=True)),
-        Fraction(0),
-    )
-
-
 @pytest.mark.parametrize("engine", ENGINES)
 def test_a_branch_that_is_not_taken_leaves_zero(engine: str) -> None:
     """Where the condition is false its value does not count, be it infinite or no number at all."""
@@ -250,160 +240,3 @@ def test_results_written_to_given_memory_are_those_returned(engine: str, samples
     for wrong in (out[:-1], out.astype(np.float32), np.asfortranarray(out)):
         with pytest.raises(ValueError, match="contiguous, writable"):
             model.regressor(*states, out=wrong)
-
-
-@pytest.mark.parametrize("engine", ENGINES)
-def test_information_is_exact_to_seventy_six_bits(
-    engine: str, states: tuple[np.ndarray, ...]
-) -> None:
-    """Every entry of a row's matrix equals the exact sum of products, relative to the columns'
-    norms."""
-    model = build_model(load_robot(), engine=engine)
-    rng = np.random.default_rng(3)
-    columns = np.arange(0, 72, 3)
-    x, dx, ddx = (v[:333] for v in states)
-    y = rng.normal(size=(333, 6))
-    hi, lo = model.information(x, dx, ddx, y, columns)
-    assert hi.shape == (6, len(columns) + 1, len(columns) + 1)
-    Phi = model.regressor(x, dx, ddx, columns)
-    for row in range(6):
-        whole = np.column_stack([Phi[:, row], y[:, row]])
-        filled = np.flatnonzero(np.linalg.norm(whole, axis=0))
-        for i, j in itertools.combinations_with_replacement(filled.tolist(), 2):
-            exact = exact_entry(whole[:, i], whole[:, j])
-            norm = np.linalg.norm(whole[:, i]) * np.linalg.norm(whole[:, j])
-            error = Fraction(hi[row, i, j]) + Fraction(lo[row, i, j]) - exact
-            assert abs(float(error)) <= 2.0**-76 * norm
-
-
-@pytest.mark.parametrize("engine", ENGINES)
-def test_information_adds_up_over_parts(engine: str, states: tuple[np.ndarray, ...]) -> None:
-    """Fed in uneven parts, or by two accumulators merged, the sums are the same but for the
-    rounding of products."""
-    model = build_model(load_robot(), engine=engine)
-    x, dx, ddx = states
-    y = np.random.default_rng(4).normal(size=x.shape)
-    whole = model.information(x, dx, ddx, y)
-    parts, other = model.accumulator(), model.accumulator()
-    for start, stop, target in (
-        (0, 1, parts),
-        (1, 130, parts),
-        (130, 4000, other),
-        (4000, 5001, parts),
-    ):
-        target.add(x[start:stop], dx[start:stop], ddx[start:stop], y=y[start:stop])
-    parts.merge(other)
-    assert parts.samples == len(x)
-    hi, lo = parts.grams()
-    diagonal = np.sqrt(np.abs(np.einsum("rii->ri", whole[0])))
-    scale = diagonal[:, :, None] * diagonal[:, None, :]
-    difference = (hi - whole[0]) + (lo - whole[1])
-    assert (np.abs(difference) <= 2.0**-75 * scale).all()
-
-
-def test_rounded_information_is_the_exact_sum_of_a_matrix_that_close(
-    states: tuple[np.ndarray, ...],
-) -> None:
-    """Where entries may be rounded, they are to 51 bits below the largest of their column and part
-    of the samples."""
-    model = build_model(load_robot(), engine="c")
-    columns = np.arange(0, 72, 3)
-    x, dx, ddx = (v[:192] for v in states)  # no more than a tile, whose columns have one unit
-    y = np.random.default_rng(3).normal(size=(192, 6))
-    total = model.accumulator(columns, rounded=True)
-    total.add(x, dx, ddx, y=y)
-    hi, lo = total.grams()
-    Phi = model.regressor(x, dx, ddx, columns)
-    exact = model.information(x, dx, ddx, y, columns)
-    if np.array_equal(hi, exact[0]) and np.array_equal(lo, exact[1]):
-        pytest.skip("this processor has no multiplication of 52-bit integers: nothing is rounded")
-    for row in range(6):
-        whole = np.column_stack([Phi[:, row], y[:, row]])
-        unit = 2.0 ** (np.frexp(np.abs(whole).max(axis=0))[1] - 51)
-        rounded = np.rint(whole / unit) * unit
-        filled = np.flatnonzero(np.linalg.norm(whole, axis=0))
-        for i, j in itertools.combinations_with_replacement(filled.tolist(), 2):
-            norm = np.linalg.norm(whole[:, i]) * np.linalg.norm(whole[:, j])
-            error = (
-                Fraction(hi[row, i, j])
-                + Fraction(lo[row, i, j])
-                - exact_entry(rounded[:, i], rounded[:, j])
-            )
-            assert abs(float(error)) <= 2.0**-95 * norm
-
-
-@pytest.mark.parametrize("rounded", [False, True])
-def test_a_sum_over_samples_of_all_sizes_is_that_of_its_parts(
-    rounded: bool, states: tuple[np.ndarray, ...]
-) -> None:
-    """Columns that grow beyond their range on the way, and more samples than integers hold at a
-    time, are no matter."""
-    model = build_model(load_robot(), engine="c")
-    rng = np.random.default_rng(6)
-    x, dx, ddx = (np.tile(v, (20, 1)) for v in states)
-    dx = dx * np.geomspace(1e-6, 1e3, len(dx))[:, None]
-    y = rng.normal(size=x.shape)
-    whole, parts = (model.accumulator(rounded=rounded) for _ in range(2))
-    whole.add(x, dx, ddx, y=y)
-    for start in range(0, len(x), 777):
-        part = slice(start, start + 777)
-        parts.add(x[part], dx[part], ddx[part], y=y[part])
-    hi, lo = whole.grams()
-    diagonal = np.sqrt(np.abs(np.einsum("rii->ri", hi)))
-    difference = (hi - parts.grams()[0]) + (lo - parts.grams()[1])
-    assert (
-        np.abs(difference)
-        <= 2.0 ** (-51 if rounded else -75) * diagonal[:, :, None] * diagonal[:, None, :]
-    ).all()
-
-
-@pytest.mark.parametrize("rounded", [False, True])
-@pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_what_is_not_finite_makes_sums_that_are_not(
-    rounded: bool, value: float, states: tuple[np.ndarray, ...]
-) -> None:
-    """A sample without a number is not taken for one, and rows that it does not touch stay as they
-    are."""
-    model = build_model(load_robot(), engine="c")
-    sums = []
-    for given in (0.0, value):
-        y = np.ones((5001, 6))
-        y[1234, 2] = given
-        total = model.accumulator(rounded=rounded)
-        total.add(*states, y=y)
-        sums.append(total.grams()[0])
-    assert not np.isfinite(sums[1][2, -1, -1])
-    others = np.arange(6) != 2
-    np.testing.assert_array_equal(sums[1][others], sums[0][others])
-
-
-def test_squaring_a_condition_of_1e7_loses_no_digit() -> None:
-    """The solution from the doubled Gram matrix of a badly conditioned problem is as good as a
-    QR's."""
-    rng = np.random.default_rng(5)
-    left, _ = np.linalg.qr(rng.normal(size=(3000, 12)))
-    right, _ = np.linalg.qr(rng.normal(size=(12, 12)))
-    A = (left * np.logspace(0, -7, 12)) @ right
-    b = A @ np.ones(12)
-    hi, lo = gram(np.column_stack([A, b]))
-    to_fractions = np.vectorize(lambda h, rest: Fraction(h) + Fraction(rest), otypes=[object])
-    solution = solve_exactly(
-        to_fractions(hi[:-1, :-1], lo[:-1, :-1]), to_fractions(hi[:-1, -1], lo[:-1, -1])
-    )
-    reference = np.linalg.lstsq(A, b, rcond=None)[0]
-    assert np.abs(solution - 1.0).max() <= 10 * np.abs(reference - 1.0).max()
-
-
-def solve_exactly(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Gaussian elimination in fractions, so that only the Gram matrix's own errors show."""
-    size = len(right)
-    system = np.column_stack([matrix, right])
-    for k in range(size):
-        for i in range(k + 1, size):
-            system[i] = system[i] - system[i, k] / system[k, k] * system[k]
-    solution = np.zeros(size, dtype=object)
-    for k in reversed(range(size)):
-        solution[k] = (system[k, -1] - sum(system[k, k + 1 : -1] * solution[k + 1 :])) / system[
-            k, k
-        ]
-    return solution.astype(float)

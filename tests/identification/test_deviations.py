@@ -7,9 +7,9 @@ from scipy.signal import lfilter
 from scipy.special import stdtrit
 from scipy.stats import chi2
 
-from elastic_arm.dynamics.gram import gram
 from elastic_arm.identification.deviations import resembling, widening
 from elastic_arm.identification.least_squares import Blocks, Prior, fit
+from elastic_arm.identification.triangular import triangular
 
 
 def student(freedom: float) -> float:
@@ -46,10 +46,10 @@ def test_parameters_known_by_their_ratio_stay_so_when_deviations_are_widened() -
             ratio = ratio[:, :1] * [1.0, 2.0]  # the second is minus half the first
             rows = [(torque, 1.0), (ratio, 1e-6)]
             parts = [
-                gram(np.column_stack([phi, phi @ [2.0, -1.0] + s * rng.standard_normal(40)]))
+                np.column_stack([phi, phi @ [2.0, -1.0] + s * rng.standard_normal(40)])
                 for phi, s in rows
             ]
-            blocks.add((np.stack([hi for hi, _ in parts]), np.stack([lo for _, lo in parts])), 40)
+            blocks.add(triangular(np.stack(parts)), 40)
         estimate = fit(blocks)
         error = (estimate.Psi - [2.0, -1.0]) / estimate.std
         spread = estimate.covariance / np.outer(estimate.std, estimate.std)
@@ -70,7 +70,7 @@ def test_intervals_hold_the_truth_where_few_blocks_determine_a_parameter(strong:
             phi = rng.standard_normal((40, 2)) * [1.0 if k < strong else 0.01, 1.0]
             # An error common to a block is what its scores show and white errors would not.
             y = phi @ [2.0, -1.0] + rng.standard_normal(40) + phi @ (0.3 * rng.standard_normal(2))
-            blocks.add(tuple(part[None] for part in gram(np.column_stack([phi, y]))), 40)  # type: ignore[arg-type]
+            blocks.add(triangular(np.column_stack([phi, y])[None]), 40)
         found = fit(blocks)
         hits.append(np.abs(found.Psi - [2.0, -1.0]) < 1.96 * found.std)
     covered = np.mean(hits, axis=0)
@@ -88,8 +88,7 @@ def test_a_prior_on_weak_parameters_leaves_the_deviations_of_the_others() -> Non
             phi = rng.standard_normal((60, 24)) * [*[1.0] * 8, *[1e-3] * 16]
             y = phi[:, 0] + rng.standard_normal(60)
             for blocks, columns in ((alone, phi[:, :8]), (beside, phi)):
-                hi, lo = gram(np.column_stack([columns, y]))
-                blocks.add((hi[None], lo[None]), 60)
+                blocks.add(triangular(np.column_stack([columns, y])[None]), 60)
         prior = Prior(np.zeros(24), np.diag([*[0.0] * 8, *[1e3] * 16]))
         ratios.append(fit(beside, prior=prior).std[:8] / fit(alone).std)
     assert np.median(ratios) == pytest.approx(1.0, abs=0.03)
@@ -106,10 +105,7 @@ def test_a_prior_that_the_data_outweigh_changes_nothing() -> None:
     for shown in ([1.0, 1.0, 1.0, 1.0, 0.0, 0.0], [1.0, 1.0, 0.0, 0.0, 1.0, 1.0]):
         phi = rng.standard_normal((2, 60, 6)) * shown
         y = phi @ truth + 1e-6 * rng.standard_normal((2, 60))
-        parts = [
-            gram(np.column_stack([group, torque])) for group, torque in zip(phi, y, strict=True)
-        ]
-        blocks.add((np.stack([hi for hi, _ in parts]), np.stack([lo for _, lo in parts])), 60)
+        blocks.add(triangular(np.concatenate([phi, y[..., None]], axis=2)), 60)
     plain, held = fit(blocks), fit(blocks, prior=Prior(np.zeros(6), np.eye(6)))
     assert np.all(np.abs(held.Psi - plain.Psi) < 0.01 * plain.std)
     assert held.std == pytest.approx(plain.std, rel=0.01)
@@ -135,7 +131,7 @@ def test_intervals_hold_the_truth_where_errors_last_longer_than_blocks() -> None
         for k in range(48):
             rows = slice(40 * k, 40 * k + 40)
             y = phi[rows] @ [2.0, -1.0] + error[rows]
-            blocks.add(tuple(part[None] for part in gram(np.column_stack([phi[rows], y]))), 40)  # type: ignore[arg-type]
+            blocks.add(triangular(np.column_stack([phi[rows], y])[None]), 40)
         found = fit(blocks)
         hits.append(np.abs(found.Psi - [2.0, -1.0]) < 1.96 * found.std)
         joined.append(resembling(rng.standard_normal((48, 12))))

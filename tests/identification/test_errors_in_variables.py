@@ -3,9 +3,13 @@
 import numpy as np
 import pytest
 
-from elastic_arm.dynamics.gram import gram
-from elastic_arm.identification.errors_in_variables import MOST_TAKEN_OFF, correction_share
-from elastic_arm.identification.least_squares import Blocks, Fit, fit, triangular
+from elastic_arm.identification.errors_in_variables import (
+    MOST_TAKEN_OFF,
+    correction_share,
+    without_noise,
+)
+from elastic_arm.identification.least_squares import Blocks, Fit, fit
+from elastic_arm.identification.triangular import triangular
 
 
 def noisy(signal: float, seed: int) -> Fit:
@@ -18,8 +22,7 @@ def noisy(signal: float, seed: int) -> Fit:
         seen = phi + rng.standard_normal((60, 1)) * [1.0, 0.0]
         known = np.zeros((1, 3, 3))
         known[0, 0, 0] = 60.0
-        hi, lo = gram(np.column_stack([seen, y]))
-        blocks.add((hi[None], lo[None]), 60, known_noise=known)
+        blocks.add(triangular(np.column_stack([seen, y])[None]), 60, known_noise=known)
     return fit(blocks)
 
 
@@ -38,3 +41,14 @@ def test_no_more_noise_is_taken_off_than_leaves_something() -> None:
     rows = triangular(np.random.default_rng(0).standard_normal((50, 4)))
     assert correction_share(rows, 0.5 * rows.T @ rows) == 1.0
     assert correction_share(rows, 2.0 * rows.T @ rows) == pytest.approx(MOST_TAKEN_OFF / 2.0)
+
+
+def test_rows_without_noise_have_the_square_less_the_noise() -> None:
+    """Also where a column is null and another one is a combination of others."""
+    rng = np.random.default_rng(1)
+    rows = rng.standard_normal((50, 5))
+    rows[:, 1], rows[:, 3] = 0.0, rows[:, 0] + rows[:, 2]
+    whole, noise = triangular(rows), np.diag([3.0, 0.0, 0.0, 0.0, 5.0])
+    share = correction_share(whole, noise)
+    left = without_noise(whole, noise)
+    np.testing.assert_allclose(left.T @ left, rows.T @ rows - share * noise, atol=1e-9)

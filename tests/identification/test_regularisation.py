@@ -27,6 +27,7 @@ from elastic_arm.identification.regularisation import (
     law_sizes,
     prior_of,
 )
+from elastic_arm.identification.triangular import triangular
 from elastic_arm.recording import Recording, Samples, Side
 from elastic_arm.recording.foreign.arrays import import_arrays
 from elastic_arm.robot import Robot, load_robot, parse_urdf, to_urdf
@@ -254,7 +255,7 @@ def test_friction_of_a_joint_that_never_reverses_stays_within_its_torque(arm: Ro
     rows[:, :, dry] = 0.0
     rows[1, :, dry] = 1.0
     blocks = Blocks(len(rows), width)
-    blocks.add((np.einsum("gni,gnj->gij", rows, rows), np.zeros((len(rows), width, width))), 200)
+    blocks.add(triangular(rows), 200)
     sizes = law_sizes(blocks, equations)
     laws = [k for k, name in enumerate(names) if ":" in name]
     assert sizes[dry] == pytest.approx(np.sqrt(np.mean(rows[1, :, -1] ** 2)))

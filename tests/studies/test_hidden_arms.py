@@ -40,7 +40,7 @@ NEUTRAL = (
     "elastic_arm.errors.",
     "elastic_arm.robot.",
     "elastic_arm.recording.",
-    "elastic_arm.codegen.kernels",
+    "elastic_arm.codegen.loop",
 )
 HIDDEN = sorted((PACKAGE / "studies" / "blind_challenge" / "hidden_arms").glob("*.py"))
 ENTRANCES = ("studies", "app.py")

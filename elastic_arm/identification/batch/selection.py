@@ -399,9 +399,10 @@ def _errors_by_block(trial: BatchTrial, fit: Fit) -> Array:
     rounding of its terms."""
     blocks = trial.linear_blocks
     solution = np.append(-fit.Psi, 1.0)
-    grams = np.array([hi + lo for hi, lo in blocks.grams])
-    rounding = ROUNDING * np.einsum("i,bgii->bg", solution**2, grams)
-    return np.maximum(np.einsum("i,bgij,j->bg", solution, grams, solution), rounding)
+    factors = np.array(blocks.factors)
+    errors = np.sum((factors @ solution) ** 2, axis=-1)
+    terms = np.sum((factors * solution) ** 2, axis=(-2, -1))
+    return np.maximum(errors, ROUNDING * terms)
 
 
 def turning_speeds(recordings: Sequence[Recording], robot: Robot) -> Array | None:

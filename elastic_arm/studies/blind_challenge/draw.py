@@ -39,6 +39,7 @@ from elastic_arm.studies.blind_challenge.hidden_arms.base_arms import (
     joint_sizes,
     mounted,
     ordinary_faults,
+    without_drives,
 )
 from elastic_arm.studies.blind_challenge.hidden_arms.effect_laws import KNOWN, SENSOR_EFFECTS, Fault
 from elastic_arm.studies.blind_challenge.hidden_arms.further_laws import FOREIGN
@@ -503,8 +504,7 @@ def _write_description(folder: Path, name: str, robot: Robot, *, urdf: bool) -> 
     if not urdf:
         save_robot(robot, path)
         return
-    rigid = robot.with_(joints=tuple(replace(joint, transmission=None) for joint in robot.joints))
-    write_result(path.with_suffix(".urdf"), to_urdf(rigid))
+    write_result(path.with_suffix(".urdf"), to_urdf(without_drives(robot)))
     fields = (
         "rotor",
         "wave_generator",

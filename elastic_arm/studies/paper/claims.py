@@ -25,8 +25,10 @@ from elastic_arm.studies.paper.torques import (
     PROTOTYPE,
     LinearTrend,
     LinkErrors,
-    Metric,
+    TorqueErrors,
     line_over_ratio,
+    link_errors_of,
+    rms,
 )
 
 SECTIONS = ("IV-A", "IV-C", "V", "VI-A", "VI-B", "VII")
@@ -107,14 +109,6 @@ LEAST = 0.01 * SENSOR_NOISE
 EQUAL = 1e-9  # relative difference of errors that are the same but for rounding
 
 
-def _rms(values: np.ndarray) -> np.ndarray:
-    return np.sqrt((values**2).mean(axis=0))
-
-
-def _of(rows: list[Metric], model: str, side: str, joint: int) -> list[Metric]:
-    return [row for row in rows if (row.model, row.side, row.joint) == (model, side, joint)]
-
-
 @_rule("motor_mod3_close", "IV-A", "tau^m of mod3 correlates well with that of mod_ad")
 def _mod3_follows(result: StudyResult) -> Judged:
     top = result.at_highest()
@@ -152,8 +146,8 @@ def _link_not_zero(result: StudyResult) -> Judged:
 )
 def _simple_drive_in_motor_torque(result: StudyResult) -> Judged:
     top = result.at_highest()
-    difference = _rms(top.error("mod1", "mod2", "motor"))
-    share = difference / _rms(top.run.tau_m)
+    difference = rms(top.error("mod1", "mod2", "motor"))
+    share = difference / rms(top.run.tau_m)
     most = int(np.argmax(difference)) + 1
     finding = (
         f"rms difference {listed(difference)} Nm, at most {100 * share.max():.2g} % of"
@@ -164,21 +158,20 @@ def _simple_drive_in_motor_torque(result: StudyResult) -> Judged:
 
 @_rule("link_mod2_better", "IV-C", "in tau^l, mod2 reports less error than mod1")
 def _detailed_drive_in_link_torque(result: StudyResult) -> Judged:
-    wins = []
-    for joint in range(1, result.robot.n + 1):
-        pairs = zip(
-            _of(result.against_mod3, "mod1", "link", joint),
-            _of(result.against_mod3, "mod2", "link", joint),
-            strict=True,
-        )
-        wins.append([two.e_rmse < one.e_rmse for one, two in pairs])
-    counts = ", ".join(f"{sum(w)} of {len(w)}" for w in wins)
+    e_rmse = result.against_mod3.e_rmse
+    wins = (e_rmse["link", "mod2"] < e_rmse["link", "mod1"]).T  # (n, ratios)
+    counts = ", ".join(f"{w.sum()} of {len(w)}" for w in wins)
     finding = (
         f"the e_rmse of mod2 relative to mod3 is smaller at {counts} ratios (joint 1,"
         " 2, …). Where S dominates, mod1's spline, which belongs to the link, cancels"
         " part of the missing S"
     )
-    return finding, [flag for w in wins for flag in w]
+    return finding, wins.ravel().tolist()
+
+
+def _lines(result: StudyResult, errors: TorqueErrors, side: str, model: str) -> list[LinearTrend]:
+    """Return the line of each joint's e_max over r_tot."""
+    return [line_over_ratio(result.ratios, e_max) for e_max in errors.e_max[side, model].T]
 
 
 def _grows_linearly(line: LinearTrend, share: float) -> bool:
@@ -194,9 +187,9 @@ def _grows_linearly(line: LinearTrend, share: float) -> bool:
 )
 def _linear_in_ratio(result: StudyResult) -> Judged:
     lines = [
-        line_over_ratio(result.against_mod3, model, "link", joint)
+        line
         for model in ("mod1", "mod2")
-        for joint in range(1, result.robot.n)
+        for line in _lines(result, result.against_mod3, "link", model)[:-1]
     ]
     finding = (
         f"a line explains at least {100 * min(line.r_squared for line in lines):.2f}"
@@ -215,8 +208,8 @@ def _linear_in_ratio(result: StudyResult) -> Judged:
 def _difference_linear(result: StudyResult) -> Judged:
     gaps = []
     for joint in range(result.robot.n - 1):
-        rms = [_rms(c.error("mod1", "mod2", "link"))[joint] for c in result.comparisons]
-        gaps.append(max(rms) / min(rms))
+        sizes = [rms(c.error("mod1", "mod2", "link"))[joint] for c in result.comparisons]
+        gaps.append(max(sizes) / min(sizes))
     finding = (
         f"its rms changes by a factor of {listed(np.array(gaps), 3)} from the lowest"
         " to the highest ratio: the difference is only the inertia of the spline,"
@@ -231,9 +224,7 @@ def _difference_linear(result: StudyResult) -> Judged:
     "for joint 3 the tau^l error is constant over r_tot in mod1 and zero in mod2",
 )
 def _last_joint(result: StudyResult) -> Judged:
-    n = result.robot.n
-    one = np.array([row.e_max for row in _of(result.against_mod3, "mod1", "link", n)])
-    two = np.array([row.e_max for row in _of(result.against_mod3, "mod2", "link", n)])
+    one, two = (result.against_mod3.e_max["link", model][:, -1] for model in ("mod1", "mod2"))
     finding = f"mod1: {one.min():.3g} to {one.max():.3g} Nm; mod2: at most {two.max():.1g} Nm"
     return finding, [bool(np.ptp(one) < 0.05 * one.mean()), bool(two.max() < 1e-9)]
 
@@ -271,28 +262,19 @@ def _shape_of_coupling(result: StudyResult) -> Judged:
     "e_max and e_rmse of tau^m are about 50 % less in mod3 than in the other models",
 )
 def _coupling_halves_motor_error(result: StudyResult) -> Judged:
-    n = result.robot.n
-    gains = []
-    for joint in range(1, n + 1):
-        two, three = (
-            _of(result.against_prototype, m, "motor", joint)[-1].e_rmse for m in ("mod2", "mod3")
-        )
-        gains.append(1.0 - three / two)
-    better = [gain > 0.5 for gain in gains]
+    e_rmse = result.against_prototype.e_rmse
+    gains = 1.0 - e_rmse["motor", "mod3"][-1] / e_rmse["motor", "mod2"][-1]
     finding = (
         f"at r_tot = {result.highest:g}, the e_rmse of mod3 is"
-        f" {listed(100 * np.array(gains), 3)} % smaller than that of mod2 (joint 1, 2,"
+        f" {listed(100 * gains, 3)} % smaller than that of mod2 (joint 1, 2,"
         " …); there is no difference at joints whose tau^m does not contain S"
     )
-    return finding, better
+    return finding, (gains > 0.5).tolist()
 
 
 @_rule("motor_mod3_linear", "V", "tau^m errors of mod3 grow linearly with r_tot")
 def _mod3_linear(result: StudyResult) -> Judged:
-    lines = [
-        line_over_ratio(result.against_prototype, "mod3", "motor", joint)
-        for joint in range(1, result.robot.n + 1)
-    ]
+    lines = _lines(result, result.against_prototype, "motor", "mod3")
     finding = (
         f"a line explains {listed([100 * line.r_squared for line in lines], 4)} % of"
         f" e_max; slopes {listed([line.slope for line in lines])} Nm per unit of r_tot;"
@@ -324,10 +306,8 @@ def _in_columns(table: np.ndarray) -> str:
 )
 def _link_minimal(result: StudyResult) -> Judged:
     n = result.robot.n
-    top = result.at_highest()
-    errors = np.array([top.error(m, PROTOTYPE, "link") for m in MODELS])
-    step = LinkErrors(0.0, np.abs(errors).max(axis=1), np.sqrt((errors**2).mean(axis=1)))
-    smooth = np.array([_rms(result.smooth.error(m, PROTOTYPE, "link")) for m in MODELS])
+    step = link_errors_of(result.at_highest(), 0.0)
+    smooth = np.array([rms(result.smooth.error(m, PROTOTYPE, "link")) for m in MODELS])
     counts = []
     for varied in result.translations:
         wins = _smallest(varied)
@@ -373,16 +353,8 @@ def _motor_inertia_dominates(result: StudyResult) -> Judged:
 def _largest_motor_errors(result: StudyResult) -> np.ndarray:
     """Largest e_max over models and ratios of each joint's tau^m, (n,), mod1 and mod2 with respect
     to mod3."""
-    return np.array(
-        [
-            max(
-                row.e_max
-                for m in ("mod1", "mod2")
-                for row in _of(result.against_mod3, m, "motor", joint)
-            )
-            for joint in range(1, result.robot.n + 1)
-        ]
-    )
+    e_max = result.against_mod3.e_max
+    return np.max([e_max["motor", model] for model in ("mod1", "mod2")], axis=(0, 1))
 
 
 @_rule(

@@ -29,7 +29,7 @@ def export(result: StudyResult, claims: list[Claim], folder: Path) -> list[Path]
     ]
     tables: dict[str, list[dict[str, Any]]] = {
         "claims": [asdict(claim) for claim in claims],
-        "metrics": [asdict(metric) for metric in (*result.against_mod3, *result.against_prototype)],
+        "metrics": [*result.against_mod3.rows(), *result.against_prototype.rows()],
         "torques": _torques(result),
         "coefficients": coefficients,
         "tracking": [{k: v for k, v in asdict(t).items() if k != "each"} for t in result.tracking],

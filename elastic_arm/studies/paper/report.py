@@ -3,6 +3,7 @@ its numbers."""
 
 import math
 from dataclasses import astuple
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +32,14 @@ from elastic_arm.studies.paper.claims import FAILS, HOLDS, IN_PART, UNDECIDED, C
 from elastic_arm.studies.paper.coupling import linearized
 from elastic_arm.studies.paper.identification_study import SHAPE, mean_shares, shares
 from elastic_arm.studies.paper.study import FEEDBACK_FREQUENCY, StudyResult
-from elastic_arm.studies.paper.torques import MODELS, PROTOTYPE, SIDES, Metric, ModelComparison
+from elastic_arm.studies.paper.torques import (
+    MODELS,
+    PROTOTYPE,
+    SIDES,
+    ModelComparison,
+    TorqueErrors,
+    rms,
+)
 from elastic_arm.studies.paper.virtual_prototype.mechanism import Bushing, transmissions
 
 MARKS = {HOLDS: "✓", IN_PART: "◐", FAILS: "✗", UNDECIDED: "?"}
@@ -278,11 +286,7 @@ def figure_4c(result: StudyResult) -> Section:
     """Fig. 4c and its numbers."""
     n = result.robot.n
     joints = [f"joint {j + 1} [Nm]" for j in range(n)]
-    rms = {
-        (m, s): np.sqrt((result.smooth.error(m, PROTOTYPE, s) ** 2).mean(axis=0))
-        for s in SIDES
-        for m in MODELS
-    }
+    smooth = {(m, s): rms(result.smooth.error(m, PROTOTYPE, s)) for s in SIDES for m in MODELS}
     translations = [
         (f"{each.stiffness:.0e}", model, *map(float, each.e_max[k]), *map(float, each.e_rmse[k]))
         for each in result.translations
@@ -292,18 +296,18 @@ def figure_4c(result: StudyResult) -> Section:
         "Fig. 4c: all three with respect to mod_ad",
         [
             Figure(
-                _stacked_metrics(result.against_prototype, MODELS, result.ratios, n),
+                _stacked_errors(result.against_prototype, MODELS),
                 "Stacked as in the paper: e_max below, e_rmse above. The part of tau^l that"
                 " no model explains is the vibration of the bearings.",
             ),
             Table(
                 ("model", "side", *joints),
-                [(m, s, *map(float, values)) for (m, s), values in rms.items()],
+                [(m, s, *map(float, values)) for (m, s), values in smooth.items()],
                 "e_rmse on a ramp without jumps of acceleration (quintic), which excites"
                 " little vibration, at the highest ratio",
                 3,
             ),
-            _metric_table(result.against_prototype),
+            _error_table(result.against_prototype),
             Table(
                 (
                     "K_t [N/m]",
@@ -345,58 +349,49 @@ def _torque_name(side: str, joint: int) -> str:
 
 def figure_4b(result: StudyResult) -> Section:
     """Fig. 4b and its numbers."""
-    models = ("mod1", "mod2")
     return Section(
         "Fig. 4b: mod1 and mod2 with respect to mod3",
         [
             Figure(
-                _stacked_metrics(result.against_mod3, models, result.ratios, result.robot.n),
+                _stacked_errors(result.against_mod3, ("mod1", "mod2")),
                 "Stacked as in the paper: e_max below, e_rmse above.",
             ),
-            _metric_table(result.against_mod3),
+            _error_table(result.against_mod3),
         ],
     )
 
 
-def _metric_table(metrics: list[Metric]) -> Table:
+def _error_table(errors: TorqueErrors) -> Table:
     """A row a torque and model, a pair of columns a ratio."""
-    ratios = sorted({m.r_tot for m in metrics})
-    rows: dict[tuple[str, int, str], list[str | int | float]] = {}
-    for m in sorted(metrics, key=lambda m: (SIDES.index(m.side), m.joint, m.model, m.r_tot)):
-        row = rows.setdefault(
-            (m.side, m.joint, m.model), [f"tau_{m.joint}^{SYMBOLS[m.side]}", m.model]
-        )
-        row += [m.e_max, m.e_rmse]
-    header = [
-        "torque",
-        "model",
-        *(f"{what}, {r_tot:g}" for r_tot in ratios for what in ("e_max", "e_rmse")),
-    ]
-    return Table(header, list(rows.values()), caption="Nm, by r_tot", digits=3)
+    rows: list[Row] = []
+    for side in SIDES:
+        models = [model for its_side, model in errors.e_max if its_side == side]
+        for joint, model in product(range(errors.e_max[side, models[0]].shape[1]), models):
+            pairs = [table[side, model][:, joint] for table in (errors.e_max, errors.e_rmse)]
+            values = np.column_stack(pairs).ravel().tolist()
+            rows.append((f"tau_{joint + 1}^{SYMBOLS[side]}", model, *values))
+    heads = [f"{what}, {r_tot:g}" for r_tot in errors.ratios for what in ("e_max", "e_rmse")]
+    return Table(["torque", "model", *heads], rows, caption="Nm, by r_tot", digits=3)
 
 
-def _stacked_metrics(
-    metrics: list[Metric], models: tuple[str, ...], ratios: tuple[float, ...], n: int
-) -> MplFigure:
+def _stacked_errors(errors: TorqueErrors, models: tuple[str, ...]) -> MplFigure:
     """Draw e_max (bottom) and e_rmse (top) as stacked bars over r_tot, per side and joint (Figs. 4b
     and 4c)."""
-    table = {(m.side, m.joint, m.r_tot, m.model): m for m in metrics}
+    n = errors.e_max[SIDES[0], models[0]].shape[1]
     width = 0.8 / len(models)
     with drawing(2, n, size=(11.0, 5.0), sharex=True) as (figure, axes):
-        for row, side in enumerate(SIDES):
-            for joint in range(1, n + 1):
-                ax = axes[row, joint - 1]
-                for k, model in enumerate(models):
-                    picked = [table[side, joint, r_tot, model] for r_tot in ratios]
-                    place = np.arange(len(ratios)) + (k - 0.5 * (len(models) - 1)) * width
-                    low = np.array([m.e_max for m in picked])
-                    top = np.array([m.e_rmse for m in picked])
-                    ax.bar(place, low, 0.92 * width, color=COLOURS[model])
-                    ax.bar(place, top, 0.92 * width, bottom=low, color=COLOURS[model], alpha=0.45)
-                ax.set_title(_torque_name(side, joint) + " [Nm]", loc="left")
-                if ax.get_ylim()[1] < 1e-6:  # rounding errors are not blown up to full height
-                    ax.set_ylim(0.0, 1e-3)
-                ax.set_xticks(range(len(ratios)), [f"{r_tot:g}" for r_tot in ratios])
+        for (row, side), joint in product(enumerate(SIDES), range(n)):
+            ax = axes[row, joint]
+            for k, model in enumerate(models):
+                place = np.arange(len(errors.ratios)) + (k - 0.5 * (len(models) - 1)) * width
+                low = errors.e_max[side, model][:, joint]
+                top = errors.e_rmse[side, model][:, joint]
+                ax.bar(place, low, 0.92 * width, color=COLOURS[model])
+                ax.bar(place, top, 0.92 * width, bottom=low, color=COLOURS[model], alpha=0.45)
+            ax.set_title(_torque_name(side, joint + 1) + " [Nm]", loc="left")
+            if ax.get_ylim()[1] < 1e-6:  # rounding errors are not blown up to full height
+                ax.set_ylim(0.0, 1e-3)
+            ax.set_xticks(range(len(errors.ratios)), [f"{r_tot:g}" for r_tot in errors.ratios])
         for ax in axes[-1]:
             ax.set_xlabel("r$_{tot}$")
         handles = [Patch(color=COLOURS[model], label=LABELS[model]) for model in models]

@@ -13,10 +13,19 @@ from elastic_arm.excitation import ExcitationResult
 from elastic_arm.processes import Advance, ProcessPool, Results, Task
 from elastic_arm.robot.description import Robot
 from elastic_arm.studies.paper import feedforward, torques
-from elastic_arm.studies.paper.coupling import symbolic_coupling
+from elastic_arm.studies.paper.coupling import SymbolicCoupling, symbolic_coupling
 from elastic_arm.studies.paper.identification_study import CoefficientEstimate, excite
 from elastic_arm.studies.paper.identification_study import study as identify
-from elastic_arm.studies.paper.torques import MODELS, TorqueResult, follow
+from elastic_arm.studies.paper.torques import (
+    MODELS,
+    PROTOTYPE,
+    LinkErrors,
+    ModelComparison,
+    TorqueErrors,
+    compare,
+    follow,
+    torque_errors,
+)
 from elastic_arm.studies.paper.virtual_prototype.mechanism import Bushing, engine
 from elastic_arm.studies.paper.virtual_prototype.motions import PeriodicMotion
 
@@ -67,14 +76,41 @@ TRACKING_PERIOD = 4.0
 
 
 @dataclass(kw_only=True)
-class StudyResult(TorqueResult):
-    """All numbers of the study; the report draws from here and nothing else."""
+class StudyResult:
+    """All numbers of the study; claims and report are made of them and nothing else.
 
+    `comparisons` are the ramps over the ratios, and `smooth` a ramp at the highest one without
+    jumps of acceleration. `inertial` is what tau_m is made of there, rms per joint (n,), and
+    `locked_link` the largest tau_l that mod3 leaves with the bushing locked, Nm. `translations` are
+    the errors at the highest ratio as the bushing's translation stiffness varies; the paper does
+    not state it.
+    """
+
+    robot: Robot
     settings: StudySettings
+    engine: str
+    ratios: tuple[float, ...]
+    comparisons: list[ModelComparison]
+    smooth: ModelComparison
+    against_mod3: TorqueErrors
+    against_prototype: TorqueErrors
+    inertial: Mapping[str, np.ndarray]
+    locked_link: float
+    translations: list[LinkErrors]
+    coupling: SymbolicCoupling
+    tilted_coupling: SymbolicCoupling
     excited: Mapping[str, ExcitationResult]
     estimates: list[CoefficientEstimate]
     tracking: list[feedforward.Tracking]
-    engine: str
+
+    @property
+    def highest(self) -> float:
+        """The largest total ratio."""
+        return self.ratios[-1]
+
+    def at_highest(self) -> ModelComparison:
+        """Return the ramp of Figs. 3 and 4a."""
+        return self.comparisons[-1]
 
     def estimate(self, model: str, r_tot: float | None = None) -> CoefficientEstimate:
         """Return one model's identification, at the highest ratio by default."""
@@ -134,27 +170,32 @@ def run_study(
         )
         estimates = identifying()
         tracking = begin("feed-forward of the prototype", _tracking(arms, estimates, settings, rng))
-        found = torques.torque_result(
-            robot,
-            arms,
-            ramps(),
-            translations=translating(),
-            assumed=Bushing().translation_stiffness,
-            locked=locking()[0],
-            coupling=tuple(deriving()),
-        )
+        *stepped, smooth = ramps()
+        compared = [compare(arms[r], r, run) for r, run in zip(ratios, stepped, strict=True)]
+        own = torques.link_errors_of(compared[-1], Bushing().translation_stiffness)
+        coupling, tilted_coupling = deriving()
         tracked = tracking()
         along = settings.motions
-    return StudyResult(
-        **vars(found),
-        settings=settings,
-        excited=excited,
-        estimates=estimates,
-        tracking=[
-            feedforward.together(tracked[k : k + along]) for k in range(0, len(tracked), along)
-        ],
-        engine=engine_name,
-    )
+        return StudyResult(
+            robot=robot,
+            settings=settings,
+            engine=engine_name,
+            ratios=ratios,
+            comparisons=compared,
+            smooth=compare(top, ratios[-1], smooth),
+            against_mod3=torque_errors(compared, "mod3"),
+            against_prototype=torque_errors(compared, PROTOTYPE),
+            inertial=torques.motor_terms(top, stepped[-1]),
+            locked_link=locking()[0],
+            translations=sorted([*translating(), own], key=lambda errors: errors.stiffness),
+            coupling=coupling,
+            tilted_coupling=tilted_coupling,
+            excited=excited,
+            estimates=estimates,
+            tracking=[
+                feedforward.together(tracked[k : k + along]) for k in range(0, len(tracked), along)
+            ],
+        )
 
 
 def _identify(

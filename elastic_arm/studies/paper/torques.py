@@ -4,6 +4,7 @@ mod3 make of them."""
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -11,7 +12,6 @@ from elastic_arm.dynamics import Model, build_model
 from elastic_arm.errors import RobotError
 from elastic_arm.processes import Task
 from elastic_arm.robot.description import Robot
-from elastic_arm.studies.paper.coupling import SymbolicCoupling
 from elastic_arm.studies.paper.virtual_prototype.mechanism import Bushing, transmissions
 from elastic_arm.studies.paper.virtual_prototype.motions import QUINTIC, ImposedMotion, StepRamp
 from elastic_arm.studies.paper.virtual_prototype.prototype import Prototype, PrototypeRun
@@ -51,16 +51,28 @@ class ModelComparison:
 
 
 @dataclass(frozen=True)
-class Metric:
-    """e_max and e_rmse of one model's torque, Nm; `joint` counts from 1."""
+class TorqueErrors:
+    """e_max and e_rmse of torques with respect to a reference, Nm.
+
+    Each is by side and model (ratios, n).
+    """
 
     reference: str
-    side: str
-    joint: int
-    r_tot: float
-    model: str
-    e_max: float
-    e_rmse: float
+    ratios: tuple[float, ...]
+    e_max: Mapping[tuple[str, str], np.ndarray]
+    e_rmse: Mapping[tuple[str, str], np.ndarray]
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Return a row a ratio, side, model and joint, which counts from 1."""
+        rows = []
+        for k, r_tot in enumerate(self.ratios):
+            for side, model in self.e_max:
+                sizes = zip(self.e_max[side, model][k], self.e_rmse[side, model][k], strict=True)
+                for joint, (e_max, e_rmse) in enumerate(sizes, 1):
+                    place = {"reference": self.reference, "side": side, "joint": joint}
+                    of = {"r_tot": r_tot, "model": model}
+                    rows.append({**place, **of, "e_max": float(e_max), "e_rmse": float(e_rmse)})
+        return rows
 
 
 def model_torques(model: Model, run: PrototypeRun) -> Torques:
@@ -85,32 +97,25 @@ def compare(robot: Robot, r_tot: float, run: PrototypeRun) -> ModelComparison:
     return ModelComparison(r_tot, run, torques)
 
 
-def metrics(comparisons: list[ModelComparison], reference: str) -> list[Metric]:
-    """Return e_max and e_rmse per ratio, side, joint and model.
+def rms(values: np.ndarray, axis: int = 0) -> np.ndarray:
+    """Return root mean squares along an axis, that of the samples by default."""
+    return np.asarray(np.sqrt((values**2).mean(axis=axis)))
 
-    Against mod3 (Fig. 4b) or mod_ad (Fig. 4c).
-    """
+
+def torque_errors(comparisons: Sequence[ModelComparison], reference: str) -> TorqueErrors:
+    """Return the errors of all models but the reference: mod3 (Fig. 4b) or mod_ad (Fig. 4c)."""
     models = [name for name in MODELS if name != reference]
-    rows = []
-    for comparison in comparisons:
-        for side in SIDES:
-            for model in models:
-                error = comparison.error(model, reference, side)
-                e_max = np.abs(error).max(0)
-                e_rmse = np.sqrt((error**2).mean(0))
-                rows += [
-                    Metric(
-                        reference,
-                        side,
-                        i + 1,
-                        comparison.r_tot,
-                        model,
-                        float(e_max[i]),
-                        float(e_rmse[i]),
-                    )
-                    for i in range(error.shape[1])
-                ]
-    return rows
+    errors = {
+        (side, model): np.array([one.error(model, reference, side) for one in comparisons])
+        for side in SIDES
+        for model in models
+    }
+    return TorqueErrors(
+        reference,
+        tuple(one.r_tot for one in comparisons),
+        {place: np.abs(error).max(axis=1) for place, error in errors.items()},
+        {place: rms(error, axis=1) for place, error in errors.items()},
+    )
 
 
 @dataclass(frozen=True)
@@ -128,11 +133,9 @@ class LinearTrend:
     highest: float
 
 
-def line_over_ratio(rows: list[Metric], model: str, side: str, joint: int) -> LinearTrend:
-    """Fit e_max = constant + slope r_tot for one model, side and joint."""
-    picked = [row for row in rows if (row.model, row.side, row.joint) == (model, side, joint)]
-    r_tot = np.array([row.r_tot for row in picked])
-    e_max = np.array([row.e_max for row in picked])
+def line_over_ratio(ratios: Sequence[float], e_max: np.ndarray) -> LinearTrend:
+    """Fit e_max (ratios,) = constant + slope r_tot."""
+    r_tot = np.array(ratios)
     slope, constant = np.polyfit(r_tot, e_max, 1)
     spread = float(((e_max - e_max.mean()) ** 2).sum())
     missed = float(((e_max - constant - slope * r_tot) ** 2).sum())
@@ -155,39 +158,6 @@ class LinkErrors:
     stiffness: float
     e_max: np.ndarray
     e_rmse: np.ndarray
-
-
-@dataclass(kw_only=True)
-class TorqueResult:
-    """What the claims on torques are judged by.
-
-    `comparisons` are the ramps over the ratios, and `smooth` a ramp at the highest one without
-    jumps of acceleration. `inertial` is what tau_m is made of there, rms per joint (n,), and
-    `locked_link` the largest tau_l that mod3 leaves with the bushing locked, Nm. `translations` are
-    the errors at the highest ratio as the bushing's translation stiffness varies; the paper does
-    not state it.
-    """
-
-    robot: Robot
-    ratios: tuple[float, ...]
-    comparisons: list[ModelComparison]
-    smooth: ModelComparison
-    against_mod3: list[Metric]
-    against_prototype: list[Metric]
-    inertial: Mapping[str, np.ndarray]
-    locked_link: float
-    translations: list[LinkErrors]
-    coupling: SymbolicCoupling
-    tilted_coupling: SymbolicCoupling
-
-    @property
-    def highest(self) -> float:
-        """The largest total ratio."""
-        return self.ratios[-1]
-
-    def at_highest(self) -> ModelComparison:
-        """Return the ramp of Figs. 3 and 4a."""
-        return self.comparisons[-1]
 
 
 def studied_ratios(robot: Robot) -> tuple[float, ...]:
@@ -221,36 +191,6 @@ def ramp_tasks(arms: Sequence[Robot], bushing: Bushing, step: float) -> list[Tas
     return [*tasks, partial(follow, arms[-1], bushing, StepRamp(start, shape=QUINTIC), step)]
 
 
-def torque_result(
-    robot: Robot,
-    arms: Mapping[float, Robot],
-    runs: Sequence[PrototypeRun],
-    *,
-    translations: Sequence[LinkErrors],
-    assumed: float,
-    locked: float,
-    coupling: tuple[SymbolicCoupling, SymbolicCoupling],
-) -> TorqueResult:
-    """Compare the models on the runs of :func:`ramp_tasks`."""
-    ratios = tuple(arms)
-    top = arms[ratios[-1]]
-    compared = [compare(arms[r_tot], r_tot, run) for r_tot, run in zip(ratios, runs, strict=False)]
-    own = link_errors_of(compared[-1], assumed)
-    return TorqueResult(
-        robot=robot,
-        ratios=ratios,
-        comparisons=compared,
-        smooth=compare(top, ratios[-1], runs[len(ratios)]),
-        against_mod3=metrics(compared, "mod3"),
-        against_prototype=metrics(compared, PROTOTYPE),
-        inertial=motor_terms(top, runs[len(ratios) - 1]),
-        locked_link=locked,
-        translations=sorted([*translations, own], key=lambda errors: errors.stiffness),
-        coupling=coupling[0],
-        tilted_coupling=coupling[1],
-    )
-
-
 def link_errors(robot: Robot, r_tot: float, stiffness: float, step: float) -> LinkErrors:
     """Run the step ramp with another stiffness of the bushing; compare tau_l.
 
@@ -263,7 +203,7 @@ def link_errors(robot: Robot, r_tot: float, stiffness: float, step: float) -> Li
 def link_errors_of(compared: ModelComparison, stiffness: float) -> LinkErrors:
     """Return the errors of tau_l of a ramp that was run with this translation stiffness, N/m."""
     errors = np.array([compared.error(model, PROTOTYPE, "link") for model in MODELS])
-    return LinkErrors(stiffness, np.abs(errors).max(axis=1), np.sqrt((errors**2).mean(axis=1)))
+    return LinkErrors(stiffness, np.abs(errors).max(axis=1), rms(errors, axis=1))
 
 
 def motor_terms(robot: Robot, run: PrototypeRun) -> dict[str, np.ndarray]:
@@ -280,7 +220,7 @@ def motor_terms(robot: Robot, run: PrototypeRun) -> dict[str, np.ndarray]:
         "c2": terms["c2"],
         "K (theta - q) + D (dtheta - dq)": run.tau_J,
     }
-    return {name: np.sqrt((part**2).mean(axis=0)) for name, part in parts.items()}
+    return {name: rms(part) for name, part in parts.items()}
 
 
 def locked_link(robot: Robot) -> float:

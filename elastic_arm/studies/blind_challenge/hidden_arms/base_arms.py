@@ -89,10 +89,14 @@ def industrial_arm(n: int, rng: np.random.Generator, *, lift: bool = False) -> R
     )
 
 
+def without_drives(robot: Robot) -> Robot:
+    """Return an arm of its links alone."""
+    return robot.with_(joints=tuple(replace(joint, transmission=None) for joint in robot.joints))
+
+
 def as_urdf(robot: Robot) -> Robot:
     """Return an arm as its URDF has it: links in the frames of the URDF, the drives beside them."""
-    rigid = robot.with_(joints=tuple(replace(joint, transmission=None) for joint in robot.joints))
-    read = parse_urdf(to_urdf(rigid))
+    read = parse_urdf(to_urdf(without_drives(robot)))
     joints = [
         replace(j, transmission=own.transmission)
         for j, own in zip(read.joints, robot.joints, strict=True)

@@ -17,7 +17,7 @@ import casadi as ca
 import numpy as np
 
 from elastic_arm.arrays import Array
-from elastic_arm.codegen import kernels
+from elastic_arm.codegen.loop import build_loop
 from elastic_arm.robot import Robot
 from elastic_arm.studies.blind_challenge.hidden_arms import effect_laws, further_laws
 from elastic_arm.studies.blind_challenge.hidden_arms.kinematic_tree import KinematicTree
@@ -29,45 +29,39 @@ SLIDES = "JointModelPZ"
 # Runge and Kutta's rule of the fourth order; a command is held over its sample.
 LOOP = """
 #include <string.h>
-#define STATES {states}
-#define INPUTS {inputs}
-#define OUTPUTS {outputs}
-#define JOINTS {joints}
-#define MOTOR {motor}
-#define MOTOR_SPEED {motor_speed}
 
-void evaluate(const double* in, double* out) {{ rate(in, out); }}
+void evaluate(const double* in, double* out) { rate(in, out); }
 
-static void stage(double* in, const double* y, const double* slope, double h, double* out) {{
+static void stage(double* in, const double* y, const double* slope, double h, double* out) {
   for (int i = 0; i < STATES; i++) in[i] = slope ? y[i] + h * slope[i] : y[i];
   rate(in, out);
-}}
+}
 
 void run(long samples, long substeps, double h, const double* parameters,
          const double* feed_forward, const double* position, const double* velocity,
          const double* Kp, const double* Kd, double* y, double* states, double* commands,
-         double* torques) {{
+         double* torques) {
   double in[INPUTS], k1[OUTPUTS], k2[OUTPUTS], k3[OUTPUTS], k4[OUTPUTS];
   memcpy(in + STATES + JOINTS, parameters, (INPUTS - STATES - JOINTS) * sizeof(double));
-  for (long k = 0; k < samples; k++) {{
+  for (long k = 0; k < samples; k++) {
     memcpy(states + k * STATES, y, sizeof(double) * STATES);
     double* u = in + STATES;
-    for (int i = 0; i < JOINTS; i++) {{
+    for (int i = 0; i < JOINTS; i++) {
       long at = k * JOINTS + i;
       u[i] = feed_forward[at] + Kp[i] * (position[at] - y[MOTOR + i])
              + Kd[i] * (velocity[at] - y[MOTOR_SPEED + i]);
       commands[at] = u[i];
-    }}
-    for (long s = 0; s < substeps; s++) {{
+    }
+    for (long s = 0; s < substeps; s++) {
       stage(in, y, 0, 0.0, k1);
       memcpy(torques + (k * substeps + s) * JOINTS, k1 + STATES, sizeof(double) * JOINTS);
       stage(in, y, k1, 0.5 * h, k2);
       stage(in, y, k2, 0.5 * h, k3);
       stage(in, y, k3, h, k4);
       for (int i = 0; i < STATES; i++) y[i] += h / 6.0 * (k1[i] + 2.0 * (k2[i] + k3[i]) + k4[i]);
-    }}
-  }}
-}}
+    }
+  }
+}
 """
 
 
@@ -91,11 +85,15 @@ class CompiledArm:
         self.inputs = sum(function.size1_in(k) for k in range(3))
         self.outputs = sum(function.size1_out(k) for k in range(3))
         self.dof = tree.dof
-        loop = LOOP.format(
-            states=self.states, inputs=self.inputs, outputs=self.outputs,
-            joints=self.n, motor=self.n, motor_speed=self.dof + self.n,
-        )  # fmt: skip
-        self._library = kernels.build(kernels.emit_c(function, "rate") + loop)
+        sizes = {
+            "STATES": self.states,
+            "INPUTS": self.inputs,
+            "OUTPUTS": self.outputs,
+            "JOINTS": self.n,
+            "MOTOR": self.n,
+            "MOTOR_SPEED": self.dof + self.n,
+        }
+        self._library = build_loop(function, "rate", LOOP, sizes)
 
     def rate(self, state: Array, u: Array, parameters: Array) -> tuple[Array, Array, Array]:
         """Return the state's rate, tau_J (n,), and the forces (dof,) that act on the bodies."""
@@ -185,27 +183,9 @@ def _equations(tree: KinematicTree, *, further: bool) -> Any:
     inertial[n : 2 * n] += joints["armature"] * ddx[n : 2 * n]
     M = ca.substitute(ca.jacobian(inertial, ddx), ddx, ca.SX.zeros(dof))
     h = ca.substitute(inertial, ddx, ca.SX.zeros(dof))
-    acceleration = _solved(M, f - h)
+    acceleration = ca.ldl_solve(f - h, *ca.ldl(ca.sparsify(M), True))
     parameters = ca.vertcat(numbers, gravity, *joints.values(), *others.values(), tilts)
     return ca.Function("rate", [y, u, parameters], [ca.vertcat(dx, acceleration, *rates), tau_J, f])
-
-
-def _solved(M: Any, f: Any) -> Any:
-    """Solve M a = f by M = L D L'."""
-    dof = M.shape[0]
-    L = [[ca.SX(0)] * dof for _ in range(dof)]
-    d = [ca.SX(0)] * dof
-    for j in range(dof):
-        d[j] = M[j, j] - sum((L[j][k] ** 2 * d[k] for k in range(j)), ca.SX(0))
-        for i in range(j + 1, dof):
-            L[i][j] = (M[i, j] - sum((L[i][k] * L[j][k] * d[k] for k in range(j)), ca.SX(0))) / d[j]
-    a = [f[i] for i in range(dof)]
-    for i in range(dof):
-        a[i] -= sum((L[i][k] * a[k] for k in range(i)), ca.SX(0))
-    a = [a[i] / d[i] for i in range(dof)]
-    for i in reversed(range(dof)):
-        a[i] -= sum((L[k][i] * a[k] for k in range(i + 1, dof)), ca.SX(0))
-    return ca.vertcat(*a)
 
 
 def _pointer(array: Array) -> Any:

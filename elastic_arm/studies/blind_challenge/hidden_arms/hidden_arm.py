@@ -5,10 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation
 
 from elastic_arm.errors import SimulationError
 from elastic_arm.recording import Recording
 from elastic_arm.robot import Inertia, Robot, Transmission
+from elastic_arm.robot.kinematics import lumped
 from elastic_arm.studies.blind_challenge.hidden_arms.compiled_arm import (
     StateHistory,
     compiled_arm,
@@ -79,7 +81,7 @@ class HiddenArm:
         numbers["armature"] = self._armature = self._added_inertia()
         # Gravity turns the other way in the frame of a tilted base.
         base = KinematicTree(self.robot, bearings=soft is not None)
-        gravity = rotation(*angles).T @ np.asarray(robot.gravity, dtype=float)
+        gravity = Rotation.from_euler("XY", angles).as_matrix().T @ robot.gravity
         tilts = self._tilts(soft.parameters["stiffness_scale"]) if soft else np.zeros(0)
         self._numbers = [inertial_numbers(base), gravity, *numbers.values()], tilts
         self._parameters = self._all_numbers(1.0)
@@ -221,9 +223,8 @@ def altered(robot: Robot, faults: Sequence[Fault]) -> Robot:
         p = fault.parameters
         if fault.effect in ("payload", "load"):
             j = -1 if fault.joint is None else fault.joint
-            joints[j] = replace(
-                joints[j], link=_with_point(joints[j].link, p["mass"], _position(p))
-            )
+            point = Inertia(p["mass"], _position(p))
+            joints[j] = replace(joints[j], link=lumped([joints[j].link, point]))
         elif fault.effect == "link_inertia_mismatch" and fault.joint is not None:
             link = joints[fault.joint].link
             scaled = replace(
@@ -248,21 +249,6 @@ def _altered_gear(gear: Transmission, fault: Fault) -> Transmission:
     return gear.with_inertias(p["inertia"])
 
 
-def _with_point(link: Inertia, mass: float, position: np.ndarray) -> Inertia:
-    """Return the link's inertia with a point mass added (parallel axes)."""
-    total = link.mass + mass
-    old = np.asarray(link.com, dtype=float)
-    com = (link.mass * old + mass * position) / total
-    inertia = (
-        np.asarray(link.inertia) + _steiner(link.mass, old - com) + _steiner(mass, position - com)
-    )
-    return replace(link, mass=total, com=com, inertia=inertia)
-
-
-def _steiner(mass: float, r: np.ndarray) -> np.ndarray:
-    return mass * (r @ r * np.eye(3) - np.outer(r, r))
-
-
 def _position(parameters: Mapping[str, float]) -> np.ndarray:
     return np.array([parameters[f"position_{axis}"] for axis in "xyz"])
 
@@ -285,9 +271,3 @@ def _every_tenth(N: int) -> np.ndarray:
     """Every tenth of N samples, and the last: the motion is slow, and they determine a torque to
     1e-6 of itself."""
     return np.append(np.arange(N)[:-1:10], N - 1)
-
-
-def rotation(a: float, b: float) -> np.ndarray:
-    """Return Rx(a) Ry(b)."""
-    x = np.array([[1, 0, 0], [0, np.cos(a), -np.sin(a)], [0, np.sin(a), np.cos(a)]])
-    return x @ np.array([[np.cos(b), 0, np.sin(b)], [0, 1, 0], [-np.sin(b), 0, np.cos(b)]])

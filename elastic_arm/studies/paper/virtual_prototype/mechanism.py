@@ -15,6 +15,7 @@ import numpy as np
 
 from elastic_arm.errors import RobotError
 from elastic_arm.robot.description import Component, Joint, Robot, Transmission
+from elastic_arm.robot.kinematics import link_placements
 from elastic_arm.robot.mjcf.engine import engine as mujoco_engine
 from elastic_arm.robot.parts import placed
 
@@ -62,7 +63,7 @@ def build_spec(robot: Robot, bushing: Bushing) -> Any:
     spec.option.gravity = np.asarray(robot.gravity)
     spec.option.disableflags = mj.mjtDisableBit.mjDSBL_CONTACT
     spec.compiler.autolimits = False
-    joint_frames = zero_pose(robot)
+    joint_frames = link_placements(robot, np.zeros(robot.n))[0][0]
     links = [spec.worldbody]  # links[i] carries joint i's components; links[0] is the ground
     placements = [np.eye(4)]  # of those bodies' frames in the world, at the zero pose
     for index, (joint, drive) in enumerate(zip(robot.joints, drives, strict=True)):
@@ -124,19 +125,6 @@ def transmissions(robot: Robot) -> list[Transmission]:
 def carrier_index(robot: Robot, carrier: str) -> int:
     """Return 0 for the base and i + 1 for the link of joint i."""
     return 0 if carrier == "base" else 1 + robot.link_names.index(carrier)
-
-
-def zero_pose(robot: Robot) -> list[np.ndarray]:
-    """Return the frames (4, 4) of all joints in the world at the zero pose.
-
-    O_{i-1}, z along the axis.
-    """
-    frames = []
-    reached = np.asarray(robot.base_placement)
-    for joint in robot.joints:
-        frames.append(reached @ joint.before)
-        reached = frames[-1] @ joint.after
-    return frames
 
 
 def quaternion(placement: np.ndarray) -> np.ndarray:

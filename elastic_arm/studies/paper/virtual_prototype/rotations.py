@@ -9,15 +9,9 @@ without small-angle shortcuts.
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 Y, X, Z = np.eye(3)[[1, 0, 2]]
-
-
-def rotation(axis: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """Return rotations (N, 3, 3) about a fixed unit axis by angles (N,) (Rodrigues)."""
-    cross = np.cross(np.eye(3), axis)
-    turn = angle[:, None, None]
-    return np.eye(3) + np.sin(turn) * cross + (1.0 - np.cos(turn)) * cross @ cross
 
 
 def chain(
@@ -39,7 +33,8 @@ def chain(
             alpha + world * accelerations[:, k, None] + np.cross(omega, world) * rates[:, k, None]
         )
         omega = omega + world * rates[:, k, None]
-        reached = reached @ rotation(axis, angles[:, k])
+        turn = Rotation.from_rotvec(angles[:, k, None] * axis)
+        reached = reached @ turn.as_matrix()
         columns.append(world)
     return reached, omega, alpha, np.stack(columns, axis=2)
 
