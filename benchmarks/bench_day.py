@@ -27,7 +27,7 @@ from elastic_arm.dynamics import build_model
 from elastic_arm.effects import parse
 from elastic_arm.excitation import MotionLimits, Shape, random_trajectories
 from elastic_arm.recording import Recording, write_recording
-from elastic_arm.recording.stream_writer import StreamWriter
+from elastic_arm.recording.storage.stream_writer import StreamWriter
 from elastic_arm.recording.topics import type_of
 from elastic_arm.recording.writing import _streams
 from elastic_arm.robot import Robot, save_robot

@@ -33,7 +33,7 @@ from elastic_arm.nodes.support.description import ros_description
 from elastic_arm.nodes.support.node import ArmNode, Health, Listener
 from elastic_arm.nodes.support.parameters import Setting, declared, texts
 from elastic_arm.nodes.support.running import run
-from elastic_arm.nodes.support.wire import NANOSECONDS, Form
+from elastic_arm.nodes.support.wire import NANOSECONDS, Form, stamp_of
 from elastic_arm.recording import topics
 from elastic_arm.robot import load_robot
 from elastic_arm.sensors import Encoder, Sensors, TorqueSensor
@@ -314,8 +314,7 @@ class SimulatorNode(ArmNode):
         """Return the arm's time: that of its last sample where it has a clock of its own."""
         if self._clock_output is None:
             return self.get_clock().now().to_msg()
-        sec, nanosec = divmod(self._origin_ns + (self._step - 1) * self._step_ns, NANOSECONDS)
-        return Time(sec=sec, nanosec=nanosec)
+        return stamp_of(self._origin_ns + (self._step - 1) * self._step_ns)
 
     def _tell_time(self, stamp: int) -> None:
         if self._clock_output is not None:

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from builtin_interfaces.msg import Duration
 from scipy.interpolate import BPoly
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
@@ -20,7 +19,7 @@ from elastic_arm.nodes.support import graph
 from elastic_arm.nodes.support.node import LONGEST_REST, ArmNode, Health, Listener
 from elastic_arm.nodes.support.parameters import Setting, declared
 from elastic_arm.nodes.support.running import run
-from elastic_arm.nodes.support.wire import NANOSECONDS, Form
+from elastic_arm.nodes.support.wire import NANOSECONDS, Form, nanoseconds, span_of
 from elastic_arm.recording import topics
 
 # The first points go out so long before their time: what arrives late is followed late.
@@ -175,15 +174,15 @@ class TrajectoryGenerator(ArmNode):
     def _wrong_clock(self, message: JointState) -> GraphError | None:
         """Return what is wrong where the arm and this node do not go by the same clock."""
         remedy = "A simulator that does not run in real time publishes /clock."
-        stamp = message.header.stamp.sec + message.header.stamp.nanosec / NANOSECONDS
-        now = self.get_clock().now().nanoseconds / NANOSECONDS
+        now = self.get_clock().now().nanoseconds
+        offset = (nanoseconds(message.header.stamp) - now) / NANOSECONDS
         # as a clock of the arm's own reads until it is heard; a start reckoned from there would be
         # over
         if not now:
             return GraphError(f"use_sim_time is set, but {topics.CLOCK} has no publisher", remedy)
-        if abs(now - stamp) > LARGEST_OFFSET:
+        if abs(offset) > LARGEST_OFFSET:
             return GraphError(
-                f"the arm's clock differs by {stamp - now:+.0f} s: set use_sim_time for both,"
+                f"the arm's clock differs by {offset:+.0f} s: set use_sim_time for both,"
                 " or for neither",
                 remedy,
             )
@@ -284,9 +283,8 @@ class TrajectoryGenerator(ArmNode):
         message = JointTrajectory(joint_names=self._names)
         zeros = array("d", bytes(8 * len(self._names)))
         for i in range(POINTS):
-            seconds, rest = divmod(i * self._step_ns, NANOSECONDS)
             point = JointTrajectoryPoint(positions=zeros, velocities=zeros, accelerations=zeros)
-            point.time_from_start = Duration(sec=seconds, nanosec=rest)
+            point.time_from_start = span_of(i * self._step_ns)
             message.points.append(point)
         return Form(topics.TYPES[topics.REFERENCE], message)
 

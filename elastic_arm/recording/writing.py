@@ -17,7 +17,7 @@ from elastic_arm.recording import cdr, message_types
 from elastic_arm.recording.inspection.report import check_times
 from elastic_arm.recording.recording import Recording, recordings_of
 from elastic_arm.recording.sides import Array, Side, Stamps
-from elastic_arm.recording.stream_writer import Compression, StreamWriter
+from elastic_arm.recording.storage.stream_writer import Compression, StreamWriter
 from elastic_arm.recording.topics import (
     JOINT_STATES,
     JOINT_TORQUES,

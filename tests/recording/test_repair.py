@@ -11,7 +11,6 @@ from elastic_arm.recording.foreign.channels import ChannelMap
 from elastic_arm.recording.inspection.check import check_bag
 from elastic_arm.recording.inspection.repair import repair_bag
 from elastic_arm.recording.storage.mcap import open_mcap
-from elastic_arm.recording.storage.mcap import open_mcap
 from elastic_arm.recording.storage.messages import read_messages, read_topics
 from tests.helpers.bags import (
     JOINT_STATE,
