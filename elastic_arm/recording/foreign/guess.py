@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from elastic_arm.errors import RecordingError
-from elastic_arm.recording.foreign.array_files import FILE_INDEX
+from elastic_arm.recording.foreign.array_files import FILE_INDEX, Arrays
 from elastic_arm.recording.foreign.channels import (
     CHANNEL_NAMES,
     DEFAULT_UNIT,
@@ -50,9 +50,9 @@ _OF_SLIDES = ("m", "mm", "m/s", "mm/s", "N")  # by a unit that is stated
 # A rotor's angle over the joint's is at least this.
 SMALLEST_RATIO = 5.0
 
-_ANGLES = {"rad": 1.0, "deg": np.pi / 180, "turns": 2 * np.pi}
+_ANGLES = {unit: TO_SI["position"][unit] for unit in ("rad", "deg", "turns")}
 _ANGLE_WORDS = r"deg|rad|turn|rev"
-_SPEEDS = {"rad/s": 1.0, "deg/s": np.pi / 180, "turns/s": 2 * np.pi, "rpm": 2 * np.pi / 60}
+_SPEEDS = {unit: TO_SI["velocity"][unit] for unit in ("rad/s", "deg/s", "turns/s", "rpm")}
 _WORDS = {
     "other": (
         r"temp|volt|cmpt|error|status|mode(?!l?led)|noise|friction|grav|model|predict|simul|init"
@@ -95,7 +95,8 @@ def guess_mapping(
     Units follow from names, ranges, and slopes of derivatives; sides and kinds of torque from
     names.
     """
-    contents = find_tables(arrays, joints, getattr(arrays, "units", {}))
+    arrays = arrays if isinstance(arrays, Arrays) else Arrays(arrays)
+    contents = find_tables(arrays, joints, arrays.units)
     slides = np.array([joint in prismatic for joint in joints])
     whole = {table.keys: table for table in contents.tables}
     if not slides.all():
@@ -107,7 +108,7 @@ def guess_mapping(
         for key, values in arrays.items()
         if values.dtype.kind == "U" and values.size
     }
-    faults = texts | getattr(arrays, "faults", {})
+    faults = texts | arrays.faults
     numbers = [
         key for key in contents.rest if arrays[key].dtype.kind in "iufc" and key != FILE_INDEX
     ]
@@ -158,9 +159,8 @@ def guess_mapping(
             ]
     ordered = [found[place] for place in product(SIDE_NAMES, CHANNEL_NAMES) if place in found]
     ignored += [(key, f"not numbers: {fault}") for key, fault in faults.items()]
-    decimal = getattr(arrays, "decimal", ".")
     return Draft(
-        tuple(joints), contents.times, tuple(ordered), tuple(ignored), contents.runs, decimal
+        tuple(joints), contents.times, tuple(ordered), tuple(ignored), contents.runs, arrays.decimal
     )
 
 
