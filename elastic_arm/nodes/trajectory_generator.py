@@ -7,14 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import BPoly
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from elastic_arm.arrays import Array
 from elastic_arm.errors import GraphError
 from elastic_arm.excitation import FourierTrajectory, load_trajectory
-from elastic_arm.nodes.following.splines import Row
+from elastic_arm.nodes.following.splines import QUINTIC, Points, Row
 from elastic_arm.nodes.support import graph
 from elastic_arm.nodes.support.node import LONGEST_REST, ArmNode, Health, Listener
 from elastic_arm.nodes.support.parameters import Setting, declared
@@ -74,11 +73,12 @@ class Plan:
             QUINTIC_SPEED * distance / speed,
             float(np.sqrt(QUINTIC_ACCELERATION * distance / GENTLE)),
         )
-        at_rest = np.array([position, np.zeros_like(position), np.zeros_like(position)])
-        self._way: list[BPoly] = []
-        if self.approach > 0:
-            way = BPoly.from_derivatives([0.0, self.approach], [at_rest, first])
-            self._way = [way, way.derivative(), way.derivative(2)]
+        start = Row(position, np.zeros_like(position), np.zeros_like(position))
+        self._way = Points(
+            np.array([0, round(self.approach * NANOSECONDS)]),
+            Row(*map(np.vstack, zip(start, first, strict=True))),
+            np.array([QUINTIC, QUINTIC]),
+        )
 
     @property
     def duration(self) -> float:
@@ -97,8 +97,9 @@ class Plan:
         points = [np.array(values) for values in self._trajectory.evaluate(inside)]
         before = rest < 0.0
         if before.any():
-            for values, polynomial in zip(points, self._way, strict=True):
-                values[before] = polynomial(t[before])
+            way = self._way.at(t[before] * NANOSECONDS)
+            for values, approaching in zip(points, way, strict=True):
+                values[before] = approaching
         return Row(*points)
 
 

@@ -76,7 +76,7 @@ class Points:
             np.concatenate((self.degree, other.degree)),
         )
 
-    def at(self, wanted: NDArray[np.int64]) -> Row:
+    def at(self, wanted: NDArray[np.int64] | Array) -> Row:
         """Return position, velocity and acceleration at times (M,) ns, (M, n) each.
 
         Before the first point its polynomial is continued; the last point's own velocity holds at

@@ -9,6 +9,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+import jinja2
 import numpy as np
 
 from elastic_arm.nodes.following.joint_limits import JointLimits
@@ -21,13 +22,11 @@ TOOL = "tool0"
 # Of the cylinders between joints: those are what the collision check of `elastic-arm excite` looks
 # at, as capsules.
 _BARS = ("base_grey", "link_blue")
-# What a joint of the arm takes and gives.
-_COMMANDS = ("position", "velocity")
-_STATES = ("position", "velocity", "effort")
-# Controllers of ros2_control command the simulator by topics, relative to the arm's namespace.
-_PLUGIN = "topic_based_ros2_control/TopicBasedSystem"
+# Topics of a controller, relative to the arm's namespace.
 COMMANDS = "simulator/joint_commands"
 STATES = "joint_states"
+_LOADER = jinja2.PackageLoader("elastic_arm.nodes.support", "")
+_CONTROL = jinja2.Environment(loader=_LOADER, autoescape=True).get_template("ros2_control.xml.j2")
 
 
 def ros_description(robot: Robot, namespace: str = "") -> str:
@@ -137,27 +136,15 @@ def _add_tool(tree: ET.Element, robot: Robot) -> None:
 
 
 def _add_control(tree: ET.Element, robot: Robot, limits: JointLimits, namespace: str) -> None:
-    control = ET.SubElement(tree, "ros2_control", name=robot.name, type="system")
-    hardware = ET.SubElement(control, "hardware")
     prefix = f"/{namespace.strip('/')}/".replace("//", "/")
-    ET.SubElement(hardware, "plugin").text = _PLUGIN
-    for name, topic in (("joint_commands_topic", COMMANDS), ("joint_states_topic", STATES)):
-        ET.SubElement(hardware, "param", name=name).text = prefix + topic
-    # Every command is sent, small steps too: without one the arm would stand at the last one that
-    # was.
-    ET.SubElement(hardware, "param", name="trigger_joint_command_threshold").text = "-1"
-    for i, name in enumerate(robot.joint_names):
-        joint = ET.SubElement(control, "joint", name=name)
-        ranges = {
-            "position": (limits.low[i], limits.high[i]),
-            "velocity": (-limits.velocity[i], limits.velocity[i]),
-        }
-        for command in _COMMANDS:
-            element = ET.SubElement(joint, "command_interface", name=command)
-            for bound, value in zip(("min", "max"), ranges[command], strict=True):
-                ET.SubElement(element, "param", name=bound).text = _text(value)
-        for state in _STATES:
-            ET.SubElement(joint, "state_interface", name=state)
+    numbers = [map(_text, values) for values in (limits.low, limits.high, limits.velocity)]
+    block = _CONTROL.render(
+        name=robot.name,
+        commands=prefix + COMMANDS,
+        states=prefix + STATES,
+        joints=zip(robot.joint_names, *numbers, strict=True),
+    )
+    tree.append(ET.fromstring(block))
 
 
 def _text(number: float) -> str:
