@@ -22,7 +22,6 @@ from elastic_arm.recording.storage.bag import METADATA
 from elastic_arm.recording.storage.metadata import (
     INSIDE,
     METADATA_KEY,
-    FileSummary,
     Topic,
     metadata,
     offered_qos,
@@ -39,6 +38,7 @@ class _WholeWrites:
     def __init__(self, path: Path) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         self._file = open(path, "xb", buffering=0)  # noqa: SIM115 – closed by close()
+        self.failed = False  # what follows a piece that is missing is of no use
         self.tell = self._file.tell
         self.flush = self._file.flush
         self.close = self._file.close
@@ -52,6 +52,7 @@ class _WholeWrites:
             while len(rest):
                 rest = rest[self._file.write(rest) :]
         except OSError:
+            self.failed = True
             self._file.truncate(begin)
             raise
         return len(data)
@@ -115,7 +116,6 @@ class StreamWriter(AbstractContextManager["StreamWriter"]):
         self._last_ns = 0
         self._pending = 0  # bytes of messages in the chunk
         self._kept = 0  # messages in the file
-        self._full = False
         self._syncer = ThreadPoolExecutor(1)
         self._syncing: Future[None] | None = None
         self._flushed = self._synced = clock()
@@ -182,7 +182,7 @@ class StreamWriter(AbstractContextManager["StreamWriter"]):
     def close(self) -> None:
         """Write the rest, the summary and metadata.yaml; after a full disk nothing more."""
         try:
-            if not self._full:
+            if not self._file.failed:
                 self._write_chunk()
                 self._finish()
         finally:
@@ -204,8 +204,8 @@ class StreamWriter(AbstractContextManager["StreamWriter"]):
         self._kept = sum(self.counts.values())
 
     def _finish(self) -> None:
-        summary = FileSummary(self._name, self._first_ns or 0, self._last_ns, self.counts)
-        information = metadata(self._topics, summary, self._currents)
+        span = (self._first_ns or 0, self._last_ns)
+        information = metadata(self._name, self._topics, self.counts, span, self._currents)
         record, key = INSIDE
         # The same inside the file, for readers that are given it without its folder.
         inside = {key: yaml.safe_dump(information, sort_keys=False), "ROS_DISTRO": "jazzy"}
@@ -224,7 +224,6 @@ class StreamWriter(AbstractContextManager["StreamWriter"]):
         try:
             write()
         except OSError as error:
-            self._full = True
             raise RecordingError(
                 f"{self.path / self._name} cannot be written further: {error.strerror}",
                 f"The {self._kept} messages written so far are kept; free space or"
