@@ -9,7 +9,6 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-import jinja2
 import numpy as np
 
 from elastic_arm.nodes.following.joint_limits import JointLimits
@@ -25,8 +24,30 @@ _BARS = ("base_grey", "link_blue")
 # Topics of a controller, relative to the arm's namespace.
 COMMANDS = "simulator/joint_commands"
 STATES = "joint_states"
-_LOADER = jinja2.PackageLoader("elastic_arm.nodes.support", "")
-_CONTROL = jinja2.Environment(loader=_LOADER, autoescape=True).get_template("ros2_control.xml.j2")
+# Every command is sent, small steps too: without one the arm would stand at the last one that was.
+_HARDWARE = """
+<hardware>
+  <plugin>topic_based_ros2_control/TopicBasedSystem</plugin>
+  <param name="joint_commands_topic">{commands}</param>
+  <param name="joint_states_topic">{states}</param>
+  <param name="trigger_joint_command_threshold">-1</param>
+</hardware>
+"""
+_JOINT = """
+<joint>
+  <command_interface name="position">
+    <param name="min">{low}</param>
+    <param name="max">{high}</param>
+  </command_interface>
+  <command_interface name="velocity">
+    <param name="min">-{fastest}</param>
+    <param name="max">{fastest}</param>
+  </command_interface>
+  <state_interface name="position"/>
+  <state_interface name="velocity"/>
+  <state_interface name="effort"/>
+</joint>
+"""
 
 
 def ros_description(robot: Robot, namespace: str = "") -> str:
@@ -137,14 +158,15 @@ def _add_tool(tree: ET.Element, robot: Robot) -> None:
 
 def _add_control(tree: ET.Element, robot: Robot, limits: JointLimits, namespace: str) -> None:
     prefix = f"/{namespace.strip('/')}/".replace("//", "/")
-    numbers = [map(_text, values) for values in (limits.low, limits.high, limits.velocity)]
-    block = _CONTROL.render(
-        name=robot.name,
-        commands=prefix + COMMANDS,
-        states=prefix + STATES,
-        joints=zip(robot.joint_names, *numbers, strict=True),
-    )
-    tree.append(ET.fromstring(block))
+    topics = {"commands": prefix + COMMANDS, "states": prefix + STATES}
+    control = ET.SubElement(tree, "ros2_control", name=robot.name, type="system")
+    control.append(ET.fromstring(_HARDWARE.format(**topics)))
+    for i, name in enumerate(robot.joint_names):
+        bounds = {"low": limits.low[i], "high": limits.high[i], "fastest": limits.velocity[i]}
+        texts = {bound: _text(value) for bound, value in bounds.items()}
+        joint = ET.fromstring(_JOINT.format(**texts))
+        joint.set("name", name)
+        control.append(joint)
 
 
 def _text(number: float) -> str:
