@@ -9,6 +9,7 @@ minutes is ten minutes of it again and again.
 """
 
 import argparse
+import heapq
 import json
 import os
 import shutil
@@ -26,8 +27,9 @@ from elastic_arm.dynamics import build_model
 from elastic_arm.effects import parse
 from elastic_arm.excitation import MotionLimits, Shape, random_trajectories
 from elastic_arm.recording import Recording, write_recording
-from elastic_arm.recording.storage.mcap_sink import McapSink
-from elastic_arm.recording.writing import _chunks, _streams, finish_bag, standard_topic
+from elastic_arm.recording.storage.stream_writer import StreamWriter
+from elastic_arm.recording.topics import type_of
+from elastic_arm.recording.writing import _streams
 from elastic_arm.robot import Robot, save_robot
 from elastic_arm.sensors import Sensors
 from elastic_arm.simulation import SimulationSettings, simulate
@@ -81,14 +83,15 @@ def recorded(folder: Path, robot: Robot, work: Work, seconds: float) -> Path:
     )
     save_robot(robot, folder / "arm.yaml")
     write_recording(folder / "before", block)
-    sink = McapSink(folder / "run" / "run_0.mcap", "lz4")
-    channels = [sink.add_topic(standard_topic(stream.topic)) for stream in _streams(block, {})]
-    for k in range(max(1, round(seconds / BLOCK))):
-        later = moved(block, round((k + 1) * min(seconds, BLOCK) * 1e9))
-        for chunk in _chunks(_streams(later, {}), channels, "lz4"):
-            sink.write(chunk)
-    finish_bag(sink)
-    sink.close()
+    with StreamWriter(folder / "run", "lz4", flush_every=np.inf, sync_every=np.inf) as writer:
+        for k in range(max(1, round(seconds / BLOCK))):
+            later = moved(block, round((k + 1) * min(seconds, BLOCK) * 1e9))
+            streams = _streams(later, {})
+            for stream in streams:
+                writer.add_topic(stream.topic, type_of(stream.topic))
+            messages = heapq.merge(*(stream.messages() for stream in streams))
+            for stamp, topic, data in messages:
+                writer.write(topic, data, stamp)
     return folder / "run"
 
 

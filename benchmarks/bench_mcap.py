@@ -28,7 +28,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 
 from elastic_arm.recording import Recording, Side, message_types, read_recording, write_recording
 from elastic_arm.recording.storage.mcap import open_mcap
-from elastic_arm.recording.storage.mcap_sink import COMPRESSIONS
+from elastic_arm.recording.storage.stream_writer import COMPRESSIONS
 from elastic_arm.recording.storage.unpacking import unpack_chunk
 
 JOINT_STATE = "sensor_msgs/msg/JointState"

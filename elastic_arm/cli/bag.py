@@ -27,7 +27,7 @@ from elastic_arm.recording.inspection.info import BagInfo, bag_info
 from elastic_arm.recording.inspection.magnitudes import hardly_usable
 from elastic_arm.recording.inspection.repair import Repair, repair_bag
 from elastic_arm.recording.inspection.report import Report
-from elastic_arm.recording.storage.mcap_sink import COMPRESSIONS, Compression
+from elastic_arm.recording.storage.stream_writer import COMPRESSIONS, Compression
 from elastic_arm.recording.writing import write_recording
 
 bag_app = typer.Typer(

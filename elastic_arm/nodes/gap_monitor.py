@@ -19,7 +19,7 @@ from elastic_arm.nodes.support.gap_messages import diagnosis_message, in_words
 from elastic_arm.nodes.support.parameters import CHANNELS, MODEL, ROBOT, SIDES, Setting, declared
 from elastic_arm.nodes.support.running import run
 from elastic_arm.nodes.support.sampling import SamplingNode
-from elastic_arm.nodes.support.wire import NANOSECONDS
+from elastic_arm.nodes.support.wire import NANOSECONDS, stamp_of
 from elastic_arm.nodes.support.worker_process import Answer, WorkerProcess
 from elastic_arm.output_files import write_result
 from elastic_arm.recording import topics
@@ -146,7 +146,7 @@ class GapMonitorNode(SamplingNode):
     def _publish_diagnosis(self, found: dict[str, Any], stamp_ns: int) -> None:
         self._found = found
         message = diagnosis_message(found)
-        message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp_ns, NANOSECONDS)
+        message.header.stamp = stamp_of(stamp_ns)
         self._output.publish(message)
         self._count += 1
         self._changes = self._sizes.changes(found)

@@ -22,7 +22,7 @@ from elastic_arm.nodes.support.parameters import CHANNELS, MODEL, ROBOT, SIDES, 
 from elastic_arm.nodes.support.running import run
 from elastic_arm.nodes.support.sampling import SamplingNode
 from elastic_arm.nodes.support.screening import StreamScreen
-from elastic_arm.nodes.support.wire import NANOSECONDS
+from elastic_arm.nodes.support.wire import stamp_of
 from elastic_arm.output_files import plain
 from elastic_arm.recording import topics
 from elastic_arm.robot import load_robot
@@ -110,9 +110,7 @@ class IdentifierNode(SamplingNode):
             condition_number=self._fit.condition,
             samples=self._identifier.progress.samples,
         )
-        message.header.stamp.sec, message.header.stamp.nanosec = divmod(
-            self.collector.last_ns, NANOSECONDS
-        )
+        message.header.stamp = stamp_of(self.collector.last_ns)
         self._output.publish(message)
         if self.settings.print:
             self._print(message)

@@ -17,8 +17,7 @@ from elastic_arm.nodes.support.node import LONGEST_REST, ArmNode, Health, Listen
 from elastic_arm.nodes.support.parameters import Setting, declared
 from elastic_arm.nodes.support.running import run
 from elastic_arm.recording import message_types, topics
-from elastic_arm.recording.storage.mcap_sink import COMPRESSIONS
-from elastic_arm.recording.stream_writer import StreamWriter
+from elastic_arm.recording.storage.stream_writer import COMPRESSIONS, StreamWriter
 
 # How often to look for publishers of topics not yet found, seconds.
 SEARCH_PERIOD = 0.1

@@ -33,7 +33,7 @@ from elastic_arm.nodes.support.description import ros_description
 from elastic_arm.nodes.support.node import ArmNode, Health, Listener
 from elastic_arm.nodes.support.parameters import Setting, declared, texts
 from elastic_arm.nodes.support.running import run
-from elastic_arm.nodes.support.wire import NANOSECONDS, Form
+from elastic_arm.nodes.support.wire import NANOSECONDS, Form, stamp_of
 from elastic_arm.recording import topics
 from elastic_arm.robot import load_robot
 from elastic_arm.sensors import Encoder, Sensors, TorqueSensor
@@ -61,6 +61,15 @@ PACE_TOLERANCE = 0.02
 # publish, and it sees those that start with it. Later another one is the newcomer, and this one
 # stays.
 SETTLING = 1.0
+# What is published of a sample: fields of the messages, and the channels that they hold.
+MEASURED: dict[str, tuple[Any, dict[str, str]]] = {
+    topics.JOINT_STATES: (JointState, {"position": "q", "velocity": "dq", "effort": "tau_J"}),
+    topics.MOTOR_STATES: (
+        JointState,
+        {"position": "theta", "velocity": "dtheta", "effort": "tau_m"},
+    ),
+    topics.JOINT_TORQUES: (JointTorques, {"joint_torque": "tau_J", "motor_torque": "tau_m"}),
+}
 PARAMETERS = {
     "robot": Setting("", "Arm file (YAML) or URDF; empty: the arm of the package"),
     "model": Setting("mod3", "Model of the arm", choices=("mod1", "mod2", "mod3")),
@@ -206,23 +215,21 @@ class SimulatorNode(ArmNode):
     def _publish_setup(self, names: list[str], real_time: bool) -> None:
         """Make the publishers, and the forms of what they publish."""
         zeros = array("d", bytes(8 * len(names)))
-        header = Header(frame_id=f"{self.get_namespace().strip('/')}/base".lstrip("/"))
-        state = JointState(header=header, name=names, position=zeros, velocity=zeros, effort=zeros)
-        rigid = JointState(header=header, name=names, position=zeros, velocity=zeros)
         std = array("d", [self._wanted.torque_noise] * len(names))
-        torques = JointTorques(header=header, name=names, motor_torque=zeros, motor_torque_std=std)
-        if self._arm.robot.elastic:
-            torques.joint_torque = zeros
-            torques.joint_torque_std = std
-        self._forms: dict[str, Form] = {}
-        self._outputs: dict[str, Publisher] = {}
-        for topic, example in (
-            (topics.JOINT_STATES, state if self._arm.robot.elastic else rigid),
-            (topics.MOTOR_STATES, state),
-            (topics.JOINT_TORQUES, torques),
-        ):
-            self._forms[topic] = Form(topics.TYPES[topic], example)
-            self._outputs[topic] = self.output(topic, type(example))
+        header = Header(frame_id=f"{self.get_namespace().strip('/')}/base".lstrip("/"))
+        self._measured: list[tuple[Publisher, Form, dict[str, str]]] = []
+        for topic, (kind, fields) in MEASURED.items():
+            own = {
+                field: channel
+                for field, channel in fields.items()
+                if channel != "tau_J" or self._arm.robot.elastic
+            }
+            example = kind(header=header, name=names, **dict.fromkeys(own, zeros))
+            if kind is JointTorques:
+                for field in own:
+                    setattr(example, f"{field}_std", std)
+            form = Form(topics.TYPES[topic], example)
+            self._measured.append((self.output(topic, kind), form, own))
         self._clock_output = None if real_time else self.output(topics.CLOCK, Clock)
         self._clock_form = Form(topics.TYPES[topics.CLOCK], Clock())
         self._clock_every = max(round(CLOCK_PERIOD * self._arm.rate), 1)
@@ -274,24 +281,12 @@ class SimulatorNode(ArmNode):
     def _publish(self, row: Row) -> None:
         _, measured = self._arm.step(row)
         stamp = self._origin_ns + self._step * self._step_ns
-        link = {"position": measured["q"][0], "velocity": measured["dq"][0]}
-        torques = {"motor_torque": measured["tau_m"][0]}
-        if self._arm.robot.elastic:
-            link["effort"] = torques["joint_torque"] = measured["tau_J"][0]
-        motor = {
-            "position": measured["theta"][0],
-            "velocity": measured["dtheta"][0],
-            "effort": measured["tau_m"][0],
-        }
-        for topic, values in (
-            (topics.JOINT_STATES, link),
-            (topics.MOTOR_STATES, motor),
-            (topics.JOINT_TORQUES, torques),
-        ):
-            self._outputs[topic].publish(self._forms[topic].filled(stamp, **values))
+        for output, form, fields in self._measured:
+            values = {field: measured[channel][0] for field, channel in fields.items()}
+            output.publish(form.filled(stamp, **values))
         if self._step % self._clock_every == 0:
             self._tell_time(stamp)
-        self._action.observe(stamp, row, motor["position"], motor["velocity"])
+        self._action.observe(stamp, row, measured["theta"][0], measured["dtheta"][0])
 
     def _stream_is_behind(self, now: float) -> bool:
         """Return whether to wait until more of the reference arrives: in real time only while
@@ -314,8 +309,7 @@ class SimulatorNode(ArmNode):
         """Return the arm's time: that of its last sample where it has a clock of its own."""
         if self._clock_output is None:
             return self.get_clock().now().to_msg()
-        sec, nanosec = divmod(self._origin_ns + (self._step - 1) * self._step_ns, NANOSECONDS)
-        return Time(sec=sec, nanosec=nanosec)
+        return stamp_of(self._origin_ns + (self._step - 1) * self._step_ns)
 
     def _tell_time(self, stamp: int) -> None:
         if self._clock_output is not None:

@@ -7,20 +7,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from builtin_interfaces.msg import Duration
-from scipy.interpolate import BPoly
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from elastic_arm.arrays import Array
 from elastic_arm.errors import GraphError
 from elastic_arm.excitation import FourierTrajectory, load_trajectory
-from elastic_arm.nodes.following.splines import Row
+from elastic_arm.nodes.following.splines import QUINTIC, Points, Row
 from elastic_arm.nodes.support import graph
 from elastic_arm.nodes.support.node import LONGEST_REST, ArmNode, Health, Listener
 from elastic_arm.nodes.support.parameters import Setting, declared
 from elastic_arm.nodes.support.running import run
-from elastic_arm.nodes.support.wire import NANOSECONDS, Form
+from elastic_arm.nodes.support.wire import NANOSECONDS, Form, nanoseconds, span_of
 from elastic_arm.recording import topics
 
 # The first points go out so long before their time: what arrives late is followed late.
@@ -75,11 +73,12 @@ class Plan:
             QUINTIC_SPEED * distance / speed,
             float(np.sqrt(QUINTIC_ACCELERATION * distance / GENTLE)),
         )
-        at_rest = np.array([position, np.zeros_like(position), np.zeros_like(position)])
-        self._way: list[BPoly] = []
-        if self.approach > 0:
-            way = BPoly.from_derivatives([0.0, self.approach], [at_rest, first])
-            self._way = [way, way.derivative(), way.derivative(2)]
+        start = Row(position, np.zeros_like(position), np.zeros_like(position))
+        self._way = Points(
+            np.array([0, round(self.approach * NANOSECONDS)]),
+            Row(*map(np.vstack, zip(start, first, strict=True))),
+            np.array([QUINTIC, QUINTIC]),
+        )
 
     @property
     def duration(self) -> float:
@@ -98,8 +97,9 @@ class Plan:
         points = [np.array(values) for values in self._trajectory.evaluate(inside)]
         before = rest < 0.0
         if before.any():
-            for values, polynomial in zip(points, self._way, strict=True):
-                values[before] = polynomial(t[before])
+            way = self._way.at(t[before] * NANOSECONDS)
+            for values, approaching in zip(points, way, strict=True):
+                values[before] = approaching
         return Row(*points)
 
 
@@ -175,15 +175,15 @@ class TrajectoryGenerator(ArmNode):
     def _wrong_clock(self, message: JointState) -> GraphError | None:
         """Return what is wrong where the arm and this node do not go by the same clock."""
         remedy = "A simulator that does not run in real time publishes /clock."
-        stamp = message.header.stamp.sec + message.header.stamp.nanosec / NANOSECONDS
-        now = self.get_clock().now().nanoseconds / NANOSECONDS
+        now = self.get_clock().now().nanoseconds
+        offset = (nanoseconds(message.header.stamp) - now) / NANOSECONDS
         # as a clock of the arm's own reads until it is heard; a start reckoned from there would be
         # over
         if not now:
             return GraphError(f"use_sim_time is set, but {topics.CLOCK} has no publisher", remedy)
-        if abs(now - stamp) > LARGEST_OFFSET:
+        if abs(offset) > LARGEST_OFFSET:
             return GraphError(
-                f"the arm's clock differs by {stamp - now:+.0f} s: set use_sim_time for both,"
+                f"the arm's clock differs by {offset:+.0f} s: set use_sim_time for both,"
                 " or for neither",
                 remedy,
             )
@@ -284,9 +284,8 @@ class TrajectoryGenerator(ArmNode):
         message = JointTrajectory(joint_names=self._names)
         zeros = array("d", bytes(8 * len(self._names)))
         for i in range(POINTS):
-            seconds, rest = divmod(i * self._step_ns, NANOSECONDS)
             point = JointTrajectoryPoint(positions=zeros, velocities=zeros, accelerations=zeros)
-            point.time_from_start = Duration(sec=seconds, nanosec=rest)
+            point.time_from_start = span_of(i * self._step_ns)
             message.points.append(point)
         return Form(topics.TYPES[topics.REFERENCE], message)
 

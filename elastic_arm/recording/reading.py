@@ -446,7 +446,10 @@ def _side(
         found.append(note(f"{series.count - used} {words}"))
     for part, names in parts:
         part = part.fullest(paths.values(), found)
-        own = _part(part, joints, names, paths)
+        channels: dict[str, Any] = {name: part.columns(path, names) for name, path in paths.items()}
+        own = Side(part.stamp_ns, **channels)
+        if len(names) < len(joints):
+            own = own.spread([joints.index(joint) for joint in names], len(joints))
         found += part.findings
         if side is None:
             side = own
@@ -459,12 +462,7 @@ def _side(
         side, own = pair(
             side, own, f"messages of {', '.join(names)}", "those of the other joints", found
         )
-        before = side.channels()
-        joined = {
-            name: np.fmax(before.get(name, values), values)
-            for name, values in own.channels().items()
-        }
-        side = replace(side, **joined)
+        side = side.filled(own)
     assert side is not None
     for name, values in side.channels().items():
         there = joints_with(values)
@@ -478,21 +476,6 @@ def _side(
                 note(f"{series.topic}.{paths[name]} is missing for {without}", "absent_channel")
             )
     return checked(side, series.topic, joints)
-
-
-def _part(
-    series: Series, joints: Sequence[str], names: Sequence[str], paths: dict[str, str]
-) -> Side:
-    """Build a side of those joints that one kind of messages has; the others hold NaN."""
-    channels: dict[str, Any] = {}
-    for name, path in paths.items():
-        values = series.columns(path, names)
-        if values is not None and len(names) < len(joints):
-            table = np.full((len(values), len(joints)), np.nan)
-            table[:, [joints.index(joint) for joint in names]] = values
-            values = table
-        channels[name] = values
-    return Side(series.stamp_ns, **channels)
 
 
 def _reference(series: Series | None, joints: tuple[str, ...], found: list[Finding]) -> Side | None:

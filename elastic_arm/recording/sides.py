@@ -76,9 +76,22 @@ class Side:
         """Return the channels that were recorded, by name."""
         return {name: values for name in CHANNELS if (values := getattr(self, name)) is not None}
 
-    def beside(self, other: Side) -> Side:
-        """Return this side with the channels of `other`, which has the same stamps, added."""
-        return Side(self.stamp_ns, **{**self.channels(), **other.channels()})
+    def spread(self, places: Sequence[int], n: int) -> Side:
+        """Return the side of n joints of which these are some; the others hold NaN."""
+        wide = {}
+        for name, values in self.channels().items():
+            wide[name] = np.full((len(self), n), np.nan)
+            wide[name][:, places] = values
+        return Side(self.stamp_ns, **wide)
+
+    def filled(self, other: Side) -> Side:
+        """Return this side with further channels and joints of `other`, at the same stamps."""
+        mine = self.channels()
+        both = {
+            name: np.fmax(mine.get(name, values), values)
+            for name, values in other.channels().items()
+        }
+        return Side(self.stamp_ns, **{**mine, **both})
 
     def at(self, index: slice | NDArray[np.intp] | NDArray[np.bool_]) -> Side:
         """Return the samples chosen by a slice, indices or a mask."""

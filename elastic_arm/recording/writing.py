@@ -1,37 +1,23 @@
-"""From recordings to bags: arrays are laid into the bytes of whole chunks of messages at once."""
+"""From recordings to bags: arrays are laid into the bytes of many messages at once."""
 
 from __future__ import annotations
 
-import os
-from collections import deque
+import heapq
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
-from itertools import islice, pairwise
+from operator import itemgetter
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import yaml
 
 from elastic_arm.errors import RecordingError
-from elastic_arm.output_files import write_result
 from elastic_arm.recording import cdr, message_types
 from elastic_arm.recording.inspection.report import check_times
 from elastic_arm.recording.recording import Recording, recordings_of
 from elastic_arm.recording.sides import Array, Side, Stamps
-from elastic_arm.recording.spans import Bytes, Offsets, place
-from elastic_arm.recording.storage.bag import METADATA
-from elastic_arm.recording.storage.mcap_scan import MESSAGE_HEAD, lay_messages
-from elastic_arm.recording.storage.mcap_sink import Compression, McapSink, Packed, pack
-from elastic_arm.recording.storage.metadata import (
-    INSIDE,
-    METADATA_KEY,
-    Topic,
-    metadata,
-    offered_qos,
-)
+from elastic_arm.recording.storage.stream_writer import Compression, StreamWriter
 from elastic_arm.recording.topics import (
     JOINT_STATES,
     JOINT_TORQUES,
@@ -46,8 +32,8 @@ from elastic_arm.recording.topics import (
 if TYPE_CHECKING:
     from elastic_arm.robot import Robot
 
-_CHUNK_BYTES = 1 << 20
 _DRAWN = 50.0  # Hz, of what is looked at
+_ROWS = 10_000  # messages of a topic that are laid out at a time
 _STATE = ("position", "velocity", "effort")
 _TORQUES = ("joint_torque", "motor_torque", "joint_torque_std", "motor_torque_std")
 
@@ -62,28 +48,30 @@ class Stream:
     # (N, count) numbers that replace those of the template, by field path
     values: dict[str, Array] = field(default_factory=dict)
 
-    @property
-    def size(self) -> int:
-        """Bytes a message takes in a chunk."""
-        return MESSAGE_HEAD + len(self.template)
+    def messages(self) -> Iterator[tuple[int, str, bytes]]:
+        """Yield stamp, topic and CDR bytes of each message."""
+        for first in range(0, len(self.stamp_ns), _ROWS):
+            part = slice(first, first + _ROWS)
+            for stamp, row in zip(self.stamp_ns[part].tolist(), self._laid(part), strict=True):
+                yield stamp, self.topic, row.tobytes()
 
-    def lay(self, buffer: Bytes, offsets: Offsets, rows: slice, channel: int) -> None:
-        """Lay messages into the bytes of a chunk."""
-        stamps = self.stamp_ns[rows]
-        where = lay_messages(
-            buffer, offsets, self.template, channel=channel, first=rows.start, stamp_ns=stamps
-        )
+    def _laid(self, part: slice) -> np.ndarray:
+        """Return the bytes (N, size) of messages."""
         layout = cdr.layout_of(memoryview(self.template), type_of(self.topic))
+        stamps = self.stamp_ns[part]
+        laid = np.tile(np.frombuffer(self.template, np.uint8), (len(stamps), 1))
         seconds, nanoseconds = np.divmod(stamps, 1_000_000_000)
-        for path, number in layout.numbers.items():
+        columns = {path: values[part] for path, values in self.values.items()}
+        for path in layout.numbers:
             if path.endswith("header.stamp.sec"):
-                place(buffer, where, number.at, seconds.astype("<i4"))
+                columns[path] = seconds[:, None]
             elif path.endswith("header.stamp.nanosec"):
-                place(buffer, where, number.at, nanoseconds.astype("<u4"))
-        for path, values in self.values.items():
-            numbers = np.ascontiguousarray(values[rows], dtype="<f8")
-            items = numbers.view(f"V{numbers.shape[1] * 8}")[:, 0]
-            place(buffer, where, layout.numbers[path].at, items)
+                columns[path] = nanoseconds[:, None]
+        for path, values in columns.items():
+            numbers = layout.numbers[path]
+            items = np.ascontiguousarray(values, dtype=numbers.dtype).view(np.uint8)
+            laid[:, numbers.at : numbers.at + items.shape[1]] = items
+        return laid
 
 
 LAST_STAMP_NS = 2**31 * 1_000_000_000  # seconds have 32 bits, one of them the sign
@@ -144,39 +132,24 @@ def write_recording(
             " January 2038"
         )
         raise RecordingError(problem, "Subtract a constant from all times.")
-    if os.path.exists(folder):  # of a name that is too long Path.exists raises
-        raise RecordingError(
-            f"{folder} already exists", "Choose another name; existing files are never overwritten."
-        )
-    sink = McapSink(folder / f"{folder.name}_0.mcap", compression)
-    try:
-        channels = [sink.add_topic(standard_topic(stream.topic)) for stream in streams]
-        for chunk in _chunks(streams, channels, compression):
-            sink.write(chunk)
-        finish_bag(sink, currents=recording.currents)
-    finally:
-        sink.close()
-    return folder
-
-
-def standard_topic(name: str) -> Topic:
-    """Return a topic of the suite with its type's definition and hash."""
-    definition, type_hash = message_types.definition(type_of(name))
-    return Topic(name, type_of(name), definition, type_hash, offered_qos(name))
-
-
-def finish_bag(sink: McapSink, currents: Sequence[str] = ()) -> None:
-    """Close the file of a bag and write its metadata.yaml."""
-    information = metadata(sink.topics, sink.summary(), currents)
-    # The same inside the file, for readers that are given it without its folder.
-    inside = yaml.safe_dump(information, sort_keys=False)
-    record, key = INSIDE
-    sink.add_metadata(record, {key: inside, "ROS_DISTRO": "jazzy"})
-    sink.finish()
-    text = yaml.safe_dump({METADATA_KEY: information}, sort_keys=False)
-    write_result(
-        sink.path.parent / METADATA, text, RecordingError, "Free space, then run check --repair."
+    unhurried = float("inf")
+    writer = StreamWriter(
+        folder,
+        compression,
+        flush_every=unhurried,
+        sync_every=unhurried,
+        currents=recording.currents,
     )
+    try:
+        for stream in streams:
+            writer.add_topic(stream.topic, type_of(stream.topic))
+        in_order = heapq.merge(*(stream.messages() for stream in streams), key=itemgetter(0))
+        for stamp, topic, data in in_order:
+            writer.write(topic, data, stamp)
+        writer.close()
+    finally:
+        writer.abandon()
+    return folder
 
 
 def _streams(recording: Recording, further: Mapping[str, Side]) -> list[Stream]:
@@ -288,54 +261,3 @@ def _header(frame: str = "") -> Any:
 def _message(type_name: str, **fields: Any) -> bytes:
     store = message_types.typestore()
     return bytes(store.serialize_cdr(store.types[type_name](**fields), type_name))
-
-
-def _chunks(
-    streams: list[Stream], channels: list[int], compression: Compression
-) -> Iterator[Packed]:
-    """Yield the chunks in order of time; several are laid out and compressed at once."""
-    longest = max(streams, key=lambda stream: len(stream.stamp_ns))
-    a_round = sum(
-        stream.size for stream in streams if len(stream.stamp_ns) > 1 or stream is longest
-    )
-    step = max(_CHUNK_BYTES // a_round, 1)
-    edges = [np.searchsorted(stream.stamp_ns, longest.stamp_ns[step::step]) for stream in streams]
-    bounds = [
-        [0, *edge.tolist(), len(stream.stamp_ns)]
-        for edge, stream in zip(edges, streams, strict=True)
-    ]
-    parts = zip(*(pairwise(bound) for bound in bounds), strict=True)
-
-    def make(rows: tuple[tuple[int, int], ...]) -> Packed:
-        return _chunk(streams, channels, [slice(*pair) for pair in rows], compression)
-
-    workers = min(os.cpu_count() or 1, 4)
-    with ThreadPoolExecutor(workers) as pool:
-        ahead: deque[Future[Packed]] = deque(
-            pool.submit(make, rows) for rows in islice(parts, 2 * workers)
-        )
-        while ahead:
-            yield ahead.popleft().result()
-            ahead.extend(pool.submit(make, rows) for rows in islice(parts, 1))
-
-
-def _chunk(
-    streams: list[Stream], channels: list[int], rows: list[slice], compression: Compression
-) -> Packed:
-    stamps = np.concatenate(
-        [stream.stamp_ns[part] for stream, part in zip(streams, rows, strict=True)]
-    )
-    counts = [part.stop - part.start for part in rows]
-    sizes = np.repeat([stream.size for stream in streams], counts)
-    order = np.argsort(stamps, kind="stable")
-    ends = np.cumsum(sizes[order])
-    offsets = np.empty(len(stamps), np.int64)
-    offsets[order] = ends - sizes[order]
-    buffer = np.empty(int(ends[-1]) if len(ends) else 0, np.uint8)
-    index = {}
-    split = np.split(offsets, np.cumsum(counts)[:-1])
-    for stream, part, channel, at in zip(streams, rows, channels, split, strict=True):
-        if len(at):
-            stream.lay(buffer, at, part, channel)
-            index[channel] = (stream.stamp_ns[part], at)
-    return pack(buffer.data, index, compression)

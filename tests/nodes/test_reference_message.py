@@ -26,10 +26,10 @@ def test_points_come_in_the_order_of_the_arm() -> None:
     """Names may come in any order and with further joints; velocities that are not given are
     zero."""
     sent = message([3.0, 9.0, 1.0, 2.0], [6.0, 9.0, 4.0, 5.0], names=("c", "gripper", "a", "b"))
-    after_ns, points = reference_points(sent, JOINTS)
-    assert after_ns.tolist() == [0, 1_000_000]
-    np.testing.assert_array_equal(points.position, [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]])
-    np.testing.assert_array_equal(points.velocity, np.zeros((2, 3)))
+    points = reference_points(sent, JOINTS)
+    assert points.stamps.tolist() == [0, 1_000_000]
+    np.testing.assert_array_equal(points.row.position, [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]])
+    np.testing.assert_array_equal(points.row.velocity, np.zeros((2, 3)))
 
 
 def with_field(field: str, values: list[float]) -> JointTrajectory:

@@ -18,7 +18,7 @@ from sensor_msgs.msg import JointState
 from elastic_arm.errors import ElasticArmError, RecordingError
 from elastic_arm.excitation import FourierTrajectory
 from elastic_arm.nodes.following.reference import ReferenceQueue
-from elastic_arm.nodes.following.splines import Row
+from elastic_arm.nodes.following.splines import QUINTIC, Points, Row
 from elastic_arm.nodes.recorder import Recorder, installed_definition
 from elastic_arm.nodes.replayer import Playback
 from elastic_arm.nodes.simulator import Pace
@@ -165,7 +165,7 @@ def test_the_reference_between_points_follows_the_motion() -> None:
     stamps = np.arange(1000) * MS + 370_000
     for begin in range(0, 1000, 21):
         part = stamps[begin : begin + 21]
-        queue.add(part, sine(part))
+        queue.add(through(part, sine(part)))
     got = [queue.at(step) for step in range(1, 700)]
     expected = sine(np.arange(1, 700) * MS)
     bound = 3**4 * 1e-12 / 384  # |q''''| h^4 / 384
@@ -175,6 +175,11 @@ def test_the_reference_between_points_follows_the_motion() -> None:
     np.testing.assert_allclose([row.velocity for row in got], expected.velocity, atol=1e-8)
     np.testing.assert_allclose([row.acceleration for row in got], expected.acceleration, atol=1e-4)
     assert queue.late == queue.starved == queue.delay == 0
+
+
+def through(stamps: np.ndarray, row: Row) -> Points:
+    """Points that state their accelerations."""
+    return Points(stamps, row, np.full(len(stamps), QUINTIC))
 
 
 def gone_through(queue: ReferenceQueue, steps: range) -> Row:
@@ -197,7 +202,7 @@ def test_a_stream_that_breaks_off_leaves_the_arm_standing_on_its_path() -> None:
     counted once."""
     queue = ReferenceQueue(np.zeros(2), origin_ns=0, step_ns=MS)
     stamps = np.arange(1, 701) * MS
-    queue.add(stamps, sine(stamps))
+    queue.add(through(stamps, sine(stamps)))
     motion = gone_through(queue, range(1, 2500))
     np.testing.assert_allclose(motion.position[:499], sine(stamps[:499]).position, atol=1e-12)
     assert_smooth(motion, 30.0)  # of the sine 9 rad/s²; its speed, 3 rad/s, is lost within BRAKING
@@ -212,9 +217,9 @@ def test_a_stream_that_falls_behind_is_picked_up_where_it_was_left() -> None:
     part left out."""
     queue = ReferenceQueue(np.zeros(2), origin_ns=0, step_ns=MS)
     stamps = np.arange(1, 3001) * MS
-    queue.add(stamps[:600], sine(stamps[:600]))
+    queue.add(through(stamps[:600], sine(stamps[:600])))
     before = gone_through(queue, range(1, 1600))
-    queue.add(stamps[600:], sine(stamps[600:]))
+    queue.add(through(stamps[600:], sine(stamps[600:])))
     after = gone_through(queue, range(1600, 3500))
     motion = Row(*(np.concatenate(both) for both in zip(before, after, strict=True)))
     assert_smooth(motion, 30.0)
@@ -231,7 +236,7 @@ def test_a_motion_that_begins_late_is_followed_from_its_beginning() -> None:
     queue = ReferenceQueue(np.zeros(2), origin_ns=0, step_ns=MS)
     gone_through(queue, range(1, 6))
     stamps = np.arange(1, 701) * MS
-    queue.add(stamps, sine(stamps))
+    queue.add(through(stamps, sine(stamps)))
     motion = gone_through(queue, range(6, 400))
     np.testing.assert_allclose(motion.position, sine(stamps[:394]).position, atol=1e-12)
     assert queue.delay == 5
@@ -247,9 +252,9 @@ def test_a_motion_in_time_takes_the_delay_away() -> None:
         return Row(s**2 * (3 - 2 * s), 6 * s * (1 - s), 6 - 12 * s)
 
     gone_through(queue, range(1, 101))
-    queue.add(np.arange(1, 1001) * MS, pulse(1000))
+    queue.add(through(np.arange(1, 1001) * MS, pulse(1000)))
     gone_through(queue, range(101, 1200))
-    queue.add(np.arange(2001, 3001) * MS, pulse(1000))
+    queue.add(through(np.arange(2001, 3001) * MS, pulse(1000)))
     motion = gone_through(queue, range(1200, 2501))
     assert motion.position[800] == 1.0
     np.testing.assert_allclose(motion.position[801:], pulse(1000).position[:500], atol=1e-12)
@@ -261,7 +266,7 @@ def test_points_of_another_clock_are_not_followed() -> None:
     queue = ReferenceQueue(np.zeros(2), origin_ns=0, step_ns=MS)
     queue.at(20_000)
     stamps = np.arange(1, 11) * MS
-    queue.add(stamps, sine(stamps))
+    queue.add(through(stamps, sine(stamps)))
     assert not queue.at(20_001).position.any()
     assert queue.late == 10
 
@@ -271,8 +276,8 @@ def test_a_new_trajectory_replaces_what_lies_behind_its_start() -> None:
     queue = ReferenceQueue(np.zeros(1), origin_ns=0, step_ns=MS)
     stamps = np.arange(1, 11) * MS
     still = np.zeros((10, 1))
-    queue.add(stamps, Row(still, still, still))
-    queue.add(stamps + 5 * MS, Row(still + 1, still, still))
+    queue.add(through(stamps, Row(still, still, still)))
+    queue.add(through(stamps + 5 * MS, Row(still + 1, still, still)))
     positions = [queue.at(step).position[0] for step in range(1, 16)]
     assert positions == [0.0] * 5 + [1.0] * 10
 

@@ -61,7 +61,7 @@ def recorded(
     position, effort = Side(stamp_ns, rates[0], rates[1]), Side(stamp_ns, effort=torque)
     if side == "motor":
         return Recording(robot.joint_names, link=position, motor=effort)
-    return Recording(robot.joint_names, link=position.beside(effort))
+    return Recording(robot.joint_names, link=position.filled(effort))
 
 
 def contradicted_gravity(recording: Recording, robot: Robot) -> list[Finding]:

@@ -11,7 +11,7 @@ from elastic_arm.errors import RecordingError
 from elastic_arm.recording import read_recording
 from elastic_arm.recording.inspection.check import check_bag
 from elastic_arm.recording.storage.messages import read_messages
-from elastic_arm.recording.stream_writer import StreamWriter
+from elastic_arm.recording.storage.stream_writer import StreamWriter
 from elastic_arm.recording.writing import write_recording
 from tests.helpers.bags import two_sided
 

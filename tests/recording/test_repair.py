@@ -155,7 +155,8 @@ def test_a_flipped_bit_is_found(tmp_path: Path, rng: np.random.Generator) -> Non
     """A chunk whose checksum fails is refused by its place; the repair saves the others."""
     file = write_recording(tmp_path / "bag", two_sided(rng, 20_000), "none") / "bag_0.mcap"
     content = bytearray(file.read_bytes())
-    content[len(content) // 2] ^= 1
+    chunk = open_mcap(file).chunks[2]
+    content[(chunk.begin + chunk.end) // 2] ^= 1
     file.write_bytes(content)
     with pytest.raises(RecordingError, match=r"chunk at byte .* is damaged .*checksum"):
         read_recording(file.parent)

@@ -12,7 +12,7 @@ from elastic_arm.recording import read_recording, write_recording
 from elastic_arm.recording.inspection.check import check_bag
 from elastic_arm.recording.inspection.info import bag_info
 from elastic_arm.recording.inspection.repair import repair_bag
-from elastic_arm.recording.stream_writer import StreamWriter
+from elastic_arm.recording.storage.stream_writer import StreamWriter
 from tests.helpers.bags import stamps, states, two_sided, write_sqlite
 from tests.helpers.small_disk import fill, make_read_only, mounted
 

@@ -14,7 +14,7 @@ from elastic_arm.recording import read_recording, write_recording
 from elastic_arm.recording.inspection.check import check_bag
 from elastic_arm.recording.inspection.repair import repair_bag
 from elastic_arm.recording.storage.messages import read_messages
-from elastic_arm.recording.stream_writer import StreamWriter
+from elastic_arm.recording.storage.stream_writer import StreamWriter
 from tests.helpers.bags import JOINT_STATE, both, codes, stamps, states, two_sided
 
 ROOT = Path(__file__).parents[2]
@@ -22,7 +22,7 @@ ROOT = Path(__file__).parents[2]
 
 RECORDER = """
 import sys, time
-from elastic_arm.recording.stream_writer import StreamWriter
+from elastic_arm.recording.storage.stream_writer import StreamWriter
 from tests.helpers.bags import joint_state
 writer = StreamWriter(sys.argv[1])
 writer.add_topic("/motor_states", "sensor_msgs/msg/JointState")

@@ -12,7 +12,7 @@ from rosbags.highlevel import AnyReader
 
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording import Recording, Side, message_types, read_recording, write_recording
-from elastic_arm.recording.stream_writer import StreamWriter
+from elastic_arm.recording.storage.stream_writer import StreamWriter
 from elastic_arm.robot import Robot
 from tests.helpers.bags import JOINT_STATE, JOINTS, assert_equal, side, stamps, two_sided
 from tests.helpers.random_arms import random_arm

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
-from builtin_interfaces.msg import Duration
 from control_msgs.action import FollowJointTrajectory
 from control_msgs.msg import JointTolerance
 from rclpy.action import ActionServer, CancelResponse
@@ -23,7 +22,7 @@ from elastic_arm.errors import GraphError
 from elastic_arm.nodes.following.follower import Follower
 from elastic_arm.nodes.following.goals import Goal
 from elastic_arm.nodes.following.splines import Row
-from elastic_arm.nodes.support.wire import NANOSECONDS
+from elastic_arm.nodes.support.wire import NANOSECONDS, nanoseconds, span_of, stamp_of
 
 Result = FollowJointTrajectory.Result
 NAME = "~/follow_joint_trajectory"
@@ -190,10 +189,7 @@ class TrajectoryAction:
             )
         path = Tolerances.of(request.path_tolerance, follower.joints)
         end = Tolerances.of(request.goal_tolerance, follower.joints, STOPPED)
-        seconds = (
-            request.goal_time_tolerance.sec + request.goal_time_tolerance.nanosec / NANOSECONDS
-        )
-        patience = round(seconds * NANOSECONDS)
+        patience = nanoseconds(request.goal_time_tolerance)
         return _Active(handle, follower.go_to(request.trajectory), path, end, patience, Future())
 
     def _end(self, code: int, words: str, state: Callable[[], None] | None = None) -> None:
@@ -208,8 +204,8 @@ class TrajectoryAction:
 
     def _tell(self, active: _Active, now_ns: int, desired: Row, actual: Row) -> None:
         feedback = FollowJointTrajectory.Feedback(joint_names=list(self._follower().joints))
-        feedback.header.stamp.sec, feedback.header.stamp.nanosec = divmod(now_ns, NANOSECONDS)
-        elapsed = now_ns - int(active.goal.stamps[0])
+        feedback.header.stamp = stamp_of(now_ns)
+        elapsed = now_ns - active.goal.begin_ns
         error = Row(
             desired.position - actual.position, desired.velocity - actual.velocity, np.zeros(0)
         )
@@ -220,10 +216,9 @@ class TrajectoryAction:
 
 
 def _point(row: Row, elapsed_ns: int) -> JointTrajectoryPoint:
-    seconds, rest = divmod(elapsed_ns, NANOSECONDS)
     names = ("positions", "velocities", "accelerations")
     values = {name: column.tolist() for name, column in zip(names, row, strict=True)}
-    return JointTrajectoryPoint(**values, time_from_start=Duration(sec=seconds, nanosec=rest))
+    return JointTrajectoryPoint(**values, time_from_start=span_of(elapsed_ns))
 
 
 def _code(error: GraphError) -> int:

@@ -1,7 +1,6 @@
 """What the arm follows: the streamed reference or a goal, whichever came last."""
 
 import numpy as np
-from numpy.typing import NDArray
 from trajectory_msgs.msg import JointTrajectory
 
 from elastic_arm.arrays import Array
@@ -9,9 +8,9 @@ from elastic_arm.errors import GraphError
 from elastic_arm.nodes.following.goals import Goal, plan_goal, plan_stop
 from elastic_arm.nodes.following.joint_limits import JointLimits
 from elastic_arm.nodes.following.reference import ReferenceQueue
-from elastic_arm.nodes.following.reference_message import Points, reference_points
-from elastic_arm.nodes.following.splines import CUBIC, QUINTIC, Row
-from elastic_arm.nodes.support.wire import NANOSECONDS
+from elastic_arm.nodes.following.reference_message import reference_points
+from elastic_arm.nodes.following.splines import CUBIC, QUINTIC, Points, Row
+from elastic_arm.nodes.support.wire import NANOSECONDS, nanoseconds
 from elastic_arm.robot import Robot
 
 # A stream that begins farther from where the arm stands, rad, would be a jump.
@@ -68,10 +67,9 @@ class Follower:
 
         Raises a GraphError if it cannot be followed; the arm goes on as before.
         """
-        stamp = message.header.stamp.sec * NANOSECONDS + message.header.stamp.nanosec
-        first = message.points[0].time_from_start if message.points else None
-        if stamp and first is not None and first.sec == first.nanosec == 0:
-            self._take_stream(stamp, *reference_points(message, self.joints))
+        stamp = nanoseconds(message.header.stamp)
+        if stamp and message.points and not nanoseconds(message.points[0].time_from_start):
+            self._take_stream(reference_points(message, self.joints).moved(stamp))
             return None
         return self.go_to(message)
 
@@ -105,26 +103,28 @@ class Follower:
         self.goal = goal
         self._made = self._step
 
-    def _take_stream(self, stamp: int, after_ns: NDArray[np.int64], points: Points) -> None:
-        ahead = (stamp + int(after_ns[-1]) - self.now_ns) / NANOSECONDS
-        if max(ahead, after_ns[-1] / NANOSECONDS) > LONGEST_STREAM:
+    def _take_stream(self, points: Points) -> None:
+        stamp = int(points.stamps[0])
+        seconds = (int(points.stamps[-1]) - stamp) / NANOSECONDS
+        ahead = (int(points.stamps[-1]) - self.now_ns) / NANOSECONDS
+        if max(ahead, seconds) > LONGEST_STREAM:
             raise GraphError(
-                f"streams points over {after_ns[-1] / NANOSECONDS:.3g} s, the last of them due"
-                f" {ahead:.3g} s from now",
+                f"streams points over {seconds:.3g} s, the last of them due {ahead:.3g} s from now",
                 f"Stream at most {LONGEST_STREAM} s at a time and ahead of the arm's clock.",
             )
         if self._policy != "ignore":
-            self._check_stream(stamp, after_ns, points)
+            self._check_stream(points)
         if self.goal is not None:
             self._feed((stamp - self._origin) // self._step_ns)
             self.goal = None
-        self.stream.add(stamp + after_ns, points.row, points.degree)
+        self.stream.add(points)
 
-    def _check_stream(self, stamp: int, after_ns: NDArray[np.int64], points: Points) -> None:
+    def _check_stream(self, points: Points) -> None:
+        stamp = int(points.stamps[0])
         bridge = None if self.goal is not None else self.stream.bridge(stamp)
         if bridge is None:
             before = self._planned(stamp)
-            jump = np.abs(points.position[0] - before)
+            jump = np.abs(points.row.position[0] - before)
             joint = int(np.argmax(jump))
             if jump[joint] > LARGEST_JUMP:
                 raise GraphError(
@@ -133,21 +133,15 @@ class Follower:
                     "Start at the arm's position, or give time_from_start to move there.",
                 )
         else:  # what leads there from the last point counts as well
-            tail, row, degree = bridge
-            after_ns = np.concatenate(([tail - stamp], after_ns))
-            joined = Row(
-                *(np.vstack((before, now)) for before, now in zip(row, points.row, strict=True))
-            )
-            degrees = np.concatenate(([degree], points.degree))
-            points = Points(joined.position, joined.velocity, joined.acceleration, degrees)
+            points = bridge.followed_by(points)
         known = points.degree[:, None]
-        between = _slopes(after_ns, points.position)
-        stated = np.where(known >= CUBIC, points.velocity, 0.0)
+        between = _slopes(points)
+        stated = np.where(known >= CUBIC, points.row.velocity, 0.0)
         motion = Row(
-            points.position,
+            points.row.position,
             # Points that state low velocities may lie far apart all the same.
             np.where(np.abs(stated) > np.abs(between), stated, between),
-            np.where(known >= QUINTIC, points.acceleration, 0.0),
+            np.where(known >= QUINTIC, points.row.acceleration, 0.0),
         )
         if (broken := self._stated.violation(motion, self.stream.present.position)) is not None:
             raise GraphError(
@@ -173,9 +167,9 @@ class Follower:
             self._made = int(steps[-1])
 
 
-def _slopes(after_ns: NDArray[np.int64], position: Array) -> Array:
+def _slopes(points: Points) -> Array:
     """Return the velocity from each point to the next, zero of the last, (N, n)."""
-    slopes = np.zeros_like(position)
-    if len(position) > 1:
-        slopes[:-1] = np.diff(position, axis=0) / (np.diff(after_ns) * 1e-9)[:, None]
+    slopes = np.zeros_like(points.row.position)
+    seconds = np.diff(points.stamps)[:, None] * 1e-9
+    slopes[:-1] = np.diff(points.row.position, axis=0) / seconds
     return slopes

@@ -9,9 +9,9 @@ from trajectory_msgs.msg import JointTrajectory
 
 from elastic_arm.errors import GraphError
 from elastic_arm.nodes.following.joint_limits import JointLimits
-from elastic_arm.nodes.following.reference_message import Points, reference_points
-from elastic_arm.nodes.following.splines import CUBIC, QUINTIC, Row, interpolate
-from elastic_arm.nodes.support.wire import NANOSECONDS
+from elastic_arm.nodes.following.reference_message import reference_points
+from elastic_arm.nodes.following.splines import CUBIC, QUINTIC, Points, Row, resting
+from elastic_arm.nodes.support.wire import NANOSECONDS, nanoseconds
 
 POLICIES = ("refuse", "slow_down", "ignore")
 # A goal is looked at so often between two points: the peaks of a quintic are met within a percent.
@@ -32,26 +32,25 @@ STOPPING = 0.2
 class Goal:
     """A motion from the present state through points."""
 
-    stamps: NDArray[np.int64]  # (K,) ns: of the state that it begins with, and of its points
-    points: Row  # (K, n) each
-    degree: NDArray[np.int64]  # (K,) of the polynomials that the points allow
+    path: Points  # the state that it begins with, and its points
     slower: float = 1.0  # how many times slower it is than it was asked for
     reason: str = ""  # why, in words
 
     @property
+    def begin_ns(self) -> int:
+        """Stamp of the state that it begins with."""
+        return int(self.path.stamps[0])
+
+    @property
     def end_ns(self) -> int:
         """Stamp of the last point."""
-        return int(self.stamps[-1])
+        return int(self.path.stamps[-1])
 
     def at(self, stamps: NDArray[np.int64]) -> Row:
         """Return the motion at `stamps` (N,) ns; the last position at rest after the end."""
-        rows = interpolate(self.stamps, self.points, self.degree, np.minimum(stamps, self.end_ns))
-        over = (stamps >= self.end_ns)[:, None]
-        return Row(
-            rows.position,
-            np.where(over, 0.0, rows.velocity),
-            np.where(over, 0.0, rows.acceleration),
-        )
+        rows = self.path.at(np.minimum(stamps, self.end_ns))
+        moving = (stamps < self.end_ns)[:, None]
+        return Row(rows.position, rows.velocity * moving, rows.acceleration * moving)
 
 
 def plan_goal(
@@ -76,25 +75,25 @@ def plan_goal(
     Raises a GraphError if the message is malformed, ends in motion, lies in the past or in weeks,
     or breaks a limit (where the policy is to slow down: one that slowing down does not mend).
     """
-    after_ns, points = reference_points(message, joints, present.position)
-    begin = message.header.stamp.sec * NANOSECONDS + message.header.stamp.nanosec or now_ns
-    coming = begin + after_ns > now_ns
-    if not coming[-1]:
-        late = (now_ns - begin - after_ns[-1]) * 1e-9
+    begin = nanoseconds(message.header.stamp) or now_ns
+    points = reference_points(message, joints, present.position).moved(begin)
+    ahead = float(points.stamps[-1] - now_ns) * 1e-9
+    if ahead <= 0.0:
         raise GraphError(
-            f"is in the past: its last point was due {late:.3g} s ago",
+            f"is in the past: its last point was due {-ahead:.3g} s ago",
             "Give time_from_start, and a stamp of the arm's clock, or zero for now.",
         )
-    if (ahead := (begin + after_ns[-1] - now_ns) * 1e-9) > LATEST:
+    if ahead > LATEST:
         raise GraphError(
             f"is due {ahead:.3g} s from now",
             "Give time_from_start, and a stamp of the arm's clock, or zero for now.",
         )
-    if np.max(np.abs(points.velocity[-1])) > AT_REST:
+    if np.max(np.abs(points.row.velocity[-1])) > AT_REST:
         raise GraphError(
             "ends with a nonzero velocity", "Give the last point zero velocities, or omit them."
         )
-    goal = _from_present(begin + after_ns[coming], points.where(coming), now_ns, present)
+    coming = points.where(points.stamps > now_ns)
+    goal = Goal(_standing(now_ns, present).followed_by(coming))
     return goal if policy == "ignore" else _within(goal, limits, policy)
 
 
@@ -106,18 +105,14 @@ def plan_stop(now_ns: int, present: Row, limits: JointLimits) -> Goal:
     speed = np.abs(present.velocity)
     seconds = max(STOPPING, float(np.max(speed / limits.acceleration)))
     end = present.position + 0.5 * seconds * present.velocity
-    zeros = np.zeros((1, len(end)))
-    points = Points(end[None], zeros, zeros, np.array([CUBIC]))
-    return _from_present(np.array([now_ns + round(seconds * NANOSECONDS)]), points, now_ns, present)
+    stopped = _standing(now_ns + round(seconds * NANOSECONDS), resting(Row(end, end, end)), CUBIC)
+    return Goal(_standing(now_ns, present).followed_by(stopped))
 
 
-def _from_present(stamps: NDArray[np.int64], points: Points, now_ns: int, present: Row) -> Goal:
-    rows = Row(
-        *(np.vstack((before, values)) for before, values in zip(present, points.row, strict=True))
-    )
-    return Goal(
-        np.concatenate(([now_ns], stamps)), rows, np.concatenate(([QUINTIC], points.degree))
-    )
+def _standing(stamp_ns: int, state: Row, degree: int = QUINTIC) -> Points:
+    """Return a state (n,) as a point."""
+    row = Row(*(values[None] for values in state))
+    return Points(np.array([stamp_ns]), row, np.array([degree]))
 
 
 def _within(goal: Goal, limits: JointLimits, policy: str) -> Goal:
@@ -126,7 +121,7 @@ def _within(goal: Goal, limits: JointLimits, policy: str) -> Goal:
     reason = ""
     slower = 1.0
     for _ in range(TRIES):
-        broken = limits.violation(_samples(tried), goal.points.position[0])
+        broken = limits.violation(_samples(tried), goal.path.row.position[0])
         if broken is None:
             return tried
         reason = reason or broken.problem
@@ -143,16 +138,18 @@ def _within(goal: Goal, limits: JointLimits, policy: str) -> Goal:
 
 def _slowed(goal: Goal, slower: float, reason: str) -> Goal:
     """Return the goal with all times stretched; the state it begins with stays what it is."""
-    start = goal.stamps[0]
-    stamps = start + np.rint((goal.stamps - start) * slower).astype(np.int64)
-    position, velocity, acceleration = (values.copy() for values in goal.points)
+    after = goal.path.stamps - goal.begin_ns
+    stamps = goal.begin_ns + np.rint(after * slower).astype(np.int64)
+    position, velocity, acceleration = (values.copy() for values in goal.path.row)
     velocity[1:] /= slower
     acceleration[1:] /= slower**2
-    return Goal(stamps, Row(position, velocity, acceleration), goal.degree, slower, reason)
+    path = Points(stamps, Row(position, velocity, acceleration), goal.path.degree)
+    return Goal(path, slower, reason)
 
 
 def _samples(goal: Goal) -> Row:
     """Return the motion at times so close that no peak between them exceeds them much."""
+    stamps = goal.path.stamps
     share = np.arange(1, SAMPLES + 1) / SAMPLES
-    stamps = goal.stamps[:-1, None] + (np.diff(goal.stamps)[:, None] * share).astype(np.int64)
-    return goal.at(np.concatenate((goal.stamps[:1], stamps.ravel())))
+    between = stamps[:-1, None] + (np.diff(stamps)[:, None] * share).astype(np.int64)
+    return goal.at(np.concatenate((stamps[:1], between.ravel())))

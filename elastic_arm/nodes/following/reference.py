@@ -1,15 +1,13 @@
 """The reference that a simulated arm follows: streamed points in, one row per step out."""
 
 from collections import deque
-from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from elastic_arm.arrays import Array
-from elastic_arm.nodes.following.splines import LINEAR, QUINTIC, Row, interpolate, resting
+from elastic_arm.nodes.following.splines import LINEAR, QUINTIC, Points, Row, resting
+from elastic_arm.nodes.support.wire import NANOSECONDS
 
-NANOSECONDS = 1_000_000_000
 # A pause between streamed points longer than this is the start of another motion, not a hole to
 # bridge.
 LONGEST_HOLE_NS = NANOSECONDS // 2
@@ -49,7 +47,7 @@ class ReferenceQueue:
         self._last = Row(np.array(start, dtype=float), rest, rest)
         # Rows without a hole between them are one motion. What the arm has gone through is gone.
         self._motions: deque[deque[tuple[int, Row]]] = deque()
-        self._tail: tuple[int, Row, int] | None = None
+        self._tail: Points | None = None
         self._head = 0.0
         self._speed = 0.0
         self._following = False
@@ -58,53 +56,29 @@ class ReferenceQueue:
         self.starved = 0
         self.late = 0
 
-    def add(
-        self,
-        stamps: Sequence[int] | NDArray[np.int64],
-        points: Row,
-        degree: NDArray[np.int64] | int = QUINTIC,
-    ) -> None:
+    def add(self, points: Points) -> None:
         """Take streamed points.
 
         They go on from those before where these lie less than half a second back.
-
-        stamps: (N,) ns, increasing; points: (N, n) each; degree: of the polynomials between them,
-        (N,) or one for all.
         """
-        stamps = np.asarray(stamps, dtype=np.int64)
-        degree = np.broadcast_to(degree, len(stamps)).astype(np.int64)
-        self._cut(int(stamps[0]))
-        if (tail := self.bridge(int(stamps[0]))) is not None:
-            stamp, row, kind = tail
+        self._cut(int(points.stamps[0]))
+        if (tail := self.bridge(int(points.stamps[0]))) is not None:
             # the straight line leaves the last point at its own speed
-            if min(kind, degree[0]) == LINEAR:
-                self._cut(stamp, keep=True)
-            stamps = np.concatenate(([stamp], stamps))
-            degree = np.concatenate(([kind], degree))
-            points = Row(
-                *(np.vstack((before, now)) for before, now in zip(row, points, strict=True))
-            )
-        first = -(-(int(stamps[0]) - self._origin) // self._step)
-        last = (int(stamps[-1]) - self._origin) // self._step
-        end = self._motions[-1][-1][0] if self._motions else None
-        if end is not None:
-            first = max(first, end + 1)
+            if min(tail.degree[0], points.degree[0]) == LINEAR:
+                self._cut(int(tail.stamps[0]), keep=True)
+            points = tail.followed_by(points)
+        first = self._step_at(int(points.stamps[0]))
+        last = (int(points.stamps[-1]) - self._origin) // self._step
+        if self._motions:
+            first = max(first, self._motions[-1][-1][0] + 1)
         steps = np.arange(first, last + 1)
-        rows = interpolate(stamps, points, degree, self._origin + steps * self._step)
         if len(steps):
-            if end is None or steps[0] > end + 1:
-                self._motions.append(deque())
-            self._motions[-1].extend(
-                (int(k), Row(*row)) for k, *row in zip(steps, *rows, strict=True)
-            )
-        self._tail = (int(stamps[-1]), Row(*(values[-1] for values in points)), int(degree[-1]))
+            self.extend(first, points.at(self._origin + steps * self._step))
+        self._tail = points.last
 
-    def bridge(self, stamp: int) -> tuple[int, Row, int] | None:
-        """Return stamp, point and degree from which a stream goes on to `stamp`.
-
-        None for another motion.
-        """
-        if self._tail and 0 < stamp - self._tail[0] <= LONGEST_HOLE_NS:
+    def bridge(self, stamp: int) -> Points | None:
+        """Return the point from which a stream goes on to `stamp`; None for another motion."""
+        if self._tail and 0 < stamp - int(self._tail.stamps[0]) <= LONGEST_HOLE_NS:
             return self._tail
         return None
 
@@ -152,9 +126,13 @@ class ReferenceQueue:
         """Return whether the arm is in motion and the stream is about to break off."""
         return self._following and self._feed() < 1.0
 
+    def _step_at(self, stamp: int) -> int:
+        """Return the first step that is not before a stamp."""
+        return -(-(stamp - self._origin) // self._step)
+
     def _cut(self, stamp: int, keep: bool = False) -> None:
         """Forget what lies behind a stamp; with `keep` not where the arm is there already."""
-        first = -(-(stamp - self._origin) // self._step)
+        first = self._step_at(stamp)
         if keep and self._motions and self._motions[-1][0][0] >= first - 1:
             return
         while self._motions:
@@ -226,16 +204,9 @@ class ReferenceQueue:
         rest = self._head - motion[0][0]
         row = motion[0][1]
         if rest > 0.0:
-            stamps = np.array([0, self._step])
-            ends = Row(
-                *(np.array(values) for values in zip(motion[0][1], motion[1][1], strict=True))
-            )
-            row = Row(
-                *(
-                    values[0]
-                    for values in interpolate(stamps, ends, QUINTIC, np.array([rest * self._step]))
-                )
-            )
+            both = Row(*map(np.array, zip(row, motion[1][1], strict=True)))
+            grid = Points(np.array([0, self._step]), both, np.array([QUINTIC, QUINTIC]))
+            row = grid.at(np.array([rest * self._step])).at(0)
         if self._speed == 0.0:
             return resting(row)
         if self._speed == 1.0 and rise == 0.0:

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
-from builtin_interfaces.msg import Duration
 from numpy.typing import NDArray
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from elastic_arm.errors import GraphError
-from elastic_arm.nodes.following.splines import CUBIC, LINEAR, QUINTIC, Row
-from elastic_arm.nodes.support.wire import NANOSECONDS
+from elastic_arm.nodes.following.splines import CUBIC, LINEAR, QUINTIC, Points, Row
+from elastic_arm.nodes.support.wire import NANOSECONDS, nanoseconds, span_of
 
 # A message of more points would hold up the arm while it is looked at.
 MOST_POINTS = 20_000
@@ -22,35 +20,9 @@ LARGEST = 1e9
 _FIELDS = ("positions", "velocities", "accelerations")
 
 
-class Points(NamedTuple):
-    """Points of a message, (N, n) each.
-
-    `degree` (N,) is that of the polynomials they allow, see `splines`.
-    """
-
-    position: NDArray[np.float64]
-    velocity: NDArray[np.float64]
-    acceleration: NDArray[np.float64]
-    degree: NDArray[np.int64]
-
-    @property
-    def row(self) -> Row:
-        """Position, velocity and acceleration alone."""
-        return Row(self.position, self.velocity, self.acceleration)
-
-    def where(self, chosen: NDArray[np.bool_]) -> Points:
-        """Return some of the points."""
-        return Points(
-            self.position[chosen],
-            self.velocity[chosen],
-            self.acceleration[chosen],
-            self.degree[chosen],
-        )
-
-
 def reference_points(
     message: JointTrajectory, joints: Sequence[str], held: NDArray[np.float64] | None = None
-) -> tuple[NDArray[np.int64], Points]:
+) -> Points:
     """Return the points of a message in the order of the arm's joints.
 
     message: points with positions, and velocities and accelerations where they are given, zero
@@ -58,9 +30,8 @@ def reference_points(
     does not name stay; names of other joints are a mistake then. None where it has to name all
     joints; further ones are left out.
 
-    Returns the time of each point after the message's stamp, increasing (N,), and the points, (N,
-    n) each. Raises a GraphError where names, times, or the number or size of values are not those
-    of a motion of this arm.
+    Stamps of the points count from the message's stamp. Raises a GraphError where names, times, or
+    the number or size of values are not those of a motion of this arm.
     """
     names = list(message.joint_names)
     _check_names(names, joints, partial=held is not None)
@@ -70,10 +41,7 @@ def reference_points(
         raise GraphError(
             f"contains {len(message.points)} points", f"Send at most {MOST_POINTS}, or stream them."
         )
-    after = [
-        point.time_from_start.sec * NANOSECONDS + point.time_from_start.nanosec
-        for point in message.points
-    ]
+    after = np.array([nanoseconds(point.time_from_start) for point in message.points])
     if np.any(np.diff(after) <= 0):
         raise GraphError("has points whose times do not increase", "Sort them by time_from_start.")
     columns = [_column(message, field, len(names)) for field in _FIELDS]
@@ -90,9 +58,8 @@ def reference_points(
         position[:] = held
     for values, column in zip((position, velocity, acceleration), columns, strict=True):
         values[:, named] = column[:, order]
-    degree = np.array([_degree(point) for point in message.points], dtype=np.int64)
-    points = Points(position, velocity, acceleration, degree)
-    return np.array(after, dtype=np.int64), points
+    degree = np.array([_degree(point) for point in message.points])
+    return Points(after, Row(position, velocity, acceleration), degree)
 
 
 def _degree(point: JointTrajectoryPoint) -> int:
@@ -115,7 +82,7 @@ def commanded(command: JointState, period: float) -> JointTrajectory | None:
         return None  # interfaces that no controller has claimed yet
     if len(velocity) == len(position) and np.all(np.isfinite(velocity)):
         position = position + period * velocity
-    after = Duration(nanosec=round(period * NANOSECONDS))
+    after = span_of(round(period * NANOSECONDS))
     point = JointTrajectoryPoint(positions=position.tolist(), time_from_start=after)
     return JointTrajectory(joint_names=command.name, points=[point])
 

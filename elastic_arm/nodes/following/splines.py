@@ -6,10 +6,13 @@ positions, velocities and accelerations; where both hold velocities, the cubic t
 velocities; otherwise a straight line.
 """
 
-from collections.abc import Sequence
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.polynomial.polynomial import polyder, polyval
 from numpy.typing import NDArray
 
 from elastic_arm.arrays import Array
@@ -28,82 +31,90 @@ class Row(NamedTuple):
     velocity: Array
     acceleration: Array
 
+    def at(self, index: int | NDArray[np.intp] | NDArray[np.bool_]) -> Row:
+        """Return some of several points, or one."""
+        return Row(self.position[index], self.velocity[index], self.acceleration[index])
+
+    def followed_by(self, other: Row) -> Row:
+        """Return these points and those of `other` behind them."""
+        return Row(*map(np.vstack, zip(self, other, strict=True)))
+
 
 def resting(row: Row) -> Row:
     """Return the same position at rest."""
     return Row(row.position, np.zeros_like(row.position), np.zeros_like(row.position))
 
 
-def interpolate(
-    stamps: NDArray[np.int64],
-    points: Row,
-    degree: NDArray[np.int64] | int,
-    wanted: NDArray[np.int64],
-) -> Row:
-    """Return position, velocity and acceleration at the times `wanted` (M,), (M, n) each.
+@dataclass(frozen=True, eq=False)
+class Points:
+    """Points in time, N of them."""
 
-    Before the first point its polynomial is continued; the last point's own velocity holds at its
-    time, and zero where it states none.
+    stamps: NDArray[np.int64]  # (N,) ns, increasing
+    row: Row  # (N, n) each; rad, rad/s, rad/s²
+    degree: NDArray[np.int64]  # (N,) of the polynomials that they allow: LINEAR, CUBIC or QUINTIC
 
-    stamps: (N,) ns, increasing; points: (N, n) each; rad, rad/s, rad/s²; degree: of each point,
-    (N,), or of all: LINEAR, CUBIC or QUINTIC; wanted: (M,) ns, not behind the last stamp.
+    @property
+    def last(self) -> Points:
+        """The last point alone."""
+        return Points(
+            self.stamps[-1:], Row(*(values[-1:] for values in self.row)), self.degree[-1:]
+        )
+
+    def where(self, chosen: NDArray[np.bool_]) -> Points:
+        """Return some of the points."""
+        return Points(self.stamps[chosen], self.row.at(chosen), self.degree[chosen])
+
+    def moved(self, by_ns: int) -> Points:
+        """Return the points at later times."""
+        return replace(self, stamps=self.stamps + by_ns)
+
+    def followed_by(self, other: Points) -> Points:
+        """Return these points and those of `other` behind them."""
+        return Points(
+            np.concatenate((self.stamps, other.stamps)),
+            self.row.followed_by(other.row),
+            np.concatenate((self.degree, other.degree)),
+        )
+
+    def at(self, wanted: NDArray[np.int64] | Array) -> Row:
+        """Return position, velocity and acceleration at times (M,) ns, (M, n) each.
+
+        Before the first point its polynomial is continued; the last point's own velocity holds at
+        its time, and zero where it states none. No time is behind the last stamp.
+        """
+        if len(self.stamps) == 1:
+            return self.row.at(np.zeros(len(wanted), dtype=np.intp))
+        found = np.searchsorted(self.stamps, wanted, side="right") - 1
+        left = np.clip(found, 0, len(self.stamps) - 2)
+        h = np.asarray((self.stamps[left + 1] - self.stamps[left]) * 1e-9)[:, None]
+        u = ((wanted - self.stamps[left]) * 1e-9)[:, None] / h
+        end = self.row.at(left + 1)
+        kind = np.minimum(self.degree[left], self.degree[left + 1])[:, None]
+        c = _coefficients(self.row.at(left), end, h, kind)
+        rate = polyder(c)
+        position = polyval(u, c, tensor=False)
+        velocity = polyval(u, rate, tensor=False) / h
+        acceleration = polyval(u, polyder(rate), tensor=False) / h**2
+        # At a point its own numbers hold, without the rounding of a polynomial in a millisecond.
+        over = u == 1.0
+        return Row(
+            np.where(over, end.position, position),
+            np.where(over, np.where(kind >= CUBIC, end.velocity, 0.0), velocity),
+            np.where(over & (kind == QUINTIC), end.acceleration, acceleration),
+        )
+
+
+def _coefficients(start: Row, end: Row, h: Array, kind: NDArray[np.int64]) -> Array:
+    """Return those of the powers 0 to 5 of the share of the way in time, (6, M, n).
+
+    A line and a cubic are quintics too, with the velocities and accelerations that they have.
     """
-    if len(stamps) == 1:
-        index = np.zeros(len(wanted), dtype=int)
-        return Row(*(values[index] for values in points))
-    degree = np.broadcast_to(degree, len(stamps))
-    left = np.clip(np.searchsorted(stamps, wanted, side="right") - 1, 0, len(stamps) - 2)
-    h = np.asarray((stamps[left + 1] - stamps[left]) * 1e-9, dtype=np.float64)[:, None]
-    u = ((wanted - stamps[left]) * 1e-9)[:, None] / h
-    start = Row(*(values[left] for values in points))
-    end = Row(*(values[left + 1] for values in points))
-    kind = np.minimum(degree[left], degree[left + 1])[:, None]
-    c = _coefficients(start, end, h, kind)
-    rate = _derivative(c)
-    position = _polynomial(c, u)
-    velocity = _polynomial(rate, u) / h
-    acceleration = _polynomial(_derivative(rate), u) / h**2
-    # At a point its own numbers hold, without the rounding of a polynomial in a millisecond.
-    over = u == 1.0
-    return Row(
-        np.where(over, end.position, position),
-        np.where(over, np.where(kind >= CUBIC, end.velocity, 0.0), velocity),
-        np.where(over & (kind == QUINTIC), end.acceleration, acceleration),
-    )
-
-
-def _polynomial(coefficients: Sequence[Array], u: Array) -> Array:
-    """Return the sum of coefficients times powers of u, by Horner's rule."""
-    *lower, total = coefficients
-    for coefficient in reversed(lower):
-        total = total * u + coefficient
-    return total
-
-
-def _derivative(coefficients: Sequence[Array]) -> list[Array]:
-    return [power * c for power, c in enumerate(coefficients)][1:]
-
-
-def _coefficients(start: Row, end: Row, h: Array, kind: NDArray[np.int64]) -> list[Array]:
-    """Coefficients of the powers 0 to 5 of the share of the way in time, (M, n) each."""
     rise = end.position - start.position
-    v0 = start.velocity * h
-    v1 = end.velocity * h
-    a0 = 0.5 * start.acceleration * h**2
-    a1 = 0.5 * end.acceleration * h**2
-    cubic = kind >= CUBIC
-    quintic = kind >= QUINTIC
-    zero = np.zeros_like(rise)
-    of_cubic = (v0, 3 * rise - 2 * v0 - v1, v0 + v1 - 2 * rise, zero, zero)
-    of_quintic = (
-        v0,
-        a0,
-        10 * rise - 6 * v0 - 4 * v1 - 3 * a0 + a1,
-        -15 * rise + 8 * v0 + 7 * v1 + 3 * a0 - 2 * a1,
-        6 * rise - 3 * v0 - 3 * v1 - a0 + a1,
-    )
-    of_line = (rise, zero, zero, zero, zero)
-    found = [start.position]
-    for line, third, fifth in zip(of_line, of_cubic, of_quintic, strict=True):
-        found.append(np.where(quintic, fifth, np.where(cubic, third, line)))
-    return found
+    v0 = np.where(kind >= CUBIC, start.velocity * h, rise)
+    v1 = np.where(kind >= CUBIC, end.velocity * h, rise)
+    a0 = np.where(kind == QUINTIC, start.acceleration * h**2, 6 * rise - 4 * v0 - 2 * v1)
+    a1 = np.where(kind == QUINTIC, end.acceleration * h**2, 2 * v0 + 4 * v1 - 6 * rise)
+    third = 10 * rise - 6 * v0 - 4 * v1 - 1.5 * a0 + 0.5 * a1
+    fourth = -15 * rise + 8 * v0 + 7 * v1 + 1.5 * a0 - a1
+    fifth = 6 * rise - 3 * v0 - 3 * v1 - 0.5 * a0 + 0.5 * a1
+    return np.stack([start.position, v0, 0.5 * a0, third, fourth, fifth])

@@ -21,13 +21,33 @@ TOOL = "tool0"
 # Of the cylinders between joints: those are what the collision check of `elastic-arm excite` looks
 # at, as capsules.
 _BARS = ("base_grey", "link_blue")
-# What a joint of the arm takes and gives.
-_COMMANDS = ("position", "velocity")
-_STATES = ("position", "velocity", "effort")
-# Controllers of ros2_control command the simulator by topics, relative to the arm's namespace.
-_PLUGIN = "topic_based_ros2_control/TopicBasedSystem"
+# Topics of a controller, relative to the arm's namespace.
 COMMANDS = "simulator/joint_commands"
 STATES = "joint_states"
+# Every command is sent, small steps too: without one the arm would stand at the last one that was.
+_HARDWARE = """
+<hardware>
+  <plugin>topic_based_ros2_control/TopicBasedSystem</plugin>
+  <param name="joint_commands_topic">{commands}</param>
+  <param name="joint_states_topic">{states}</param>
+  <param name="trigger_joint_command_threshold">-1</param>
+</hardware>
+"""
+_JOINT = """
+<joint>
+  <command_interface name="position">
+    <param name="min">{low}</param>
+    <param name="max">{high}</param>
+  </command_interface>
+  <command_interface name="velocity">
+    <param name="min">-{fastest}</param>
+    <param name="max">{fastest}</param>
+  </command_interface>
+  <state_interface name="position"/>
+  <state_interface name="velocity"/>
+  <state_interface name="effort"/>
+</joint>
+"""
 
 
 def ros_description(robot: Robot, namespace: str = "") -> str:
@@ -137,27 +157,16 @@ def _add_tool(tree: ET.Element, robot: Robot) -> None:
 
 
 def _add_control(tree: ET.Element, robot: Robot, limits: JointLimits, namespace: str) -> None:
-    control = ET.SubElement(tree, "ros2_control", name=robot.name, type="system")
-    hardware = ET.SubElement(control, "hardware")
     prefix = f"/{namespace.strip('/')}/".replace("//", "/")
-    ET.SubElement(hardware, "plugin").text = _PLUGIN
-    for name, topic in (("joint_commands_topic", COMMANDS), ("joint_states_topic", STATES)):
-        ET.SubElement(hardware, "param", name=name).text = prefix + topic
-    # Every command is sent, small steps too: without one the arm would stand at the last one that
-    # was.
-    ET.SubElement(hardware, "param", name="trigger_joint_command_threshold").text = "-1"
+    topics = {"commands": prefix + COMMANDS, "states": prefix + STATES}
+    control = ET.SubElement(tree, "ros2_control", name=robot.name, type="system")
+    control.append(ET.fromstring(_HARDWARE.format(**topics)))
     for i, name in enumerate(robot.joint_names):
-        joint = ET.SubElement(control, "joint", name=name)
-        ranges = {
-            "position": (limits.low[i], limits.high[i]),
-            "velocity": (-limits.velocity[i], limits.velocity[i]),
-        }
-        for command in _COMMANDS:
-            element = ET.SubElement(joint, "command_interface", name=command)
-            for bound, value in zip(("min", "max"), ranges[command], strict=True):
-                ET.SubElement(element, "param", name=bound).text = _text(value)
-        for state in _STATES:
-            ET.SubElement(joint, "state_interface", name=state)
+        bounds = {"low": limits.low[i], "high": limits.high[i], "fastest": limits.velocity[i]}
+        texts = {bound: _text(value) for bound, value in bounds.items()}
+        joint = ET.fromstring(_JOINT.format(**texts))
+        joint.set("name", name)
+        control.append(joint)
 
 
 def _text(number: float) -> str:

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
+from builtin_interfaces.msg import Duration, Time
 from numpy.typing import NDArray
 from rclpy.serialization import serialize_message
 
@@ -18,6 +19,25 @@ from elastic_arm.errors import RecordingError
 from elastic_arm.recording import cdr, limits
 
 NANOSECONDS = 1_000_000_000
+
+
+def nanoseconds(time: Time | Duration) -> int:
+    """Return a stamp, or a span, of a message in ns."""
+    return int(time.sec * NANOSECONDS + time.nanosec)
+
+
+def stamp_of(stamp_ns: int) -> Time:
+    """Return a stamp of a message."""
+    sec, nanosec = divmod(stamp_ns, NANOSECONDS)
+    return Time(sec=sec, nanosec=nanosec)
+
+
+def span_of(span_ns: int) -> Duration:
+    """Return a span of time of a message."""
+    sec, nanosec = divmod(span_ns, NANOSECONDS)
+    return Duration(sec=sec, nanosec=nanosec)
+
+
 # Names of the joints, stamps (N,) in ns, numbers by field (N, count).
 Decoded = tuple[tuple[str, ...], NDArray[np.int64], dict[str, NDArray]]
 

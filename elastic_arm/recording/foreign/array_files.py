@@ -13,9 +13,10 @@ import tokenize
 import zipfile
 import zlib
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 
@@ -46,23 +47,24 @@ FILE_INDEX = (  # array that numbers the files of a folder whose files hold the 
 # What numpy, csv and the libraries of the formats raise for a file that is not what its name
 # promises.
 _UNREADABLE: tuple[type[Exception], ...] = (
-    OSError,
-    ValueError,
-    TypeError,
-    LookupError,
-    EOFError,
-    MemoryError,
-)
-_UNREADABLE += (
-    AttributeError,
-    NameError,
-    SyntaxError,
-    OverflowError,
-    RuntimeError,
+    ArithmeticError,
     AssertionError,
+    AttributeError,
+    EOFError,
+    LookupError,
+    MemoryError,
+    NameError,
+    OSError,
+    RuntimeError,
+    SyntaxError,
+    TypeError,
+    ValueError,
+    csv.Error,
     struct.error,
+    tokenize.TokenError,
+    zipfile.BadZipFile,
+    zlib.error,
 )
-_UNREADABLE += (csv.Error, zlib.error, zipfile.BadZipFile, tokenize.TokenError)
 _WHOLE_TABLE = ""
 _BLANK = ("", "na", "n/a", "#n/a", "null", "none", "-", "--")  # cells that hold no number
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?$")
@@ -72,13 +74,14 @@ class Arrays(dict[str, np.ndarray]):
     """Arrays by name, with what a table as text states beside its numbers."""
 
     def __init__(
-        self, arrays: Mapping[str, np.ndarray] | Iterable[tuple[str, np.ndarray]] = ()
+        self,
+        arrays: Mapping[str, np.ndarray] = MappingProxyType({}),
+        units: dict[str, str] | None = None,
     ) -> None:
         super().__init__(arrays)
-        self.units: dict[str, str] = {}  # of columns, by a row of units
-        self.faults: dict[
-            str, str
-        ] = {}  # of columns that are no numbers: the first line that is none
+        self.units = units or {}  # of columns, by a row of units
+        # of columns that are no numbers: what is none, with its line where it is known
+        self.faults: dict[str, str] = {}
         self.decimal = "."
 
 
@@ -307,7 +310,7 @@ def _table(path: Path, decimal: str | None) -> Arrays:
     ]
     try:
         table = np.loadtxt(plain, delimiter=delimiter, ndmin=2)
-        arrays = Arrays(zip(names, table.T, strict=True))
+        arrays = Arrays(dict(zip(names, table.T, strict=True)))
         # Of nanoseconds since 1970 doubles lose the last ones.
         for k in np.flatnonzero(
             (np.abs(table) > 2**53).all(axis=0) & (np.abs(table) < 2**63).all(axis=0)
@@ -382,14 +385,9 @@ def _laid_out(path: Path, table: Arrays) -> Arrays:
         found, units = arrays_of({name: values.tolist() for name, values in table.items()})
     except RecordingError as error:
         raise RecordingError(f"{path}: {error.problem}", error.remedy) from None
-    arrays = Arrays(found)
-    arrays.units = {name: unit for name, unit in table.units.items() if name in found} | units
-    texts = {name for name, values in found.items() if values.dtype.kind == "U"}
-    faults = {
-        name: table.faults.get(name, f"{values[0]!r} is not a number")
-        for name, values in found.items()
-    }
-    arrays.faults = {name: fault for name, fault in faults.items() if name in texts}
+    stated = {name: unit for name, unit in table.units.items() if name in found}
+    arrays = _with_faults(found, stated | units)
+    arrays.faults |= {name: fault for name, fault in table.faults.items() if name in arrays.faults}
     return arrays
 
 
@@ -412,9 +410,11 @@ def _json(path: Path) -> Arrays:
                 if n == len(lines) and n > 2:  # a recorder that was killed
                     break
                 raise ValueError(f"record {n} is not valid JSON: {fault}") from None
-    found, units = arrays_of(records(content, str(path)))
-    arrays = Arrays(found)
-    arrays.units = units
+    return _with_faults(*arrays_of(records(content, str(path))))
+
+
+def _with_faults(found: Mapping[str, np.ndarray], units: dict[str, str]) -> Arrays:
+    arrays = Arrays(found, units)
     texts = {name: values for name, values in found.items() if values.dtype.kind == "U"}
     arrays.faults = {
         name: f"{str(values[0])[:60]!r} is not a number" for name, values in texts.items()

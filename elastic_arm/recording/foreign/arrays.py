@@ -16,6 +16,7 @@ from elastic_arm.recording.foreign.array_files import FILE_INDEX, Arrays, load_a
 from elastic_arm.recording.foreign.channels import (
     DEFAULT_UNIT,
     MOST_JOINTS,
+    NANOSECONDS,
     SIDE_NAMES,
     TO_SI,
     ChannelName,
@@ -32,13 +33,13 @@ from elastic_arm.recording.foreign.channels import (
     known_unit,
     load_model,
     stated_unit,
+    time_unit,
 )
 from elastic_arm.recording.inspection.report import REPAIR, checked
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Array, Side, Stamps, joints_with
 
 MEND = "Correct these samples in the file: times have to increase, and numbers have to be finite."
-_NS = {"s": 1e9, "ms": 1e6, "us": 1e3, "ns": 1.0}
 # The columns of a table without names are called by their numbers.
 Key = Annotated[str, BeforeValidator(lambda key: str(key) if type(key) is int else key)]
 
@@ -351,15 +352,10 @@ def _read_side(arrays: Arrays, rules: ArrayMap, side: SideName, notes: list[str]
                 f"{times.key} contains no numbers", "Give the array of times in the mapping."
             )
         if "unit" not in times.model_fields_set:
-            word = (
-                stated_unit(times.key, arrays.units.get(times.key, ""))
-                .lower()
-                .replace("µ", "u")
-                .replace("sec", "s")
-            )
-            times = times.model_copy(update={"unit": word if word in _NS else "s"})
+            word = stated_unit(times.key, arrays.units.get(times.key, ""))
+            times = times.model_copy(update={"unit": time_unit(word) or "s"})
         # Beyond this 64 bits of nanoseconds, and the stamps of ROS, hold no time.
-        late = np.abs(values.astype(np.float64)) >= 2**31 * 1e9 / _NS[times.unit]
+        late = np.abs(values.astype(np.float64)) >= 2**31 * 1e9 / NANOSECONDS[times.unit]
         if late.any():
             row = int(np.argmax(late))
             problem = (
@@ -455,11 +451,11 @@ def _stamps(values: np.ndarray, times: Times, first: int) -> Stamps:
             (values - first) * (1e9 / float(times.rate or 1))
         ).astype(np.int64)
     if values.dtype.kind in "iu":
-        return values.astype(np.int64) * int(_NS[times.unit])
+        return values.astype(np.int64) * NANOSECONDS[times.unit]
     # Whole units and the rest apart: unix seconds times 1e9 would lose the last bits.
     whole = np.floor(values)
-    rest = np.rint((values - whole) * _NS[times.unit]).astype(np.int64)
-    return whole.astype(np.int64) * int(_NS[times.unit]) + rest
+    rest = np.rint((values - whole) * NANOSECONDS[times.unit]).astype(np.int64)
+    return whole.astype(np.int64) * NANOSECONDS[times.unit] + rest
 
 
 def _table(arrays: Arrays, source: ArrayChannel, count: int, n: int) -> Array:

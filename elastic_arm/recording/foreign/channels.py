@@ -65,6 +65,7 @@ _IN_NAME = re.compile(
     r"|\(\s*([^()\d][^()]*?)\s*\)|\s(?:/|in)\s+(\S.*?)\s*$"
 )
 _OF_A_RANGE = re.compile(r"%|‰|per ?cent|per ?mille?", re.I)
+NANOSECONDS = {"s": 10**9, "ms": 10**6, "us": 1000, "ns": 1}
 DEFAULT_UNIT: dict[ChannelName, Unit] = {
     "position": "rad",
     "velocity": "rad/s",
@@ -84,6 +85,12 @@ def stated_unit(name: str, row: str = "") -> str:
             return certain or likely
     share = _OF_A_RANGE.search(name)
     return "" if share is None else share[0]
+
+
+def time_unit(written: str) -> str:
+    """Return the unit of time that a file's word for one means; empty for other words."""
+    word = written.lower().replace("µ", "u").replace("sec", "s")
+    return word if word in NANOSECONDS else ""
 
 
 def known_unit(written: str) -> tuple[Unit, float] | None:

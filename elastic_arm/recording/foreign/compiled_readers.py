@@ -42,11 +42,7 @@ def load_compiled(paths: Sequence[Path], most: int) -> list[dict[str, np.ndarray
     array. Pictures and texts are left out.
     """
     kinds = sorted({path.suffix.lower() for path in paths})
-    needed = [LIBRARIES[kind] for kind in kinds]
-    needed += (
-        ["h5py"] if any(path.suffix.lower() == ".mat" and h5_head(path) for path in paths) else []
-    )
-    require_libraries(f"{' and '.join(kinds)} files need", *dict.fromkeys(needed))
+    require_libraries(f"{' and '.join(kinds)} files need", *_libraries(paths))
     seconds = START_SECONDS + sum(path.stat().st_size for path in paths) // BYTES_A_SECOND
     # As here, and without the folder that the user stands in, which may hold modules of any name.
     command = [
@@ -225,18 +221,19 @@ def _refuse_large(size: int, most: int) -> None:
         )
 
 
-def h5_head(path: Path) -> bool:
-    """Return whether a MATLAB file is of version 7.3, which is HDF5."""
-    with path.open("rb") as file:
-        return file.read(10) == b"MATLAB 7.3"
+def _libraries(paths: Sequence[Path]) -> list[str]:
+    """Return the libraries that read some files; MATLAB's version 7.3 is HDF5."""
+    needed = [LIBRARIES[path.suffix.lower()] for path in paths]
+    for path in paths:
+        with path.open("rb") as file:
+            if file.read(10) == b"MATLAB 7.3":
+                needed.append("h5py")
+    return list(dict.fromkeys(needed))
 
 
-def _main(most: int, seconds: int, paths: Sequence[str]) -> int:
+def _main(most: int, seconds: int, paths: Sequence[Path]) -> int:
     """Read files within the bounds and write an .npz file to standard output."""
-    seventh = any(Path(path).suffix.lower() == ".mat" and h5_head(Path(path)) for path in paths)
-    for library in {LIBRARIES[Path(path).suffix.lower()] for path in paths} | (
-        {"h5py"} if seventh else set()
-    ):
+    for library in _libraries(paths):
         importlib.import_module(library)
     own = (
         int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
@@ -258,8 +255,8 @@ def _main(most: int, seconds: int, paths: Sequence[str]) -> int:
     try:
         for number, path in enumerate(paths):
             print(f"{_FILE}{number}", file=sys.stderr, flush=True)
-            read = {".mat": _matlab, ".parquet": _parquet}.get(Path(path).suffix.lower(), _hdf5)
-            for name, values in read(path, most - sum(one.nbytes for one in arrays.values())):
+            read = {".mat": _matlab, ".parquet": _parquet}.get(path.suffix.lower(), _hdf5)
+            for name, values in read(str(path), most - sum(one.nbytes for one in arrays.values())):
                 files.append(number)
                 names.append(name)
                 arrays[f"array_{len(arrays)}"] = values
@@ -273,4 +270,4 @@ def _main(most: int, seconds: int, paths: Sequence[str]) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(_main(int(sys.argv[1]), int(sys.argv[2]), sys.argv[3:]))
+    sys.exit(_main(int(sys.argv[1]), int(sys.argv[2]), [Path(path) for path in sys.argv[3:]]))

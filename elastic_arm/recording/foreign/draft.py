@@ -1,8 +1,11 @@
 """The draft of an array mapping as a file: what each array may be, with the reasons as comments."""
 
+from __future__ import annotations
+
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import yaml
 
@@ -28,6 +31,11 @@ class Guess:
         str, ...
     ] = ()  # one a joint, where some of them slide; empty where `unit` is that of all
     places: tuple[int, ...] | None = None  # which joints have the channel; None for all
+
+    def because(self, why: str, instead_of: str = "", **changes: Any) -> Guess:
+        """Return the guess with changes and their reason, instead of reasons with some words."""
+        kept = [reason for reason in self.reasons if not instead_of or instead_of not in reason]
+        return replace(self, reasons=(*kept, why), **changes)
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from elastic_arm.errors import RecordingError
-from elastic_arm.recording.foreign.array_files import FILE_INDEX
+from elastic_arm.recording.foreign.array_files import FILE_INDEX, Arrays
 from elastic_arm.recording.foreign.channels import (
     CHANNEL_NAMES,
     DEFAULT_UNIT,
@@ -50,9 +50,9 @@ _OF_SLIDES = ("m", "mm", "m/s", "mm/s", "N")  # by a unit that is stated
 # A rotor's angle over the joint's is at least this.
 SMALLEST_RATIO = 5.0
 
-_ANGLES = {"rad": 1.0, "deg": np.pi / 180, "turns": 2 * np.pi}
+_ANGLES = {unit: TO_SI["position"][unit] for unit in ("rad", "deg", "turns")}
 _ANGLE_WORDS = r"deg|rad|turn|rev"
-_SPEEDS = {"rad/s": 1.0, "deg/s": np.pi / 180, "turns/s": 2 * np.pi, "rpm": 2 * np.pi / 60}
+_SPEEDS = {unit: TO_SI["velocity"][unit] for unit in ("rad/s", "deg/s", "turns/s", "rpm")}
 _WORDS = {
     "other": (
         r"temp|volt|cmpt|error|status|mode(?!l?led)|noise|friction|grav|model|predict|simul|init"
@@ -95,7 +95,8 @@ def guess_mapping(
     Units follow from names, ranges, and slopes of derivatives; sides and kinds of torque from
     names.
     """
-    contents = find_tables(arrays, joints, getattr(arrays, "units", {}))
+    arrays = arrays if isinstance(arrays, Arrays) else Arrays(arrays)
+    contents = find_tables(arrays, joints, arrays.units)
     slides = np.array([joint in prismatic for joint in joints])
     whole = {table.keys: table for table in contents.tables}
     if not slides.all():
@@ -107,29 +108,27 @@ def guess_mapping(
         for key, values in arrays.items()
         if values.dtype.kind == "U" and values.size
     }
-    faults = texts | getattr(arrays, "faults", {})
+    faults = texts | arrays.faults
     numbers = [
         key for key in contents.rest if arrays[key].dtype.kind in "iufc" and key != FILE_INDEX
     ]
     ignored = [(key, "not a table of all joints") for key in numbers]
     chosen: dict[tuple[SideName, ChannelName], Guess] = {}
     for guess in _Reader(contents).guesses():
-        if isinstance(guess, Guess) and (guess.side, guess.channel) not in chosen:
+        if isinstance(guess, tuple):
+            table, reason = guess
+        elif (first := chosen.get((guess.side, guess.channel))) is None:
             chosen[guess.side, guess.channel] = guess
             continue
-        if isinstance(guess, Guess):
-            first = chosen[guess.side, guess.channel]
-            table, reason = (
-                guess.table,
-                f"also a candidate for {guess.side} {guess.channel}; {first.table.name} was chosen",
-            )
-            if np.array_equal(table.values, first.table.values):
-                reason = f"the same numbers as {first.table.name}"
-            else:
-                others = (*first.reasons, f"{guess.table.name} is another candidate")
-                chosen[guess.side, guess.channel] = replace(first, reasons=others)
+        elif np.array_equal(guess.table.values, first.table.values):
+            table = guess.table
+            reason = f"the same numbers as {first.table.name}"
         else:
-            table, reason = guess
+            table = guess.table
+            place = f"{guess.side} {guess.channel}"
+            reason = f"also a candidate for {place}; {first.table.name} was chosen"
+            another = first.because(f"{table.name} is another candidate")
+            chosen[guess.side, guess.channel] = another
         ignored += [(key, reason) for key in table.keys]
     if not chosen:
         raise RecordingError(
@@ -146,7 +145,7 @@ def guess_mapping(
     if command is not None and followed is not None:
         ranges = [np.median(np.std(guess.table.values, axis=0)) for guess in (followed, command)]
         why = f"{followed.table.name} moves {ranges[0] / ranges[1]:.3g} times as much"
-        chosen["command", "position"] = replace(command, reasons=(*command.reasons, why))
+        chosen["command", "position"] = command.because(why)
     found = {
         place: _with_lengths(guess, slides.tolist()) for place, guess in _with_ratio(chosen).items()
     }
@@ -158,9 +157,8 @@ def guess_mapping(
             ]
     ordered = [found[place] for place in product(SIDE_NAMES, CHANNEL_NAMES) if place in found]
     ignored += [(key, f"not numbers: {fault}") for key, fault in faults.items()]
-    decimal = getattr(arrays, "decimal", ".")
     return Draft(
-        tuple(joints), contents.times, tuple(ordered), tuple(ignored), contents.runs, decimal
+        tuple(joints), contents.times, tuple(ordered), tuple(ignored), contents.runs, arrays.decimal
     )
 
 
@@ -177,9 +175,8 @@ def _without_dead(guess: Guess, chosen: Mapping[tuple[SideName, ChannelName], Gu
     if not dead.any() or dead.all():
         return guess
     columns = ", ".join(str(k) for k in np.flatnonzero(dead))
-    why = f"column {columns} is {DEAD}"
-    reasons = (*(reason for reason in guess.reasons if not reason.startswith(CONSTANT)), why)
-    return replace(guess, places=tuple(np.flatnonzero(~dead).tolist()), reasons=reasons)
+    places = tuple(np.flatnonzero(~dead).tolist())
+    return guess.because(f"column {columns} is {DEAD}", CONSTANT, places=places)
 
 
 def _with_lengths(guess: Guess, slides: Sequence[bool]) -> Guess:
@@ -191,14 +188,8 @@ def _with_lengths(guess: Guess, slides: Sequence[bool]) -> Guess:
     own = {"position": length, "velocity": f"{length}/s", "effort": "N"}[guess.channel]
     why = f"prismatic joints have {own}: the largest number is {largest:.3g}"
     if all(slides):
-        return replace(
-            guess, unit=own, reasons=(*(r for r in guess.reasons if guess.unit not in r), why)
-        )
-    return replace(
-        guess,
-        units=tuple(own if slide else guess.unit for slide in slides),
-        reasons=(*guess.reasons, why),
-    )
+        return guess.because(why, guess.unit, unit=own)
+    return guess.because(why, units=tuple(own if slide else guess.unit for slide in slides))
 
 
 class _Reader:
@@ -314,44 +305,9 @@ class _Reader:
     ) -> Guess:
         """Return a table as a channel, with side and unit."""
         side, word = (of, "") if of is not None else _side_by_name(table.name)
-        n, missing, scales = table.values.shape[1], {}, {}
-        stated = known_unit(table.stated)
-        unit: str
-        if table.stated and (stated is None or stated[0] not in TO_SI[channel]):
-            unit, why = (
-                DEFAULT_UNIT[channel],
-                f"in {table.stated} according to its name, which is not a unit of {channel}",
-            )
-            missing = {"factor": f"number of {unit} per {table.stated}"}
-        elif stated is not None:
-            unit, why = stated[0], f"in {table.stated} according to its name"
-            scales = {} if stated[1] == 1.0 else {"factor": [stated[1]] * n}
-        else:
-            unit, why = {
-                "position": _angle_unit,
-                "velocity": self._speed_unit,
-                "effort": _torque_unit,
-            }[channel](table)
-            ranges = ranges_by_steps(table.values) if channel == "position" else None
-            if ranges is not None:
-                factors = ", ".join(f"{size / 200.0:.3g}" for size in ranges)
-                unit, why = (
-                    "deg",
-                    (
-                        "per cent of each joint's range, according to the different steps of the"
-                        " encoders"
-                    ),
-                )
-                missing = {
-                    "factor": (
-                        f"range / 200 of the calibration file; from steps of 12 bits [{factors}]"
-                    )
-                }
-            if _counts(table) and channel in COUNTED:
-                unit, what = COUNTED[channel]
-                largest = f"{np.abs(table.values).max():.0f}"
-                why = f"integers up to {largest}: counts of a register, not {unit}"
-                missing = {"factor": f"{what} per count"}
+        n = table.values.shape[1]
+        unit, why, scales, missing = self._unit(table, channel)
+        reasons = list(reasons)
         if channel == "effort":
             side = side or "motor"
             if not word:
@@ -365,30 +321,53 @@ class _Reader:
                     "ratio": "motor turns per output turn",
                 }
         if word:
-            reasons = [*reasons, f"{side} side according to {word!r} in its name"]
+            reasons.append(f"{side} side according to {word!r} in its name")
         elif channel != "effort":
-            reasons = [*reasons, "link side, as its name does not indicate the motor"]
+            reasons.append("link side, as its name does not indicate the motor")
         if not table.pattern and n > 1:
-            reasons = [
-                *reasons,
-                "in the order of the arm's joints, which is an assumption: check it",
-            ]
+            reasons.append("in the order of the arm's joints, which is an assumption: check it")
         if table.flat:
-            reasons = [*reasons, f"numbers one after the other, {n} per sample"]
+            reasons.append(f"numbers one after the other, {n} per sample")
         if still := [str(k) for k in np.flatnonzero(np.ptp(table.values, axis=0) == 0)]:
-            reasons = [
-                *reasons,
-                (f"{CONSTANT} {', '.join(still)} is constant: no sensor, or a joint at rest"),
-            ]
+            reasons.append(
+                f"{CONSTANT} {', '.join(still)} is constant: no sensor, or a joint at rest"
+            )
         if table.available > n:
-            reasons = [
-                *reasons,
-                (
-                    f"the first {n} of {table.available} columns: check that these are the arm's"
-                    " joints"
-                ),
-            ]
+            reasons.append(
+                f"the first {n} of {table.available} columns: check that these are the arm's joints"
+            )
         return Guess(side or "link", channel, table, unit, (*reasons, why), scales, missing)
+
+    def _unit(
+        self, table: JointTable, channel: ChannelName
+    ) -> tuple[str, str, dict[str, list[float]], dict[str, str]]:
+        """Return the unit of a channel, why, its factors, and what of them is missing."""
+        stated = known_unit(table.stated)
+        if stated is not None and stated[0] in TO_SI[channel]:
+            unit, size = stated
+            scales = {} if size == 1.0 else {"factor": [size] * table.values.shape[1]}
+            return unit, f"in {table.stated} according to its name", scales, {}
+        if table.stated:
+            unit = DEFAULT_UNIT[channel]
+            why = f"in {table.stated} according to its name, which is not a unit of {channel}"
+            return unit, why, {}, {"factor": f"number of {unit} per {table.stated}"}
+        if _counts(table) and channel in COUNTED:
+            called, what = COUNTED[channel]
+            largest = f"{np.abs(table.values).max():.0f}"
+            why = f"integers up to {largest}: counts of a register, not {called}"
+            return called, why, {}, {"factor": f"{what} per count"}
+        ranges = ranges_by_steps(table.values) if channel == "position" else None
+        if ranges is not None:
+            factors = ", ".join(f"{size / 200.0:.3g}" for size in ranges)
+            factor = f"range / 200 of the calibration file; from steps of 12 bits [{factors}]"
+            why = "per cent of each joint's range, according to the different steps of the encoders"
+            return "deg", why, {}, {"factor": factor}
+        by_numbers = {
+            "position": _angle_unit,
+            "velocity": self._speed_unit,
+            "effort": _torque_unit,
+        }
+        return *by_numbers[channel](table), {}, {}
 
     def _speed_unit(self, table: JointTable) -> tuple[str, str]:
         """Return the unit of velocities by the slope of the positions' derivatives over them, else
@@ -550,9 +529,8 @@ def _with_ratio(
     for guess in (motor, chosen.get(("motor", "velocity"))):
         if guess is not None:
             of_angle = guess.unit.replace(motor.unit, unit)
-            reasons = (*(r for r in guess.reasons if not r.startswith("largest")), why)
             both = {**guess.scales, **scales}
-            chosen["motor", guess.channel] = replace(
-                guess, unit=of_angle, reasons=reasons, scales=both
+            chosen["motor", guess.channel] = guess.because(
+                why, "largest", unit=of_angle, scales=both
             )
     return chosen

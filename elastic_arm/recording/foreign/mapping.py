@@ -43,7 +43,7 @@ def mapped_side(
             built, side = pair(
                 built, side, f"{side_name} {channel_name}", f"the {side_name} side", found
             )
-        built = side if built is None else built.beside(side)
+        built = side if built is None else built.filled(side)
     if side_name == "motor":
         built = coupled(built, coupling_matrix(channels.coupling, list(channels.joints)))
     return built
@@ -62,7 +62,7 @@ def _channel(
     for joint, source in sources.items():
         by_topic.setdefault(source.topic, []).append(joint)
     built: Side | None = None
-    order: list[str] = []
+    all_joints = list(channels.joints)
     for topic, joints in by_topic.items():
         messages = series.get(topic)
         if messages is None or not messages.count:
@@ -76,23 +76,16 @@ def _channel(
             part = part.fullest({sources[joint].field for joint in some}, found)
             values = np.column_stack([_one(part, sources[joint], name) for joint in some])
             side = checked(Side(part.stamp_ns, **{name: values}), topic, some)
+            side = side.spread([all_joints.index(joint) for joint in some], len(all_joints))
             found += part.findings
-            if built is None:
-                built = side
-            else:
+            if built is not None:
                 built, side = pair(
                     built, side, f"{topic} ({', '.join(some)})", next(iter(by_topic)), found
                 )
-                built = Side(
-                    built.stamp_ns,
-                    **{name: np.hstack([built.channels()[name], side.channels()[name]])},
-                )
-            order += some
+            built = side if built is None else built.filled(side)
     if built is None:
         raise RecordingError(f"the channel map gives no source for {name}")
-    table = np.full((len(built), len(channels.joints)), np.nan)
-    table[:, [list(channels.joints).index(joint) for joint in order]] = built.channels()[name]
-    return Side(built.stamp_ns, **{name: table})
+    return built
 
 
 def _parts(messages: Series, sources: Mapping[str, Channel]) -> list[tuple[Series, list[str]]]:

@@ -9,11 +9,10 @@ from types import MappingProxyType
 
 import numpy as np
 
-from elastic_arm.recording.foreign.channels import stated_unit
+from elastic_arm.recording.foreign.channels import NANOSECONDS, stated_unit, time_unit
 from elastic_arm.recording.inspection.report import check_stamped
 from elastic_arm.recording.sides import Array, short_names
 
-_SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 # Sample rates of arms, Hz: the unit of the times is the one with which the rate is among them.
 _RATES = (15.0, 12_000.0)
 TIME_NAME = re.compile(
@@ -209,14 +208,12 @@ def _find_times(
         if np.all(steps >= 0) and np.mean(steps > 0) > 0.5:
             step = float(np.median(steps[steps > 0]))
             # An index grows by one too: times that are whole milliseconds are called times.
-            unit = next(
-                (u for u, s in _SECONDS.items() if _RATES[0] <= 1 / (step * s) <= _RATES[1]), None
-            )
-            stated = stated_unit(key, units.get(key, ""))
-            unit = stated if stated in _SECONDS else unit
+            rates = {unit: 1e9 / (step * size) for unit, size in NANOSECONDS.items()}
+            likely = (unit for unit, rate in rates.items() if _RATES[0] <= rate <= _RATES[1])
+            unit = time_unit(stated_unit(key, units.get(key, ""))) or next(likely, None)
             named = bool(TIME_NAME.search(key)) or key == next(iter(arrays))
             if unit is not None and (named or np.ptp(steps) > 0):
-                seconds = (values - values[0]).astype(np.float64) * _SECONDS[unit]
+                seconds = (values - values[0]).astype(np.float64) * (NANOSECONDS[unit] * 1e-9)
                 found.append((not TIME_NAME.search(key), TimeArray(key, unit, seconds)))
     return min(found, key=lambda pair: pair[0])[1] if found else None
 

@@ -23,12 +23,7 @@ _VALUE = re.compile(r"^(value|val|data|number)s?$", re.I)
 _CLOCK = re.compile(r"(\d{1,2}):(\d{2}):(\d{2}(?:[.,]\d+)?)$")
 _SECONDS = re.compile(r"(.*[._]?)(?:secs?|seconds)$", re.I)
 _NAMES = re.compile(r"(^|[._ ])(joint_?)?names?$", re.I)
-_FORMATS = (
-    "%d.%m.%Y %H:%M:%S.%f",
-    "%d.%m.%Y %H:%M:%S",
-    "%Y/%m/%d %H:%M:%S.%f",
-    "%Y/%m/%d %H:%M:%S",
-)
+_DAY_FIRST = re.compile(r"^(\d{1,2})\.(\d{1,2})\.(\d{4})")
 _FEWEST = 3  # rows a name, of a table that has a row for each
 
 
@@ -149,21 +144,13 @@ def _dates(cells: Sequence[Any]) -> tuple[np.ndarray, str] | None:
 
 def _nanoseconds(text: str) -> int:
     """Return the ns since 1970 of a date, of one without a zone as UTC."""
-    whole, _, fraction = (
-        text.replace(",", ".").partition(".") if text.count(".") < 2 else (text, "", "")
-    )
-    digits = re.match(r"\d*", fraction)
-    part, zone = (digits[0], fraction[digits.end() :]) if digits else ("", "")
-    try:
-        found = datetime.fromisoformat(whole + zone)
-    except ValueError:
-        for form in _FORMATS:
-            with suppress(ValueError):
-                found, part = datetime.strptime(text, form).replace(tzinfo=UTC), ""
-                return round(found.timestamp()) * 1_000_000_000 + found.microsecond * 1000
-        raise
+    text = _DAY_FIRST.sub(r"\3-\2-\1", text).replace("/", "-").replace(",", ".")
+    found = datetime.fromisoformat(text)
     found = found if found.tzinfo is not None else found.replace(tzinfo=UTC)
-    return int(found.timestamp()) * 1_000_000_000 + int(part.ljust(9, "0")[:9] or 0)
+    # Python keeps six digits of the second.
+    digits = re.search(r"\.(\d+)", text)
+    fraction = digits[1][:9].ljust(9, "0") if digits else "0"
+    return int(found.replace(microsecond=0).timestamp()) * 1_000_000_000 + int(fraction)
 
 
 def _join_stamps(columns: Columns, units: dict[str, str]) -> None:

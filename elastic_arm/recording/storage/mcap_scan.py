@@ -1,4 +1,4 @@
-"""The records of MCAP: lay messages as such, and find those of a byte string.
+"""The records of MCAP: find those of a byte string.
 
 An MCAP file, and each chunk in it once decompressed, is a run of records: one byte of kind, eight
 of length, content. The messages of a chunk are found without a Python step for each: recorders
@@ -15,35 +15,15 @@ import numpy as np
 from mcap.opcode import Opcode
 
 from elastic_arm.recording import limits
-from elastic_arm.recording.spans import Bytes, Offsets, Spans, column, place, progression, shifted
+from elastic_arm.recording.spans import Bytes, Offsets, Spans, column, progression, shifted
 
 RECORD_HEAD = 9  # kind and length
 MESSAGE_HEAD = 31  # kind, length, channel, sequence, log time, publish time
 LATEST_NS = 2**63 - 1
-_MESSAGE = struct.Struct("<BQHIQQ")
 _HEAD = struct.Struct("<BQ")
 # Kind, length and channel, which are the same in each round: eleven bytes as two overlapping words.
 _HEAD_WORDS = (("<u4", 0), ("<u8", 3))
 _LOOKED = 1 << 26  # bytes that are looked at before the system takes them back
-
-
-def message_head(size: int, channel: int, sequence: int, log_ns: int, publish_ns: int) -> bytes:
-    """Return the head of a message's record."""
-    length = MESSAGE_HEAD - RECORD_HEAD + size
-    return _MESSAGE.pack(Opcode.MESSAGE, length, channel, sequence & 0xFFFFFFFF, log_ns, publish_ns)
-
-
-def lay_messages(
-    buffer: Bytes, offsets: Offsets, message: bytes, *, channel: int, first: int, stamp_ns: Offsets
-) -> Offsets | slice:
-    """Write records with one message each into a buffer; return where messages begin."""
-    where = progression(offsets)
-    record = message_head(len(message), channel, 0, 0, 0) + message
-    place(buffer, where, 0, np.frombuffer(record, f"V{len(record)}"))
-    place(buffer, where, 11, np.arange(first, first + len(offsets), dtype="<u4"))
-    place(buffer, where, 15, stamp_ns)
-    place(buffer, where, 23, stamp_ns)
-    return shifted(where, MESSAGE_HEAD)
 
 
 class Record(NamedTuple):

@@ -76,21 +76,6 @@ class StoredFile:
         return 0
 
 
-@dataclass(frozen=True)
-class FileSummary:
-    """A file of a bag: its name, its span, its messages by topic."""
-
-    name: str
-    start_ns: int
-    end_ns: int
-    counts: Mapping[str, int]
-
-    @property
-    def messages(self) -> int:
-        """Number of messages."""
-        return sum(self.counts.values())
-
-
 def offered_qos(topic: str) -> str:
     """Return the nodes' quality of service on a topic as rosbag2 writes it (YAML)."""
     latched = f"/{topic.rpartition('/')[2]}" in LATCHED
@@ -109,26 +94,30 @@ def offered_qos(topic: str) -> str:
 
 
 def metadata(
-    topics: Sequence[Topic], file: FileSummary, currents: Sequence[str] = ()
+    file: str,
+    topics: Sequence[Topic],
+    counts: Mapping[str, int],
+    span: tuple[int, int],
+    currents: Sequence[str] = (),
 ) -> dict[str, Any]:
-    """Return the content of metadata.yaml under its one key."""
-    span = {
-        "starting_time": {"nanoseconds_since_epoch": file.start_ns},
-        "duration": {"nanoseconds": file.end_ns - file.start_ns},
-        "message_count": file.messages,
+    """Return the content of metadata.yaml under its one key, of a file with messages of a span."""
+    written = {
+        "starting_time": {"nanoseconds_since_epoch": span[0]},
+        "duration": {"nanoseconds": span[1] - span[0]},
+        "message_count": sum(counts.values()),
     }
     return {
         "version": 9,  # of Jazzy's rosbag2
         "storage_identifier": "mcap",
-        **span,
+        **written,
         "topics_with_message_count": [
-            {"topic_metadata": _topic(topic), "message_count": file.counts.get(topic.name, 0)}
+            {"topic_metadata": _topic(topic), "message_count": counts[topic.name]}
             for topic in topics
         ],
         "compression_format": "",
         "compression_mode": "",
-        "relative_file_paths": [file.name],
-        "files": [{"path": file.name, **span}],
+        "relative_file_paths": [file],
+        "files": [{"path": file, **written}],
         "custom_data": {_CURRENTS: " ".join(currents)} if currents else None,
         "ros_distro": "jazzy",
     }
