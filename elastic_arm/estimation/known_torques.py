@@ -90,7 +90,7 @@ def known_torques(
             shares.append((link, motor))
             # A law that follows the load takes its part of what the drive carries by itself.
             spring = spring + (link if effect.feature.follows_load else wound)
-        signals = signals_of(replace(motion, tau_J=load, tau_m=drive))
+        signals = signals.with_torques(load, drive)
     if predicted and model.robot.elastic:
         signals = signals.wound_by(wound_under(spring, signals.t, model))
     return KnownTorques(motion, signals, load, drive, laws, tuple(shares))

@@ -34,6 +34,7 @@ INPUTS = (
     "x", "dx", "ddx", "tau_J", "tau_m", "dtau_J", "dtau_m", "progress", "elapsed", "friction_link",
     "friction_motor", "wound", "loaded", "r", "dr", "kp", "kd", "fed", "sign_link", "sign_motor",
 )  # fmt: skip
+SIGNS = ("sign_link", "sign_motor")
 
 
 @dataclass(frozen=True)
@@ -42,6 +43,8 @@ class Signals(MotionSignals):
 
     # the same up to the first sample; None where the motion that came before is not known
     before: Signals | None = None
+    # (n,) rad/s for link and motor side, below which a velocity has no sign
+    standstill: tuple[Array, Array] | None = None
 
     @staticmethod
     def of(
@@ -53,6 +56,7 @@ class Signals(MotionSignals):
         predicted: bool = False,
         smoother: Smoother | None = None,
         made: Mapping[str, Array] | None = None,
+        near: Signals | None = None,
     ) -> Signals:
         """Take the signals from motion over a stretch of time.
 
@@ -61,7 +65,8 @@ class Signals(MotionSignals):
         which accelerations are motion rather than noise; predicted: whether torques are those that
         the model predicts; smoother: what the residuals have passed, where it takes a part of their
         band: signs pass it, too; made: "kp", "kd", "fed" (N, n) of the controllers, where torques
-        are made of commands.
+        are made of commands; near: those of the stretch with other numbers of the arm: where the
+        motion is the same, its signs are.
         """
         rates = [rates_of(motion.t, torque) for torque in (motion.tau_J, motion.tau_m)]
         before = None
@@ -70,13 +75,21 @@ class Signals(MotionSignals):
                 motion.before, standstill, elastic=elastic, cutoff=cutoff, smoother=smoother
             )
         values = _values(motion, standstill, rates, elastic=elastic)
-        if smoother is not None:
-            of_sides = {
-                "sign_link": (motion.dq, standstill[0]),
-                "sign_motor": (motion.dtheta, standstill[1]),
-            }
-            values |= {name: smoother.sign(motion.t, *side) for name, side in of_sides.items()}
-        return Signals(motion.t, {**values, **(made or {})}, cutoff, predicted, before=before)
+        if near is not None and near.has_motion(values, standstill):
+            values |= {name: near.values[name] for name in SIGNS}
+        elif smoother is not None:
+            sides = (motion.dq, standstill[0]), (motion.dtheta, standstill[1])
+            signs = (smoother.sign(motion.t, *side) for side in sides)
+            values |= zip(SIGNS, signs, strict=True)
+        values |= made or {}
+        return Signals(motion.t, values, cutoff, predicted, before=before, standstill=standstill)
+
+    def has_motion(self, values: Mapping[str, Array], standstill: tuple[Array, Array]) -> bool:
+        """Whether the velocities of other signals, and those without a sign, are the same."""
+        if self.standstill is None:
+            return False
+        pairs = (values["dx"], self.values["dx"]), *zip(standstill, self.standstill, strict=True)
+        return all(np.array_equal(*pair) for pair in pairs)
 
     @staticmethod
     def of_samples(
@@ -96,8 +109,9 @@ class Signals(MotionSignals):
 
         Friction and command are left out where they were not given.
         """
-        none = np.zeros_like(self.values["tau_J"])
-        return [self.values.get(name, none) for name in INPUTS]
+        none = np.zeros(self.values["tau_J"].shape)
+        # Every column that is made of them would copy what is not in one piece.
+        return [np.ascontiguousarray(self.values.get(name, none)) for name in INPUTS]
 
     @cached_property
     def between(self) -> Array:
@@ -110,6 +124,11 @@ class Signals(MotionSignals):
             stacked = np.vstack([np.hstack(self.before.arrays), stacked])
         stacked[:-1] = 0.5 * (stacked[:-1] + stacked[1:])
         return stacked
+
+    def with_torques(self, tau_J: Array, tau_m: Array) -> Signals:
+        """Return the signals of the same motion with other torques (N, n) Nm."""
+        rates = {"dtau_J": rates_of(self.t, tau_J), "dtau_m": rates_of(self.t, tau_m)}
+        return replace(self, values={**self.values, "tau_J": tau_J, "tau_m": tau_m, **rates})
 
     def wound_by(self, deflection: Array) -> Signals:
         """Return the signals with deflections (N, n) rad of springs under the load."""

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.linalg import cho_factor, cho_solve
 from scipy.ndimage import binary_dilation, binary_opening, find_objects, label
+from scipy.sparse import csr_array
 
 from elastic_arm.arrays import Array
 from elastic_arm.dynamics import Model
@@ -149,14 +150,6 @@ class FreeTorque:
     beside: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, dtype=int))
     estimate: Array | None = None
 
-    def remove(self, rows: Array) -> None:
-        """Take it off rows (N', …) of its residual, in place."""
-        part = rows[self.instants]
-        if self.basis is None or self.estimate is None:
-            part -= part
-        else:
-            part -= self.basis @ (self.estimate @ np.concatenate([part, rows[self.beside]]))
-
 
 @dataclass(frozen=True)
 class FreeTorques:
@@ -173,6 +166,7 @@ class FreeTorques:
     """
 
     found: tuple[FreeTorque, ...] = ()  # all of them
+    length: int = 0  # N' rows of the stretch
     # those worked out, by what they depend on beside the band, and their estimates by row and rows
     # beside, too
     bases: Mapping[FreeTimes, Array] = field(default_factory=dict, repr=False)
@@ -250,16 +244,17 @@ class FreeTorques:
                 else _estimate(bases[one], instants, beside, noise[:, row])
             )
             found.append(FreeTorque(row, instants, bases[one], beside, estimates[key]))
-        return cls(tuple(found), bases, estimates)
+        return cls(tuple(found), len(stretch.t), bases, estimates)
 
     def remove(self, values: Array, *, in_place: bool = False) -> Array:
         """Return residuals or columns (N', R, …) without them, perhaps in the same array."""
         if not self.found:
             return values
         out = values if in_place else values.copy(order="K")
-        for row, torques in self._of_row.items():
-            for free in torques if out[:, row].any() else ():
-                free.remove(out[:, row])
+        for row, stages in self._of_row.items():
+            rows = out[:, row]
+            for basis, estimate in stages if rows.any() else ():
+                rows -= basis @ (estimate @ rows)
         return out
 
     def shares(self, count: int, rows: int, band: Band) -> Array:
@@ -273,11 +268,49 @@ class FreeTorques:
         return np.maximum(left, 0.0)
 
     @cached_property
-    def _of_row(self) -> dict[int, list[FreeTorque]]:
-        by_row: dict[int, list[FreeTorque]] = {}
+    def _of_row(self) -> dict[int, list[tuple[csr_array, csr_array]]]:
+        """By row of the residuals, B (N', m) and (m, N') what estimates its coefficients, in turn.
+
+        Torques that share no instant are removed at once: none acts in rows that estimate another.
+        """
+        by_row: dict[int, list[list[FreeTorque]]] = {}
         for free in self.found:
-            by_row.setdefault(free.row, []).append(free)
-        return by_row
+            stages = by_row.setdefault(free.row, [[]])
+            if stages[-1] and free.instants.start < stages[-1][-1].instants.stop:
+                stages.append([])
+            stages[-1].append(free)
+        return {
+            row: [_operators(torques, self.length) for torques in stages]
+            for row, stages in by_row.items()
+        }
+
+
+def _operators(torques: Sequence[FreeTorque], length: int) -> tuple[csr_array, csr_array]:
+    """Return B (length, m) of several torques of one residual, and (m, length) their estimates."""
+    bases: list[_Block] = []
+    estimates: list[_Block] = []
+    m = 0
+    for free in torques:
+        instants = np.arange(free.instants.start, free.instants.stop)
+        whole = np.eye(len(instants))
+        basis = whole if free.basis is None else free.basis
+        estimate = whole if free.estimate is None else free.estimate
+        columns = np.arange(m, m + basis.shape[1])
+        bases.append((instants, columns, basis))
+        estimates.append((columns, np.concatenate([instants, free.beside]), estimate))
+        m += len(columns)
+    return _sparse(bases, (length, m)), _sparse(estimates, (m, length))
+
+
+_Block = tuple[NDArray[np.intp], NDArray[np.intp], Array]  # rows, columns, and what stands there
+
+
+def _sparse(blocks: Sequence[_Block], shape: tuple[int, int]) -> csr_array:
+    rows = [np.repeat(own, len(columns)) for own, columns, _ in blocks]
+    columns = [np.tile(own, len(rows)) for rows, own, _ in blocks]
+    values = [own.ravel() for *_, own in blocks]
+    places = np.concatenate(rows), np.concatenate(columns)
+    return csr_array((np.concatenate(values), places), shape=shape)
 
 
 def standing_speed(fastest: Array | float, noise: Array | float) -> Array:

@@ -324,7 +324,8 @@ class WhitenedData:
         self.parts: list[Part] = []
         self.pure: list[NoiseModel] = []
         self._free: list[FreeTorques] = []
-        others = iter(near._free if near is not None else ())
+        others = iter(() if near is None else near._free)
+        signals_before = iter(() if near is None else [part.signals for part in near.parts])
         moves, fastest = _moving(observations)
         for number, observation in enumerate(observations):
             in_band = band.at(observation.rate)
@@ -346,6 +347,7 @@ class WhitenedData:
                     predicted=predicted,
                     smoother=limits,
                     made=observation.made(stretch.quiet),
+                    near=next(signals_before, None),
                 )
                 motion = stretch.quiet
                 if layout.reads_torque_by_deflection:

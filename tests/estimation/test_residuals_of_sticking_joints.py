@@ -69,6 +69,21 @@ def test_other_joints_and_most_of_the_friction_are_kept() -> None:
     assert np.linalg.norm(sticking.remove(friction)) > 0.7 * np.linalg.norm(friction)
 
 
+def test_torques_are_removed_at_once_as_one_after_the_other() -> None:
+    """By their bases and estimates, also where two of them share instants."""
+    band, stretch, _ = setting()
+    sticking = FreeTorques.of(stretch, band, LAYOUT, NO_STEPS, friction=True, standing=STANDING)
+    twice = replace(sticking, found=(*sticking.found, *sticking.found[::2]))
+    rows = np.random.default_rng(3).normal(size=(len(stretch.t), LAYOUT.rows, 2))
+    expected = rows.copy()
+    for free in twice.found:
+        own = expected[:, free.row]
+        assert free.basis is not None and free.estimate is not None
+        seen = np.concatenate([own[free.instants], own[free.beside]])
+        own[free.instants] -= free.basis @ (free.estimate @ seen)
+    np.testing.assert_allclose(twice.remove(rows), expected, atol=1e-12)
+
+
 def test_friction_of_a_joint_that_sticks_half_of_the_time_is_removed() -> None:
     """Wrists with much friction and little motion: a sign that the law gets wrong in 0.5 s of every
     second."""

@@ -79,10 +79,12 @@ def urdf() -> str:
     return f"{text}</robot>"
 
 
-def motion(seed: int) -> tuple[Array, Array, Array, Array]:
+def motion(
+    seed: int, *, rate: float = RATE, seconds: float = SECONDS
+) -> tuple[Array, Array, Array, Array]:
     """Return time, angles, rates and accelerations of five harmonics of each joint."""
     rng = np.random.default_rng(seed)
-    t = np.arange(0.0, SECONDS, 1.0 / RATE)
+    t = np.arange(0.0, seconds, 1.0 / rate)
     w = 2 * np.pi * 0.08 * np.arange(1, 6)[:, None, None]
     a, b = 0.5 * rng.normal(size=(2, 5, 1, len(JOINTS))) / np.arange(1, 6)[:, None, None]
     sine, cosine = np.sin(w * t[:, None]), np.cos(w * t[:, None])
@@ -106,10 +108,10 @@ def torques(q: Array, dq: Array, ddq: Array, *, link: int = 5, mass: float = TOO
     return np.array(rigid) + DRY * np.tanh(dq / 0.005) + VISCOUS * dq
 
 
-def table(seed: int, **carried: float) -> Array:
+def table(seed: int, *, rate: float = RATE, seconds: float = SECONDS, **carried: float) -> Array:
     """Return rows of time, angles, rates and motor currents, with the noise of such an arm."""
     rng = np.random.default_rng(seed)
-    t, q, dq, ddq = motion(seed)
+    t, q, dq, ddq = motion(seed, rate=rate, seconds=seconds)
     tau = torques(q, dq, ddq, **carried)
     tau += rng.normal(size=tau.shape) * 0.01 * np.abs(tau).max(axis=0)
     current = tau / (TORQUE_CONSTANTS * RATIO)

@@ -17,7 +17,8 @@ from elastic_arm.recording import Recording, Side, write_recording
 from elastic_arm.recording.inspection.check import check_bag
 from elastic_arm.recording.inspection.described_gravity import contradicted, side_motions
 from elastic_arm.recording.inspection.report import Finding
-from elastic_arm.robot import Robot, save_robot
+from elastic_arm.robot import Robot, parse_urdf, save_robot
+from tests.helpers import six_axes
 from tests.helpers.nightly import nightly
 from tests.helpers.random_arms import random_arm
 
@@ -344,6 +345,38 @@ def test_a_joint_whose_zero_is_elsewhere_is_named_with_the_angle(
     offset, _, std = finding.message.partition("differ by ")[2].split()[:3]
     assert abs(float(offset) - 0.08) < 4.0 * float(std) < 0.02
     assert found(3) == []
+
+
+def six_axes_recorded(zeros: Array, mass: float, gains: Array | float = 1.0) -> Recording:
+    """Angles and motor torques of a six-axis arm with friction, a tool and joint zeros."""
+    rng = np.random.default_rng(102)
+    t, q, dq, ddq = six_axes.motion(2)
+    torque = gains * six_axes.torques(q, dq, ddq, mass=mass)
+    torque += 0.01 * np.abs(torque).max(axis=0) * rng.normal(size=torque.shape)
+    stamp_ns = np.rint(1e9 * t).astype(np.int64)
+    read = q + zeros + 2e-5 * rng.normal(size=q.shape)
+    return Recording(six_axes.JOINTS, Side(stamp_ns, read), Side(stamp_ns, effort=torque))
+
+
+@pytest.mark.parametrize("size", [-0.04, 0.04])
+@pytest.mark.parametrize("joint", [1, *nightly([2, 3])])
+def test_a_zero_of_40_mrad_is_named_beside_a_tool(joint: int, size: float) -> None:
+    """Either way round, of an arm whose links are as described: only the last one carries
+    more."""
+    recording = six_axes_recorded(size * np.eye(6)[joint], six_axes.TOOL)
+    (finding,) = contradicted_gravity(recording, parse_urdf(six_axes.urdf()))
+    assert finding.code == "other_zero"
+    assert f"the zero of {six_axes.JOINTS[joint]} seems" in finding.message
+    offset, _, std = finding.message.partition("differ by ")[2].split()[:3]
+    assert abs(float(offset) - size) < 4.0 * float(std) < 0.03
+
+
+@pytest.mark.parametrize("mass", [0.0, six_axes.TOOL])
+def test_a_tool_and_other_torque_constants_are_no_zero(mass: float) -> None:
+    """Gains of 10 % and a tool of 1.2 kg: nothing is said."""
+    gains = np.array([1.1, 0.9, 1.05, 1.1, 0.95, 0.9])
+    recording = six_axes_recorded(np.zeros(6), mass, gains)
+    assert contradicted_gravity(recording, parse_urdf(six_axes.urdf())) == []
 
 
 def test_no_arm_is_written_by_channels_that_are_not_what_they_are_taken_for(tmp_path: Path) -> None:

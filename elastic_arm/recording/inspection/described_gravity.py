@@ -8,10 +8,20 @@ otherwise. Where it rises far more or less, a unit is not what it is taken for; 
 rises at all, gravity has been taken out of the torque before it was recorded.
 
 Joints that turn the other way or have their zero elsewhere, torques of the wrong sign, and channels
-of two joints that were exchanged are tried: each is as likely as the torques are, tau = Y(q, dq,
-ddq) pi, with the masses and inertias pi integrated out of a wide prior about the description (D. J.
-C. MacKay, Neural Computation 4 (1992) 415), so that the geometry decides, however wrong the
-described masses are.
+of two joints that were exchanged are tried: each is as likely as the torques of its measured joints
+j are,
+
+    tau_j = (1 + g_j) Y_j(q, dq, ddq) pi + own_j + e_j,   e_j ~ N(0, v_j)
+    pi_k ~ N(described, s_k² spread_k²),   g_j ~ N(0, 0.15²),   1/s_k² ~ gamma
+
+with zero, friction and motor inertia own_j of any size, and the masses and inertias pi_k of each
+body k and the gains g_j integrated out (D. J. C. MacKay, Neural Computation 4 (1992) 415). How far
+off a body is, s_k, is the likeliest: as drawn, or with a payload, a tool, another motor. So the
+geometry decides, and neither a wrong mass nor a wrong gain is taken for a zero.
+
+Motion and torques are smoothed alike: friction turns over as gradually as in the smoothed torque.
+Torques enter by products of columns, so that each other torque beside the same motion costs no more
+than the likelihood of those products.
 
 Slow samples resemble each other: N of them are worth as few independent ones as the two series'
 autocorrelations say (M. S. Bartlett, Journal of the Royal Statistical Society 98 (1935) 536).
@@ -20,11 +30,12 @@ autocorrelations say (M. S. Bartlett, Journal of the Royal Statistical Society 9
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from itertools import chain, combinations
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
-from scipy.signal import fftconvolve, savgol_filter
+from scipy.signal import fftconvolve, savgol_coeffs, savgol_filter
 from scipy.stats import t as student
 
 from elastic_arm.dynamics import Model, build_model
@@ -56,14 +67,19 @@ OVERHEAD = 0.75 * np.pi
 RANK = 1e-9  # of the largest singular value; numerical
 # rad/s, root mean square over joints and samples, below which single joints are not judged
 CREEP = 0.05
+TURNOVER = 0.01  # rad/s within which friction turns over; convention
+# of places in the window; their number is numerical
+SMOOTHING = np.convolve(savgol_coeffs(21, 3), savgol_coeffs(21, 3))
 SIDES = {"tau_J": "link", "tau_m": "motor"}
 # Another arrangement is named where it is e^10 times as likely, shared among those that are tried;
 # others beside it that are at most a hundred times less likely, as in the contract.
 CERTAIN = 10.0
 BESIDE = float(np.log(100.0))
-# relative: a payload, a tool, another motor; of links as described and of the arm's mean link;
-# convention
-MASSES = 0.3
+# relative, of a body as drawn and of the arm's mean body; a tenth is the convention, and two
+# degrees of freedom make tails in which payloads and tools lie
+MASSES = 0.1
+TAILS = 2.0
+GAIN = 0.15  # of a torque constant, as the challenge's level `field` draws them
 COUPLED = "coupled"
 # Long and short words of readings of torques, with places for the joint and the size.
 OTHER_ZERO = (
@@ -95,24 +111,50 @@ class _Change(NamedTuple):
     def __call__(self, values: Array) -> Array:
         return np.asarray(values[..., self.order] * self.sign)
 
+    @property
+    def is_none(self) -> bool:
+        """Whether all stay where they are."""
+        return bool((self.order == np.arange(len(self.sign))).all() and (self.sign > 0.0).all())
+
 
 class _Mix(NamedTuple):
     """Columns (n,) as sums of columns: values by a matrix (n, n)."""
 
     matrix: Array
 
+    @property
+    def is_none(self) -> bool:
+        """Whether all stay where they are."""
+        return False
+
     def __call__(self, values: Array) -> Array:
         return np.asarray(values @ self.matrix.T)
 
 
 class SideMotion(NamedTuple):
-    """Motion and torques (N, n) of a side, and the joints with measured torque."""
+    """Motion and torques (N, n) of a side, the joints with measured torque, and the seconds over
+    which all are smoothed."""
 
     q: Array
     dq: Array
     ddq: Array
     torque: Array
     measured: list[int]
+    window: float
+
+    def moved(self, turn: Callable[[Array], Array]) -> Self:
+        """Return it with other angles."""
+        return self._replace(q=turn(self.q), dq=turn(self.dq), ddq=turn(self.ddq))
+
+    def every(self, step: int) -> Self:
+        """Return every so many samples."""
+        return self.moved(lambda rate: rate[::step])._replace(torque=self.torque[::step])
+
+    def friction(self, j: int) -> Array:
+        """Return dry friction of 1 Nm (N,) of a joint, smoothed as the torques are."""
+        ahead = self.window * np.linspace(-0.5, 0.5, len(SMOOTHING))
+        speeds = self.dq[:, j, None] + self.ddq[:, j, None] * ahead
+        return np.asarray(np.tanh(speeds / TURNOVER) @ SMOOTHING)
 
 
 Motions = list[tuple[str, SideMotion]]  # with the sides whose torques they hold
@@ -182,7 +224,7 @@ def _fits(motions: Motions, robot: Robot) -> Iterator[tuple[str, SideMotion, Gra
             np.concatenate(parts)[::every] for parts in list(zip(*own, strict=True))[:4]
         )
         measured = sorted(set.intersection(*(set(motion.measured) for motion in own)))
-        whole = SideMotion(q, dq, ddq, torque, measured)
+        whole = SideMotion(q, dq, ddq, torque, measured, own[0].window)
         if len(whole.q) < FEWEST:  # holes everywhere
             continue
         fit = _fit_gravity(whole, robot, motors=side == "motor")
@@ -209,24 +251,37 @@ def side_motions(recording: Recording, robot: Robot) -> Iterator[tuple[str, Side
 
 def _motion(samples: Samples, position: Array, channel: str) -> SideMotion:
     step = float(np.median(np.diff(samples.t)))
-    # 0.1 s over which positions are differentiated: gravity changes more slowly
+    # 0.1 s over which all is smoothed: gravity changes more slowly
     width = max(round(0.1 / step) // 2 * 2 + 1, 5)
+
+    def smooth(values: Array) -> Array:
+        """Smooth as well as a derivative needs it, of motion and torques alike."""
+        once = savgol_filter(values, width, 3, axis=0)
+        return np.asarray(savgol_filter(once, width, 3, axis=0))
+
     # Over numbers of samples, and of the times at these: some may be missing.
-    slope, curvature = (savgol_filter(samples.t, width, 3, deriv=k)[:, None] for k in (1, 2))
-    dq, ddq = (savgol_filter(position, width, 3, deriv=k, axis=0) for k in (1, 2))
-    dq = dq / slope
-    ddq = (ddq - dq * curvature) / slope**2
+    q = smooth(position)
+    t = smooth(samples.t[:, None])
+    slope = np.gradient(t, axis=0)
+    dq = np.gradient(q, axis=0) / slope
+    ddq = (_bend(q) - dq * _bend(t)) / slope**2
     # Across a hole there is no derivative.
     holes = np.zeros(len(position), np.bool_)
     for row in np.flatnonzero(np.diff(samples.t) > 2.5 * step).tolist():
-        holes[max(row - width // 2, 0) : row + width // 2 + 2] = True
+        holes[max(row - width, 0) : row + width + 2] = True
     rows = np.flatnonzero(~holes)[width:-width]
     rows = rows[:: max(1, len(rows) // ENOUGH)]
-    torque: Array = savgol_filter(getattr(samples, channel), width, 3, axis=0)
+    torque = smooth(getattr(samples, channel))
     lacking = [(channel, j) in samples.lacking for j in range(position.shape[1])]
     # 1e-9 Nm; what changes less is none
     measured = np.flatnonzero((np.ptp(torque, axis=0) > 1e-9) & ~np.array(lacking)).tolist()
-    return SideMotion(position[rows], dq[rows], ddq[rows], torque[rows], measured)
+    window = 2 * (width - 1) * step
+    return SideMotion(q[rows], dq[rows], ddq[rows], torque[rows], measured, window)
+
+
+def _bend(values: Array) -> Array:
+    """Return the second differences (N, k) of values; null at the ends."""
+    return np.pad(np.diff(values, n=2, axis=0), [(1, 1), (0, 0)])
 
 
 def _fit_gravity(motion: SideMotion, robot: Robot, *, motors: bool) -> GravityFit:
@@ -266,8 +321,7 @@ def _fit_gravity(motion: SideMotion, robot: Robot, *, motors: bool) -> GravityFi
 def _own(motion: SideMotion, j: int, *more: Array) -> Array:
     """Return an orthonormal basis (N, r) of a joint's zero, friction, motor inertia, and of further
     columns."""
-    # 0.01 rad/s within which friction turns over; convention
-    friction = np.tanh(motion.dq[:, j] / 0.01)
+    friction = motion.friction(j)
     columns = [np.ones(len(friction)), friction, motion.dq[:, j], motion.ddq[:, j], *more]
     scaled = np.column_stack(
         [column / max(float(np.linalg.norm(column)), 1e-300) for column in columns]
@@ -286,18 +340,33 @@ def _independent(one: Array, other: Array) -> float:
 
 
 class _Arm(NamedTuple):
-    """Y(q, dq, ddq) (N, n, P) of a side's torques, and mean and standard deviation of its pi
-    (P,)."""
+    """Y(q, dq, ddq) (N, n, P) of a side's torques, mean and spread of its pi (P,), and to which of
+    its bodies each belongs (P,)."""
 
     regressor: Callable[[Array, Array, Array], Array]
     mean: Array
     spread: Array
+    body: NDArray[np.intp]
 
 
 def _told(motion: SideMotion, side: str, fit: GravityFit, robot: Robot) -> Iterator[list[Finding]]:
     """Yield which channels were confused, and then, if none were, what else is not as described."""
-    every = max(1, len(motion.q) // 500)  # so many samples are tried with every other arrangement
-    few = SideMotion(*(rate[::every] for rate in motion[:4]), motion.measured)  # type: ignore[call-arg, arg-type]
+    few = motion.every(max(1, len(motion.q) // 500))  # are tried with every other arrangement
+    # Of joints that creep friction is of either sign, by the encoders' steps, and its error
+    # outweighs what is compared.
+    several = len(motion.measured) > 1 and float(np.sqrt(np.mean(motion.dq**2))) > CREEP
+    confused = _size(fit, side)
+    if several and not confused:
+        arm = _arm(robot, side)
+        confused = _arranged(few, side, robot, arm)
+    yield confused
+    judged = [] if confused else _judged(fit, side, robot)
+    if several and not confused and not judged:
+        judged = _sized(few, side, robot, arm)
+    yield judged
+
+
+def _arm(robot: Robot, side: str) -> _Arm:
     # A few thousand samples: compiling would take longer than all that is computed.
     n = robot.n
     model = build_model(robot, engine="numpy")
@@ -306,23 +375,14 @@ def _told(motion: SideMotion, side: str, fit: GravityFit, robot: Robot) -> Itera
         if robot.elastic:
             q, dq, ddq = (np.hstack([rate, rate]) for rate in (q, dq, ddq))
         Y = model.regressor(q, dq, ddq)
-        return np.asarray(Y[:, :n] + (Y[:, n:] if robot.elastic and side == "motor" else 0.0))
+        return Y[:, :n] + Y[:, n:] if robot.elastic and side == "motor" else Y[:, :n]
 
-    arm = _Arm(regressor, model.Psi, _spread(model))
-    # Of joints that creep friction is of either sign, by the encoders' steps, and its error
-    # outweighs what is compared.
-    several = len(motion.measured) > 1 and float(np.sqrt(np.mean(motion.dq**2))) > CREEP
-    confused = _size(fit, side) or (_arranged(few, side, robot, arm) if several else [])
-    yield confused
-    judged = [] if confused else _judged(fit, side, robot)
-    if several and not confused and not judged:
-        judged = _sized(few, side, robot, arm)
-    yield judged
+    return _Arm(regressor, model.Psi, *_spread(model))
 
 
-def _spread(model: Model) -> Array:
-    """Return by how much masses, first moments and inertias may be off, (P,); stiffness and damping
-    do not act here."""
+def _spread(model: Model) -> tuple[Array, NDArray[np.intp]]:
+    """Return the size of masses, first moments and inertias of each body, (P,), and its number;
+    stiffness and damping do not act here."""
     names = [parameter.name.rpartition(".") for parameter in model.parameters]
     mass = {owner: 0.0 for owner, *_ in names}
     inertia = dict(mass)
@@ -337,8 +397,141 @@ def _spread(model: Model) -> Array:
         m = mass[owner] + mean_mass
         j = inertia[owner] + mean_inertia
         by_unit = {"kg": m, "kg m": np.sqrt(m * j), "kg m^2": j}
-        sizes.append(MASSES * by_unit.get(parameter.unit, 0.0))
-    return np.array(sizes)
+        sizes.append(by_unit.get(parameter.unit, 0.0))
+    numbers = {owner: k for k, owner in enumerate(mass)}
+    return np.array(sizes), np.array([numbers[owner] for owner, *_ in names])
+
+
+class _Products(NamedTuple):
+    """Products of columns of the measured joints (m joints) without what is their own.
+
+    Columns are the numbers of the arm and the gains, in their spreads, (Q,); rows the torques of
+    all joints, gravity as described, and the torque as described, (T,).
+    """
+
+    grams: Array  # (m, Q, Q) of the columns
+    rights: Array  # (m, Q, T) of columns and rows
+    powers: Array  # (m, T, T) of the rows
+    columns: list[Array]  # (N, Q) of each joint
+    rows: list[Array]  # (N, T) of each joint
+    measured: list[int]
+    body: NDArray[np.intp]  # (Q,), -1 of gains
+    samples: int
+
+    def coefficients(self, torques: Array, missing: Array | None = None) -> Array:
+        """Return the coefficients (m, T) of the rows that the arm is to explain.
+
+        torques: (n, n), of the recorded ones that each is taken to be; missing: (n,) share of the
+        described gravity that each lacks.
+        """
+        n = torques.shape[1]
+        found = np.zeros((len(self.measured), n + 2))
+        found[:, :n] = torques[self.measured]
+        found[:, n] = 0.0 if missing is None else missing[self.measured]
+        found[:, n + 1] = -1.0
+        return found
+
+
+def _products(motion: SideMotion, arm: _Arm, own: Sequence[Array], weight: Array) -> _Products:
+    """Form the products.
+
+    own: bases of what is each measured joint's own; weight: gravity as described (N, n).
+    """
+    Y = arm.regressor(*motion[:3])
+    predicted = Y @ arm.mean
+    free = np.flatnonzero(arm.spread)
+    m = len(motion.measured)
+    columns = []
+    rows = []
+    for k, (j, basis) in enumerate(zip(motion.measured, own, strict=True)):
+        gains = np.zeros((len(Y), m))
+        gains[:, k] = GAIN * predicted[:, j]
+        moved = Y[:, j, free] * arm.spread[free]
+        both = np.column_stack([moved, gains, motion.torque, weight[:, j], predicted[:, j]])
+        both -= basis @ (basis.T @ both)
+        columns.append(both[:, : len(free) + m])
+        rows.append(both[:, len(free) + m :])
+    return _Products(
+        np.array([c.T @ c for c in columns]),
+        np.array([c.T @ r for c, r in zip(columns, rows, strict=True)]),
+        np.array([r.T @ r for r in rows]),
+        columns,
+        rows,
+        motion.measured,
+        np.concatenate([arm.body[free], np.full(m, -1)]),
+        len(Y),
+    )
+
+
+def _owns(motion: SideMotion) -> list[Array]:
+    return [_own(motion, j) for j in motion.measured]
+
+
+class _Fit(NamedTuple):
+    likelihood: float  # its logarithm
+    size: Array  # (Q,) of the columns
+    squares: Array  # (m,) that are left
+    scale2: Array  # (Q,) of the columns
+
+
+def _likelihood(products: _Products, coefficients: Array, free: Array, near: _Fit | None) -> _Fit:
+    """Return the logarithm of the torques' likelihood.
+
+    Each joint's noise and each body's distance from the description are the likeliest, by
+    expectation and maximisation.
+
+    coefficients: (m, T) of the rows; free: independent samples that each joint's rest is worth,
+    (m,); near: of a like fit, where the search starts.
+    """
+    grams = products.grams
+    rights = np.einsum("jqt,jt->jq", products.rights, coefficients)
+    power = np.einsum("js,jst,jt->j", coefficients, products.powers, coefficients)
+    power = np.maximum(power, 1e-300)
+    bodies = np.unique(products.body[products.body >= 0])
+    belongs = (products.body[:, None] == bodies).astype(float)
+    of_gains = products.body < 0
+    squares = power if near is None else near.squares
+    scale2 = np.where(of_gains, 1.0, MASSES**2) if near is None else near.scale2
+    for _ in range(40):
+        weight = free / np.maximum(squares, 1e-12 * power)
+        std = np.sqrt(scale2)
+        scales = np.outer(std, std)
+        known = np.eye(len(std)) + scales * np.tensordot(weight, grams, 1)
+        covariance = scales * np.linalg.inv(known)
+        right = weight @ rights
+        size = covariance @ right
+        left = power - 2.0 * rights @ size + (grams @ size) @ size
+        left += np.tensordot(grams, covariance)
+        second = (size**2 + np.diag(covariance)) @ belongs
+        off = (TAILS * MASSES**2 + second) / (TAILS + belongs.sum(axis=0) + 2.0)
+        before = np.concatenate([squares, scale2])
+        used = squares, scale2
+        squares = np.maximum(left, 1e-12 * power)
+        scale2 = np.where(of_gains, 1.0, belongs @ off)
+        if np.allclose(np.concatenate([squares, scale2]), before, rtol=0.01, atol=0.0):
+            break
+    squares, scale2 = used
+    likely = -0.5 * float(
+        free @ np.log(squares / products.samples) + weight @ power - right @ covariance @ right
+    )
+    likely -= 0.5 * float(np.linalg.slogdet(known)[1])
+    own2 = scale2[~of_gains] @ belongs[~of_gains] / belongs.sum(axis=0)
+    likely -= float(((TAILS / 2.0 + 1.0) * np.log(own2) + TAILS * MASSES**2 / 2.0 / own2).sum())
+    return _Fit(likely, size, squares, scale2)
+
+
+def _given(products: _Products) -> tuple[_Fit, Array]:
+    """Return the fit as described, and how many independent samples the rest of each is worth
+    (m,)."""
+    n = products.rows[0].shape[1] - 2
+    coefficients = products.coefficients(np.eye(n))
+    m = len(products.measured)
+    every = np.full(m, float(products.samples))
+    fit = _likelihood(products, coefficients, every, None)
+    joints = zip(products.rows, products.columns, coefficients, strict=True)
+    rests = [rows @ own - columns @ fit.size for rows, columns, own in joints]
+    free = np.array([_independent(rest, rest) for rest in rests])
+    return _likelihood(products, coefficients, free, fit), free
 
 
 def _sized(motion: SideMotion, side: str, robot: Robot, arm: _Arm) -> list[Finding]:
@@ -348,23 +541,27 @@ def _sized(motion: SideMotion, side: str, robot: Robot, arm: _Arm) -> list[Findi
     A turned last link is another mass. What a gain of the torque explains better is said nothing
     of.
     """
-    given, free = _likelihood(motion, motion.torque, arm)
-    Y = arm.regressor(*motion[:3])
+    unit = np.eye(robot.n)
+    own = _owns(motion)
     still = np.zeros_like(motion.q)
     weight = arm.regressor(motion.q, still, still) @ arm.mean
+    as_given = _products(motion, arm, own, weight)
+    given, free = _given(as_given)
 
     def zero(at: Array, size: float) -> float:
-        return _likelihood(motion._replace(q=motion.q - size * at), motion.torque, arm, free)[0]
+        moved = _products(motion._replace(q=motion.q - size * at), arm, own, weight)
+        return _likelihood(moved, moved.coefficients(unit), free, given).likelihood
 
     def share(at: Array, size: float) -> float:
-        return _likelihood(motion, motion.torque + size * at * weight, arm, free, Y)[0]
+        coefficients = as_given.coefficients(unit, size * at)
+        return _likelihood(as_given, coefficients, free, given).likelihood
 
     def gain(at: Array, size: float) -> float:
         # The noise stays with the torques as they were given.
-        likely = _likelihood(motion, motion.torque * np.exp(-size * at), arm, free, Y)[0]
-        return likely - size * float(free @ at)
+        coefficients = as_given.coefficients(np.diag(np.exp(-size * at)))
+        likely = _likelihood(as_given, coefficients, free, given).likelihood
+        return likely - size * float(free @ at[as_given.measured])
 
-    unit = np.eye(robot.n)
     others = []
     for joint, at in zip(robot.joints, unit, strict=True):
         if not joint.prismatic:
@@ -373,7 +570,7 @@ def _sized(motion: SideMotion, side: str, robot: Robot, arm: _Arm) -> list[Findi
     for name, at in (*loaded, ("all joints", unit[motion.measured].sum(axis=0))):
         others.append(_Reading(name, *LACKING, SHARE, partial(share, at)))
         others.append(_Reading(name, "", "the gain of {}", SHARE, partial(gain, at)))
-    tried = [_likeliest(other, given) for other in others]
+    tried = [_likeliest(other, given.likelihood) for other in others]
     said = max(tried)[1]
     if said.startswith("the zero"):
         return _named(tried, "other_zero", side, "measure it, or state it (joint_zero)")
@@ -400,13 +597,22 @@ def _likeliest(reading: _Reading, given: float) -> tuple[float, str, str]:
         return float(reading.likelihood(size)) - given - 0.5 * (size / reading.usual) ** 2
 
     most = 3 * reading.usual
-    best = minimize_scalar(lambda size: -worth(size), bounds=(-most, most), method="bounded")
-    size = float(best.x)
+    coarse = minimize_scalar(
+        lambda size: -worth(size),
+        bounds=(-most, most),
+        method="bounded",
+        options={"xatol": 0.05 * reading.usual},  # numerical: a parabola ends it
+    )
+    size = float(coarse.x)
+    here = -float(coarse.fun)
     step = 0.1 * ZERO
-    bend = (2.0 * worth(size) - worth(size - step) - worth(size + step)) / step**2
-    std = max(bend, reading.usual**-2) ** -0.5
+    low, high = worth(size - step), worth(size + step)
+    std = max((2.0 * here - low - high) / step**2, reading.usual**-2) ** -0.5
+    move = float(np.clip(0.5 * (high - low) / step * std**2, -step, step))
+    size += move
+    here += 0.5 * (move / std) ** 2
     text = " ± ".join(rounded(size, std))
-    odds = float(-best.fun) + np.log(std / reading.usual)
+    odds = here + np.log(std / reading.usual)
     words = reading.words.format(reading.place, text)
     return odds, words, reading.short.format(reading.place, text)
 
@@ -415,20 +621,28 @@ def _arranged(motion: SideMotion, side: str, robot: Robot, arm: _Arm) -> list[Fi
     """Return which joints turn the other way, or have their channels exchanged."""
     found: list[Finding] = []
     n = robot.n
+    unit = np.eye(n)
+    no_weight = np.zeros_like(motion.q)
     for _ in range(n):
-        given, free = _likelihood(motion, motion.torque, arm)
+        products = _products(motion, arm, _owns(motion), no_weight)
+        given, free = _given(products)
         tried = []
         changes = []
+        worth = np.zeros(n)
+        worth[motion.measured] = free
         for angles, ways in _arrangements(robot.joint_names, motion.measured):
-            moved = motion._replace(
-                q=angles(motion.q), dq=angles(motion.dq), ddq=angles(motion.ddq)
-            )
-            Y = arm.regressor(*moved[:3])
+            moved = motion.moved(angles.__call__)
+            there = products
+            if not angles.is_none:
+                there = _products(moved, arm, _owns(moved), no_weight)
             for code, words, torques in ways:
                 # The noise stays with the torques as they were given.
-                worth = free if isinstance(torques, _Mix) else np.abs(torques(free))
-                likely, _ = _likelihood(moved, torques(motion.torque), arm, worth, Y)
-                tried.append((likely - given, words, words))
+                own_free = worth if isinstance(torques, _Mix) else np.abs(torques(worth))
+                coefficients = there.coefficients(torques(unit).T)
+                likely = _likelihood(
+                    there, coefficients, own_free[motion.measured], given
+                ).likelihood
+                tried.append((likely - given.likelihood, words, words))
                 changes.append((code, moved, torques))
         code, moved, torques = changes[int(np.argmax([gain for gain, *_ in tried]))]
         remedy = "check names, order and signs of the columns in the map, for angle and torque"
@@ -531,45 +745,6 @@ def _arrangements(
         yield exchanged, [("exchanged", f"all channels {whose}", exchanged)]
         alone.append(("exchanged", f"efforts {whose}", exchanged))
     yield same, alone
-
-
-def _likelihood(
-    motion: SideMotion, torque: Array, arm: _Arm, free: Array | None = None, Y: Array | None = None
-) -> tuple[float, Array]:
-    """Return the logarithm of the torques' likelihood, and how many independent samples the rest of
-    each is worth (n,).
-
-    Masses are integrated out, each joint's noise is the likeliest; friction, zero, motor inertia
-    are its own. `free`: independent samples (n,), where arrangements are compared.
-    """
-    Y = arm.regressor(*motion[:3]) if Y is None else Y
-    bases = [(j, _own(motion, j)) for j in motion.measured]
-    columns = [(Y[:, j] - basis @ (basis.T @ Y[:, j])) * arm.spread for j, basis in bases]
-    rows = [torque[:, j] - Y[:, j] @ arm.mean for j, _ in bases]
-    rows = [row - basis @ (basis.T @ row) for row, (_, basis) in zip(rows, bases, strict=True)]
-    grams = np.array([c.T @ c for c in columns])
-    rights = np.array([c.T @ r for c, r in zip(columns, rows, strict=True)])
-    power = np.array([float(row @ row) for row in rows])
-    count = len(Y)
-    squares = power
-    worth = np.full(len(rows), float(count)) if free is None else free[motion.measured]
-    # Expectation and maximisation of the noise.
-    for _ in range(20):
-        weight = worth / np.maximum(squares, 1e-12 * power)
-        spread = np.linalg.inv(np.eye(len(arm.mean)) + np.tensordot(weight, grams, 1))
-        size = spread @ (weight @ rights)
-        before = squares
-        squares = power - 2.0 * rights @ size + (grams @ size) @ size + np.tensordot(grams, spread)
-        if np.allclose(squares, before, rtol=1e-3):
-            break
-    if free is None:
-        free = np.zeros(motion.torque.shape[1])
-        rests = [row - column @ size for row, column in zip(rows, columns, strict=True)]
-        free[motion.measured] = [_independent(rest, rest) for rest in rests]
-        return _likelihood(motion, torque, arm, free, Y)[0], free
-    right = weight @ rights
-    likely = -0.5 * float(worth @ np.log(squares / count) + weight @ power - right @ spread @ right)
-    return likely + 0.5 * float(np.linalg.slogdet(spread)[1]), free
 
 
 def _size(fit: GravityFit, side: str) -> list[Finding]:

@@ -22,7 +22,7 @@ from elastic_arm.studies.blind_challenge.hidden_arms.further_laws import FOREIGN
 from elastic_arm.studies.blind_challenge.levels import Level
 
 STEP = 1e-3  # s, the most that MuJoCo steps
-AXES = ("0 0 1", "0 1 0", "0 1 0", "1 0 0", "0 1 0")
+AXES = ("0 0 1", "0 1 0", "0 1 0", "1 0 0", "0 1 0", "1 0 0")
 MOTION_HZ = np.array([0.1, 0.23, 0.41, 0.67, 0.97, 1.2])
 LIMIT = 30.0  # Nm, that no motion reaches
 
@@ -219,7 +219,7 @@ def commands(rate: float, seconds: float, n: int, rng: np.random.Generator) -> A
         np.sin(2 * np.pi * MOTION_HZ[:, None, None] * t[:, None] + phase[:, None]),
     )
     start = np.clip(t, 0.0, 1.0)[:, None]
-    middle = np.array([0.0, 0.5, 0.7, 0.0, 0.5])[:n]
+    middle = np.array([0.0, 0.5, 0.7, 0.0, 0.5, 0.0])[:n]
     return np.asarray(middle + 0.5 * motion / motion.std(axis=0) * start**2 * (3.0 - 2.0 * start))
 
 
