@@ -153,7 +153,7 @@ def write_recording(
         channels = [sink.add_topic(standard_topic(stream.topic)) for stream in streams]
         for chunk in _chunks(streams, channels, compression):
             sink.write(chunk)
-        finish_bag(sink, currents=recording.currents)
+        finish_bag(sink, recording.currents, recording.firmware_gains)
     finally:
         sink.close()
     return folder
@@ -165,9 +165,13 @@ def standard_topic(name: str) -> Topic:
     return Topic(name, type_of(name), definition, type_hash, offered_qos(name))
 
 
-def finish_bag(sink: McapSink, currents: Sequence[str] = ()) -> None:
+def finish_bag(
+    sink: McapSink,
+    currents: Sequence[str] = (),
+    firmware_gains: Mapping[str, float] | None = None,
+) -> None:
     """Close the file of a bag and write its metadata.yaml."""
-    information = metadata(sink.topics, sink.summary(), currents)
+    information = metadata(sink.topics, sink.summary(), currents, firmware_gains)
     # The same inside the file, for readers that are given it without its folder.
     inside = yaml.safe_dump(information, sort_keys=False)
     record, key = INSIDE

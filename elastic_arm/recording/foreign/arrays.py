@@ -43,6 +43,9 @@ _NS = {"s": 1e9, "ms": 1e6, "us": 1e3, "ns": 1.0}
 Key = Annotated[str, BeforeValidator(lambda key: str(key) if type(key) is int else key)]
 
 
+Gain = Annotated[Number, Field(gt=0)]
+
+
 class Times(Strict):
     """Where the times come from: an array, or a constant rate."""
 
@@ -166,6 +169,9 @@ class ArrayMap(Strict):
     coupling: Coupling = Field(
         default_factory=dict
     )  # of motors that move several joints: joint -> motor -> factor
+    # number in the servos' register of the position gain during the runs: one of all joints, or by
+    # joint
+    firmware_gain: Gain | dict[str, Gain] | None = None
     # torque channels that were computed from currents before
     from_currents: Annotated[
         list[Literal["joint_torque", "motor_torque"]], Field(default_factory=list)
@@ -180,7 +186,20 @@ class ArrayMap(Strict):
         for _, name, channel in self.channels():
             channel.scales(name, len(channel.places(self.joints)))
         coupling_matrix(self.coupling, self.joints)
+        if unknown := [name for name in self.firmware_gains() if name not in self.joints]:
+            raise ValueError(
+                f"firmware_gain: unknown joint {unknown[0]}; the joints are"
+                f" {', '.join(self.joints)}"
+            )
         return self
+
+    def firmware_gains(self) -> dict[str, float]:
+        """Return numbers of the servos' registers of the position gain, by joint."""
+        if self.firmware_gain is None:
+            return {}
+        if isinstance(self.firmware_gain, dict):
+            return self.firmware_gain
+        return dict.fromkeys(self.joints, self.firmware_gain)
 
     def channels(self) -> Iterator[tuple[SideName, ChannelName, ArrayChannel]]:
         """Yield the channels of all sides."""
@@ -445,6 +464,7 @@ def _recording(
         sides["command"],
         notes=tuple(notes),
         currents=rules.currents(),
+        firmware_gains=rules.firmware_gains(),
     )
 
 
