@@ -194,6 +194,9 @@ def servo_motion(
     before: (H, n) commands of the time steps before, of which late actuators take theirs; the first
     one when None.
     """
+    if arm.laws:
+        # Friction by step is the model's friction loss, which the next motion begins without.
+        arm = replace(arm, model=copy.copy(arm.model))
     mj, model = engine(), arm.model
     before = commands[:1] if before is None or not len(before) else before
     data = _started(arm, start, before)
