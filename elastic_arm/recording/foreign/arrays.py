@@ -13,6 +13,7 @@ from pydantic import BeforeValidator, Field, model_validator
 from elastic_arm.errors import RecordingError
 from elastic_arm.input_files import Number, WholeNumber, read_text
 from elastic_arm.recording.foreign.array_files import FILE_INDEX, Arrays, load_arrays
+from elastic_arm.recording.foreign.calibration import degrees_per_cent
 from elastic_arm.recording.foreign.channels import (
     DEFAULT_UNIT,
     MOST_JOINTS,
@@ -166,6 +167,9 @@ class ArrayMap(Strict):
     robot_description: str | None = (
         None  # URDF file to put into the bag; relative to the mapping file
     )
+    # LeRobot's calibration file, by which positions without a unit are per cent of ranges; relative
+    # to the mapping file
+    calibration: str | None = None
     coupling: Coupling = Field(
         default_factory=dict
     )  # of motors that move several joints: joint -> motor -> factor
@@ -238,7 +242,7 @@ def import_arrays(path: str | Path, mapping: str | Path) -> Recording:
 def import_runs(path: str | Path, mapping: str | Path) -> dict[str, Recording]:
     """Make recordings of a file or folder of arrays, by the names of the runs; one alone has an
     empty name."""
-    rules = load_array_map(mapping)
+    rules = _calibrated(load_array_map(mapping), Path(mapping).parent)
     arrays = load_arrays(Path(path), rules.decimal)
     urdf = None
     if rules.robot_description is not None:
@@ -313,6 +317,26 @@ def _other_form(name: str, arrays: Mapping[str, np.ndarray], used: Collection[st
         # is one by itself.
         return whole in used or not any(key.startswith(f"{whole}.") for key in used)
     return f"{name}.0" in arrays and any(key.rpartition(".")[0] == name for key in used)
+
+
+def _calibrated(rules: ArrayMap, folder: Path) -> ArrayMap:
+    """Return a mapping with the units of positions that are per cent of calibrated ranges."""
+    if rules.calibration is None:
+        return rules
+    sides = {}
+    for side in SIDE_NAMES:
+        own = getattr(rules, side)
+        channel = own.position
+        if channel is None or channel.unit is not None:
+            continue
+        joints = channel.joints or rules.joints
+        sizes = degrees_per_cent(folder / rules.calibration, joints)
+        given = channel.factor if isinstance(channel.factor, list) else None
+        factors = given or [channel.factor] * len(joints)
+        scaled = [sizes[name] * by for name, by in zip(joints, factors, strict=True)]
+        stated = channel.model_copy(update={"unit": "deg", "factor": scaled})
+        sides[side] = own.model_copy(update={"position": stated})
+    return rules.model_copy(update=sides)
 
 
 def _in_stated_unit(
