@@ -323,7 +323,7 @@ def _calibrated(rules: ArrayMap, folder: Path) -> ArrayMap:
     """Return a mapping with the units of positions that are per cent of calibrated ranges."""
     if rules.calibration is None:
         return rules
-    sides = {}
+    sides: dict[str, SideArrays] = {}
     for side in SIDE_NAMES:
         own = getattr(rules, side)
         channel = own.position
