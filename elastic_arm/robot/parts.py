@@ -421,7 +421,7 @@ class JointController:
         return replace(self, kp=ratio * self.kp, ki=ratio * self.ki, firmware_gain=gain)
 
     def supplied(self, asked: Array) -> Array:
-        """Return the torque at rest (N,) Nm that the supply makes of what the firmware asks for."""
+        """Return the torque at rest (N,) Nm that the supply makes of what the firmware commands."""
         if self.stall is None:
             return asked
         limited = np.clip(asked, -self.stall, self.stall)

@@ -39,7 +39,7 @@ def made(
     """Return the law of what the stated controller makes more than the true one.
 
     It is written in the stated controller and parameters; limited: null where the torque is at its
-    limit; asked: null where the duty is at its limit, as what the firmware asks for then does not
+    limit; asked: null where the duty is at its limit, as what the firmware commands then does not
     count.
     """
 
@@ -101,7 +101,7 @@ def _error(motion: SymbolicMotion, i: int) -> Any:
 
 
 def asked_for(motion: SymbolicMotion, i: int) -> Any:
-    """Return the torque at rest that the firmware asks for by the error of the angle."""
+    """Return the torque at rest that the firmware commands by the error of the angle."""
     assert motion.kp is not None
     return motion.kp[i] * _error(motion, i)
 

@@ -2,7 +2,7 @@
 
     u = limit(asked / stall, 1),   tau_m = stall u (1 - sag |u|) - kd dtheta
 
-`asked` is the torque at rest that the firmware asks for, `stall` that of full duty, kt / R times
+`asked` is the torque at rest that the firmware commands, `stall` that of full duty, kt / R times
 the supply. What the drive truly makes with another number is missing in the torque that the stated
 one makes.
 """
