@@ -13,8 +13,8 @@ N over the integrated autocorrelation time of the errors (Sokal, 1997) where a f
 a joint that sticks at another angle errs once and not at every sample.
 
 The search begins where the diagnosis ends, or at the description with its causes where that is
-nearer, by Levenberg's and Marquardt's steps; derivatives are those of :mod:`.sensitivity`, and of
-models that are played step by step in the end differences of simulations.
+nearer, by Levenberg's and Marquardt's steps; derivatives are those of :mod:`.sensitivity`, and in
+the end, where few numbers are fitted alone, differences of simulations.
 """
 
 import copy
@@ -31,7 +31,6 @@ from elastic_arm.mujoco.changed_numbers import body_after, differs
 from elastic_arm.mujoco.closed_loop import (
     Play,
     play,
-    plays_by_step,
     robot_at_gains,
     with_controllers,
 )
@@ -61,17 +60,23 @@ TINY = 1e-9  # numerical; of directions of which neither errors nor priors tell
 
 
 def refine(
-    arm: MjcfArm, robot: Robot, numbers: Sequence[Refinable], fitted: Sequence[Judging]
+    arm: MjcfArm,
+    robot: Robot,
+    numbers: Sequence[Refinable],
+    fitted: Sequence[Judging],
+    *,
+    differences: bool = False,
 ) -> tuple[Moved, ...]:
     """Return by how much to change numbers of a corrected arm; none where nothing can be played.
 
     arm: the model of `robot`, as it is played; numbers: what may change; fitted: recordings that
-    were fitted.
+    were fitted; differences: whether the search goes on with derivatives by simulations, of which
+    each takes as many as there are numbers.
     """
     spans = list(_spans(fitted))
     if not numbers or not spans or engine().get_mjcb_passive() is not None:
         return ()
-    return _Search(arm, robot, tuple(numbers), spans).best()
+    return _Search(arm, robot, tuple(numbers), spans).best(differences=differences)
 
 
 def _spans(fitted: Sequence[Judging]) -> Sequence[Judging]:
@@ -139,7 +144,7 @@ class _Search:
         self.carriers = [int(arm.model.jnt_bodyid[joint]) for joint in arm.chain.joints]
         self.apart = np.ones(robot.n)  # share of the samples that tell apart, by joint
 
-    def best(self) -> tuple[Moved, ...]:
+    def best(self, *, differences: bool) -> tuple[Moved, ...]:
         """Return the numbers where they are best; none where no simulator takes the arm."""
         of_causes = np.array([one.is_cause for one in self.numbers])
         described = np.where(of_causes, 0.0, np.maximum(self.stated, self.least))
@@ -150,7 +155,7 @@ class _Search:
         here = min(found, key=lambda one: one.value)
         for _ in range(PASSES):
             here = self.descended(here, self.slopes, ROUNDS)
-            if plays_by_step(here.arm):
+            if differences:
                 here = self.descended(here, self.differences, BY_DIFFERENCES)
             self.apart = here.apart()
             again = [point for x in (here.x, *starts) if (point := self.at(x)) is not None]
