@@ -77,7 +77,7 @@ def fitted(base: Path, robot: Robot, correction: Correction, fit: Sequence[Recor
     file = correction.path(base.parent)
     assert file is not None
     played = with_controllers(open_mjcf(file), arm)
-    moved = refine(played, arm, numbers, [Judging(one) for one in fit], differences=True)
+    moved = refine(played, arm, numbers, [Judging(one) for one in fit], alone=True)
     for one in moved:
         size = np.exp(one.by) if one.number.what in RATIOS.values() else one.by - one.number.stated
         print(f"{one.number.what:24} {size:8.4f} ± {one.std:.4f}")

@@ -8,13 +8,13 @@ x are numbers of the arm, q the angles that MuJoCo's servos reach under the comm
 samples of the recordings that were fitted, s_j² the mean square of a joint's errors there, but no
 less than the variance that the encoder's steps make, and d and p what the description states and
 how far numbers ordinarily are from it (with the tails of Student's t, as causes may have been
-missed); of a cause's size, how far it was found. Of the samples N_j are independent of one another:
-N over the integrated autocorrelation time of the errors (Sokal, 1997) where a first search ends, as
-a joint that sticks at another angle errs once and not at every sample.
+missed); of a cause's size, how far it was found.
 
 The search begins where the diagnosis ends, or at the description with its causes where that is
-nearer, by Levenberg's and Marquardt's steps; derivatives are those of :mod:`.sensitivity`, and in
-the end, where few numbers are fitted alone, differences of simulations.
+nearer, by Levenberg's and Marquardt's steps; derivatives are those of :mod:`.sensitivity`. Where
+few numbers are fitted alone and a model lacks something, a joint that sticks at another angle errs
+once and not at every sample: N_j, elsewhere N, is then N over the integrated autocorrelation time
+of the errors (Sokal, 1997) where a first search ends.
 """
 
 import copy
@@ -46,7 +46,6 @@ from elastic_arm.robot.mjcf.drives import drives_of, set_controller
 LONGEST, TOGETHER = 10.0, 30.0  # s that are simulated of a recording, and of all of them
 FORGOTTEN = 0.5  # s, in which a servo forgets the rate with which it began, known badly
 ROUNDS = 30
-PASSES = 2  # each with the number of samples that tell apart where the one before has ended
 BY_DIFFERENCES = (
     8  # rounds with derivatives by simulations, which take as many as there are numbers
 )
@@ -65,18 +64,19 @@ def refine(
     numbers: Sequence[Refinable],
     fitted: Sequence[Judging],
     *,
-    differences: bool = False,
+    alone: bool = False,
 ) -> tuple[Moved, ...]:
     """Return by how much to change numbers of a corrected arm; none where nothing can be played.
 
     arm: the model of `robot`, as it is played; numbers: what may change; fitted: recordings that
-    were fitted; differences: whether the search goes on with derivatives by simulations, of which
-    each takes as many as there are numbers.
+    were fitted; alone: whether these few numbers are fitted where more may be lacking: with
+    derivatives by simulations, as many as there are numbers, and once more with the samples that
+    are independent.
     """
     spans = list(_spans(fitted))
     if not numbers or not spans or engine().get_mjcb_passive() is not None:
         return ()
-    return _Search(arm, robot, tuple(numbers), spans).best(differences=differences)
+    return _Search(arm, robot, tuple(numbers), spans).best(alone=alone)
 
 
 def _spans(fitted: Sequence[Judging]) -> Sequence[Judging]:
@@ -144,7 +144,7 @@ class _Search:
         self.carriers = [int(arm.model.jnt_bodyid[joint]) for joint in arm.chain.joints]
         self.apart = np.ones(robot.n)  # share of the samples that tell apart, by joint
 
-    def best(self, *, differences: bool) -> tuple[Moved, ...]:
+    def best(self, *, alone: bool) -> tuple[Moved, ...]:
         """Return the numbers where they are best; none where no simulator takes the arm."""
         of_causes = np.array([one.is_cause for one in self.numbers])
         described = np.where(of_causes, 0.0, np.maximum(self.stated, self.least))
@@ -153,13 +153,14 @@ class _Search:
         if not found:
             return ()
         here = min(found, key=lambda one: one.value)
-        for _ in range(PASSES):
-            here = self.descended(here, self.slopes, ROUNDS)
-            if differences:
-                here = self.descended(here, self.differences, BY_DIFFERENCES)
+        here = self.descended(here, self.slopes, ROUNDS)
+        if alone:
+            here = self.descended(here, self.differences, BY_DIFFERENCES)
             self.apart = here.apart()
             again = [point for x in (here.x, *starts) if (point := self.at(x)) is not None]
             here = min(again, key=lambda one: one.value)
+            here = self.descended(here, self.slopes, ROUNDS)
+            here = self.descended(here, self.differences, BY_DIFFERENCES)
         normal, _ = self.linear(here, self.slopes)
         stds = np.sqrt(np.diag(np.linalg.inv(normal))) * self.stds
         moved = zip(self.numbers, here.x, stds, strict=True)

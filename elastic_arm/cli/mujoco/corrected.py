@@ -210,7 +210,7 @@ class Correction:
             try:
                 described = self._played(robot, Path(temporary) / "described.xml")
                 played = self._played(arm, Path(temporary) / "arm.xml")
-                moved = refine(played, arm, numbers, fitted, differences=True)
+                moved = refine(played, arm, numbers, fitted, alone=True)
                 by = np.array([one.by for one in moved])
                 whole = robot_at(arm, [one.number for one in moved], by)
 
