@@ -176,8 +176,7 @@ def test_friction_by_load_sticks_in_a_played_model(base: Path) -> None:
 
 @pytest.mark.slow(30)
 def test_the_numbers_of_every_servo_are_fitted_in_closed_loop(base: Path) -> None:
-    """From the description alone, beside friction by load, a torque constant that is a fifth smaller
-    is found to a tenth."""
+    """From the description alone, a torque constant that is a fifth smaller is found to a tenth."""
     arm = open_mjcf(base)
     robot = loaded(arm.robot, 0.12)
     drive = robot.joints[1].controller
