@@ -139,7 +139,7 @@ class Observation:
         now: dict[int, JointController] = {}
         for i, own in self.made_by.items():
             stated = own if robot is None else robot.joints[i].controller or own
-            now[i] = replace(stated, torque=own.torque)
+            now[i] = replace(stated.with_firmware_gain(own.firmware_gain), torque=own.torque)
         pieces = tuple(self._moved(piece, lags, gains, now) for piece in self.pieces)
         quiet = tuple(self._moved(piece, lags, gains, now) for piece in self.quiet)
         found = replace(self, pieces=pieces, quiet=quiet, gains=gains, driven_by=now)
@@ -339,7 +339,8 @@ def _followed(controller: JointController, motion: Motion, i: int) -> Array:
     of_rate = controller.follows_rate * rates_of(motion.t, r) - rate[:, i]
     error = r - angle[:, i]
     felt = error - np.clip(error, -controller.dead_band, controller.dead_band)
-    return np.asarray(np.clip(kp * felt + kd * of_rate, -limit, limit))
+    made = controller.supplied(kp * felt) + kd * of_rate
+    return np.asarray(np.clip(made, -limit, limit))
 
 
 def _bridged(samples: Samples, clock: Clock) -> tuple[list[Grid], Array]:

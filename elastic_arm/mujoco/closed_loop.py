@@ -12,7 +12,8 @@ the first second. Played is from where commands are known for as long as the lat
 behind.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+import copy
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
@@ -21,10 +22,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.arrays import Array
+from elastic_arm.mujoco.friction_by_step import acting_by_step, laws_beside, with_laws
 from elastic_arm.recording import Recording
 from elastic_arm.robot import JointController, Robot
 from elastic_arm.robot.mjcf import MjcfArm, engine
-from elastic_arm.robot.mjcf.drives import drives_of
+from elastic_arm.robot.mjcf.drives import (
+    controller_of,
+    drives_of,
+    follows_angles,
+    set_controller,
+)
 
 SETTLED = 1.0  # s, over which the integral that a recording begins with is fitted
 AROUND = 0.03  # s on either side of a sample, within which samples tell its rate
@@ -87,6 +94,7 @@ def play(
         return None
     if not has_servos(arm) or not len(reference) or not np.isfinite(reference.position).all():
         return None
+    arm = at_gains(arm, recording.firmware_gains)
     given, t = (
         np.asarray(s.stamp_ns - reference.stamp_ns[0], dtype=float) * 1e-9
         for s in (reference, side)
@@ -123,23 +131,47 @@ def play(
 def has_servos(arm: MjcfArm) -> bool:
     """Whether every joint has one actuator, which follows angles."""
     drives = [drives_of(arm.model, joint) for joint in arm.chain.joints]
-    return all(len(own) == 1 and arm.model.actuator_biasprm[own[0], 1] < 0.0 for own in drives)
+    return all(len(own) == 1 and follows_angles(arm.model, own[0]) for own in drives)
 
 
 def with_controllers(arm: MjcfArm, robot: Robot) -> MjcfArm:
-    """Return a model whose set-points are made as an arm's controllers make them, beyond what
-    actuators have.
+    """Return a model that has of an arm what no number of a file states.
 
-    These are a dead band and an integral, and whether commands are held.
+    Set-points are made as the arm's controllers make them, beyond what actuators have: a dead band,
+    an integral, a supply that sags, the limit of the duty, and whether commands are held. Laws of
+    friction act as the friction loss of each time step.
     """
     own = arm.robot
     for joint, stated in zip(arm.robot.joints, robot.joints, strict=True):
         drive, wanted = joint.controller, stated.controller
         if drive is None or wanted is None or wanted.mode != "position":
             continue
-        beside = replace(drive, dead_band=wanted.dead_band, ki=wanted.ki, between=wanted.between)
+        names = ("dead_band", "ki", "between", "stall", "sag", "firmware_gain")
+        beside = replace(drive, **{name: getattr(wanted, name) for name in names})
         own = own.with_joint(joint.name, controller=beside)
-    return replace(arm, robot=own)
+    return with_laws(replace(arm, robot=own), laws_beside(arm, robot))
+
+
+def at_gains(arm: MjcfArm, gains: Mapping[str, float]) -> MjcfArm:
+    """Return a model whose servos have other numbers in their registers of the position gain."""
+    if not gains:
+        return arm
+    model = copy.copy(arm.model)
+    robot = robot_at_gains(arm.robot, gains)
+    for place, before, after in zip(arm.chain.joints, arm.robot.joints, robot.joints, strict=True):
+        if before.controller is not None and after.controller is not None:
+            (actuator,) = drives_of(model, place)
+            set_controller(model, actuator, before.controller, after.controller)
+    return replace(arm, model=model, robot=robot)
+
+
+def robot_at_gains(robot: Robot, gains: Mapping[str, float]) -> Robot:
+    """Return an arm whose servos have other numbers in their registers of the position gain."""
+    for joint in robot.joints:
+        if joint.controller is not None:
+            now = joint.controller.with_firmware_gain(gains.get(joint.name))
+            robot = robot.with_joint(joint.name, controller=now)
+    return robot
 
 
 def latest(arm: MjcfArm) -> float:
@@ -162,34 +194,59 @@ def servo_motion(
     before: (H, n) commands of the time steps before, of which late actuators take theirs; the first
     one when None.
     """
+    if arm.laws:
+        # Friction by step is the model's friction loss, which the next motion begins without.
+        arm = replace(arm, model=copy.copy(arm.model))
     mj, model = engine(), arm.model
     before = commands[:1] if before is None or not len(before) else before
     data = _started(arm, start, before)
     given = _inputs(arm)
-    dead_band, integrating = _dead_bands(arm), _beside(arm)
     with _punctual(model):
         if not plays_by_step(arm):
             return _rolled_out(arm, data, given, commands)
-        # What a <position> actuator has not is in the set-point that it is given: a dead band, an
-        # integral.
         integral, step = start.integrals.copy(), float(model.opt.timestep)
         hold, found = held(arm), np.empty_like(commands)
+        rub, set_points = acting_by_step(arm, arm.laws), _set_points(arm)
+        positions = arm.positions
         for k, command in enumerate(commands):
-            error = command - data.qpos[arm.positions]
-            data.ctrl[given] = (
-                command - np.clip(error, -dead_band, dead_band) + integrating * integral
-            )
-            integral += step * error
+            angles = data.qpos[positions]
+            data.ctrl[given] = set_points(command, angles, integral)
+            integral += step * (command - angles)
+            rub(data)
             mj.mj_step(model, data)
             hold(data)
-            found[k] = data.qpos[arm.positions]
+            found[k] = data.qpos[positions]
     return found
+
+
+def _set_points(arm: MjcfArm) -> Callable[[Array, Array, Array], Array]:
+    """Return what makes the set-points (n,) that actuators are given of commands, angles and
+    integrals of the error (n,).
+
+    They hold what an actuator has not: a dead band, an integral, a supply that sags.
+    """
+    drives = [joint.controller or JointController() for joint in arm.robot.joints]
+    dead_band, integrating = _dead_bands(arm), _beside(arm)
+    kp = np.array([drive.kp or 1.0 for drive in drives])
+    limited = [drive.stall is not None for drive in drives]
+
+    def at(command: Array, angles: Array, integral: Array) -> Array:
+        error = command - angles
+        wanted = command - np.clip(error, -dead_band, dead_band) + integrating * integral
+        if not any(limited):
+            return np.asarray(wanted)
+        asked = kp * (wanted - angles)
+        pairs = zip(drives, asked, strict=True)
+        made = np.array([drive.supplied(torque) for drive, torque in pairs])
+        return np.where(limited, angles + made / kp, wanted)
+
+    return at
 
 
 def plays_by_step(arm: MjcfArm) -> bool:
     """Whether something acts between time steps that MuJoCo does not do itself."""
     others = np.setdiff1d(np.arange(arm.model.nv), arm.dofs)
-    beside = bool(_dead_bands(arm).any() or _beside(arm).any())
+    beside = bool(_dead_bands(arm).any() or _beside(arm).any() or _sags(arm) or arm.laws)
     return bool(len(others)) or beside or engine().get_mjcb_passive() is not None
 
 
@@ -276,6 +333,18 @@ def _beside(arm: MjcfArm) -> Array:
     return np.array(
         [drive.ki / drive.kp if drive.mode == "position" and drive.kp else 0.0 for drive in drives]
     )
+
+
+def _sags(arm: MjcfArm) -> bool:
+    """Return whether the set-points of a joint hold its supply: one that sags, or the limit of a
+    duty that its actuator has not."""
+    for joint, place in zip(arm.robot.joints, arm.chain.joints, strict=True):
+        drive, own = joint.controller, controller_of(arm.model, place)
+        if drive is None or drive.stall is None:
+            continue
+        if drive.sag or own is None or own.stall is None:
+            return True
+    return False
 
 
 def _integrating(arm: MjcfArm) -> NDArray[np.bool_]:

@@ -26,6 +26,7 @@ from elastic_arm.mujoco.changed_numbers import text_of
 from elastic_arm.mujoco.stated_arm import StatedArm, number
 from elastic_arm.robot import JointController, Robot
 from elastic_arm.robot.mjcf import engine
+from elastic_arm.robot.mjcf.drives import MotorConstants
 
 DEFLECTION = "_deflection"  # joint that a drive winds by, after the name of its motor joint
 _PASSIVE = {"input": "none", "motorconst": 0.0, "resistance": 1.0}
@@ -56,15 +57,29 @@ def delayed(delay: float, timestep: float) -> dict[str, str]:
 
 
 def servo(controller: JointController | None) -> JointController | None:
-    """Return what a <position> actuator is of a controller, kp (r - theta) - kd dtheta, late and
-    limited.
+    """Return what an actuator is of a controller, kp (r - theta) - kd dtheta, late and limited.
 
-    None where it does not follow angles. A dead band, an integral and feed-forward are left out.
+    It is a <position>, or a <dcmotor> where the duty has a limit. None where it does not follow
+    angles. A dead band, an integral, a sag of the supply and feed-forward are left out.
     """
     if controller is None or controller.mode != "position" or not controller.kp:
         return None
-    numbers = {name: getattr(controller, name) for name in ("kp", "kd", "delay", "torque")}
+    names = ("kp", "kd", "delay", "torque", "stall", "supply", "firmware_gain")
+    numbers = {name: getattr(controller, name) for name in names}
+    if not controller.kd:  # a motor without back-EMF is no <dcmotor>
+        numbers |= {"stall": None, "supply": None}
     return JointController(between=controller.between, **numbers)
+
+
+def motor_attributes(drive: JointController, gear: float) -> dict[str, str]:
+    """Return the attributes of the <dcmotor> that a servo with a limit of its duty is."""
+    motor = MotorConstants.of(drive, gear)
+    kp, kd = drive.kp / gear**2, drive.kd / gear**2
+    return {
+        "motorconst": text_of(motor.constant, motor.constant),
+        "resistance": text_of(motor.resistance),
+        "controller": text_of(kp, 0.0, kd, 0.0, 0.0, motor.supply),
+    }
 
 
 class Elements:

@@ -101,7 +101,7 @@ def left_numbers(
                 {"stiffness": "Nm/rad", "damping": "Nm s/rad"},
             )
         if joint.controller is not None:
-            names = ("mode", "kp", "kd", "ki", "delay", "torque", "dead_band")
+            names = ("mode", "kp", "kd", "ki", "delay", "torque", "dead_band", "stall", "sag")
             gains = {name: getattr(joint.controller, name) for name in names}
             ordinary = JointController()
             told = {

@@ -22,12 +22,12 @@ from elastic_arm.mujoco.changed_numbers import (
     six,
     text_of,
 )
-from elastic_arm.mujoco.elements import RIGID, delayed, sharp
+from elastic_arm.mujoco.elements import RIGID, delayed, motor_attributes, sharp
 from elastic_arm.mujoco.left_out import Left, Motion, left_effects, left_numbers
 from elastic_arm.mujoco.mjcf_file import ShapedMjcf
 from elastic_arm.mujoco.stand_ins import MARK, StandIn, explained, stood_in
 from elastic_arm.mujoco.stated_arm import StatedArm, stated_arm
-from elastic_arm.robot import Inertia, JointController, Robot
+from elastic_arm.robot import Inertia, Joint, JointController, Robot
 from elastic_arm.robot.kinematics import moved
 from elastic_arm.robot.mjcf import MjcfArm, engine, open_mjcf, read_mjcf
 from elastic_arm.robot.mjcf.drives import drives_of, motor_friction, motor_inertia_and_damping
@@ -155,7 +155,7 @@ def _controllers(robot: Robot, base: Robot) -> Iterator[Left]:
 def _alike(one: JointController, other: JointController | None) -> bool:
     if other is None:
         return False
-    numbers = ("kp", "kd", "ki", "delay", "torque")
+    numbers = ("kp", "kd", "ki", "delay", "torque", "stall", "sag")
     same = replace(one, **{name: getattr(other, name) for name in numbers}) == other
     pairs = [
         [np.inf if (v := getattr(drive, k)) is None else v for drive in (one, other)]
@@ -247,6 +247,9 @@ class _Document:
         are."""
         for old, new in zip(self.arm.robot.joints, robot.joints, strict=True):
             before, after = old.controller, new.controller
+            if before is not None and after is not None and before.stall is not None:
+                yield from self._motor(old, before, after)
+                continue
             elements = [e for e in self.file.elements("position") if e.get("joint") == old.name]
             if before is None or after is None or _alike(after, before) or len(elements) != 1:
                 continue
@@ -274,6 +277,31 @@ class _Document:
                 between = {} if elements[0].get("interp") else {"interp": "linear"}
                 late = delayed(after.delay, float(self.arm.model.opt.timestep))
                 self.file.set(elements[0], **late, **between)
+
+    def _motor(
+        self, joint: Joint, before: JointController, after: JointController
+    ) -> Iterator[Change]:
+        """Change the constants of a <dcmotor> with firmware."""
+        elements = [e for e in self.file.elements("dcmotor") if e.get("joint") == joint.name]
+        if after.stall is None or not after.kd or _alike(after, before) or len(elements) != 1:
+            return
+        (drive,) = drives_of(self.arm.model, self._id(joint.name))
+        gear = float(self.arm.model.actuator_gear[drive, 0])
+        self.file.set(elements[0], nominal=None, **motor_attributes(after, gear))
+        for number, unit in (("kp", "Nm/rad"), ("kd", "Nm s/rad"), ("stall", "Nm")):
+            own, wanted = getattr(before, number), getattr(after, number)
+            if not np.isclose(own, wanted, rtol=READ_BACK, atol=0.0):
+                yield Change(joint.name, number, joint.unit(unit), (own,), (wanted,))
+        if after.torque is not None and after.torque != before.torque:
+            most = after.torque / abs(gear)
+            self.file.set(elements[0], saturation=text_of(most, 0.0, 0.0))
+            limit = () if before.torque is None else (before.torque,)
+            yield Change(joint.name, "torque", joint.unit("Nm"), limit, (after.torque,))
+        if after.delay != before.delay:
+            between = {} if elements[0].get("interp") else {"interp": "linear"}
+            late = delayed(after.delay, float(self.arm.model.opt.timestep))
+            self.file.set(elements[0], **late, **between)
+            yield Change(joint.name, "delay", "s", (before.delay,), (after.delay,))
 
     def _sharp(self, element: Any, name: str) -> list[Change]:
         """Let new friction loss turn over with the velocity: by MuJoCo's default it does some 10 ms

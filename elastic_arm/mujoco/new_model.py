@@ -18,13 +18,20 @@ from elastic_arm.effects import Catalogue, EffectInstance
 from elastic_arm.errors import RobotError
 from elastic_arm.mujoco.changed_numbers import six, text_of
 from elastic_arm.mujoco.closed_loop import with_controllers
-from elastic_arm.mujoco.elements import DEFLECTION, Elements, delayed, servo, sharp
+from elastic_arm.mujoco.elements import (
+    DEFLECTION,
+    Elements,
+    delayed,
+    motor_attributes,
+    servo,
+    sharp,
+)
 from elastic_arm.mujoco.left_out import left_coupling, left_effects, left_numbers
 from elastic_arm.mujoco.mjcf_export import Exported
 from elastic_arm.mujoco.stand_ins import StandIn, explained, stood_in
 from elastic_arm.mujoco.stated_arm import Lacking, StatedArm, stated_arm
 from elastic_arm.output_files import write_result
-from elastic_arm.robot import Inertia, Robot
+from elastic_arm.robot import Inertia, JointController, Robot
 from elastic_arm.robot.kinematics import link_radius
 from elastic_arm.robot.mjcf import MjcfArm, open_mjcf
 from elastic_arm.robot.urdf_export import bodies_with_components, words_of
@@ -193,20 +200,24 @@ def _drives(root: ET.Element, arm: StatedArm, robot: Robot, timestep: float) -> 
             ET.SubElement(actuators, "motor", {"name": motor, "joint": joint.name, **limit})
         else:
             limits = [one for one in (torque, drive.torque) if one is not None]
-            limit = {"forcerange": text_of(-min(limits), min(limits))} if limits else {}
-            gains = {"kp": text_of(drive.kp), "kv": text_of(drive.kd)}
             late = {**delayed(drive.delay, timestep), "interp": "linear"} if drive.delay else {}
-            ET.SubElement(
-                actuators,
-                "position",
-                {"name": motor, "joint": joint.name, **gains, **limit, **late},
-            )
+            tag, stated = _servo_element(drive, min(limits, default=None))
+            ET.SubElement(actuators, tag, {"name": motor, "joint": joint.name, **stated, **late})
         ET.SubElement(sensors, "jointpos", name=f"{joint.name}_theta", joint=joint.name)
         # Of the motor, not of the joint: what friction and cogging take from it is not recorded.
         late = delayed(numbers.delay, timestep) if numbers.delay else {}
         ET.SubElement(
             sensors, "actuatorfrc", {"name": f"{joint.name}_tau_m", "actuator": motor, **late}
         )
+
+
+def _servo_element(drive: JointController, limit: float | None) -> tuple[str, dict[str, str]]:
+    """Return name and attributes of the actuator that a servo is, with a limit of its torque."""
+    if drive.stall is None:
+        limited = {} if limit is None else {"forcerange": text_of(-limit, limit)}
+        return "position", {"kp": text_of(drive.kp), "kv": text_of(drive.kd), **limited}
+    limited = {} if limit is None else {"saturation": text_of(limit, 0.0, 0.0)}
+    return "dcmotor", {"input": "pos", **motor_attributes(drive, 1.0), **limited}
 
 
 def _elements(root: ET.Element, elements: Elements) -> None:

@@ -13,17 +13,25 @@ from elastic_arm.equations.numbers import RATIO, SCALE
 from elastic_arm.evidence.priors import STATED
 from elastic_arm.robot import Robot
 
+MOST_SAG = 0.99  # numerical; a supply of nothing drives nothing
 TOLD = 0.98  # of the prior's deviation, beyond which a recording does not tell of a number
 # Effects that are numbers of a joint, and the parameter that is one.
 DELAY = "command_delay"
 MASSES = ("payload", "load")  # numbers are "payload.mass", "payload.position_x", …
-FRICTION = {"coulomb_friction": "torque", "viscous_friction": "coefficient"}
+FRICTION = {
+    "coulomb_friction": "torque",
+    "viscous_friction": "coefficient",
+    "load_dependent_friction": "coefficient",
+    "stribeck_friction": "torque",
+    "degressive_friction": "torque",
+}
 # Effects of a controller, the field of it that each changes, and the parameter that is that.
 CONTROLLERS = {
     DELAY: ("delay", "delay"),
     "torque_saturation": ("limit", "torque"),
     "position_dead_band": ("dead_band", "half_width"),
     "integral_gain": ("ki", "ki"),
+    "supply_sag": ("sag", "share"),
 }
 POINT = ("mass", "position_x", "position_y", "position_z")
 # Causes of one size, the number that each is, and the parameter that holds it. A delay stays as it
@@ -243,6 +251,9 @@ def _changed(robot: Robot, name: str, what: str, by: float) -> Robot:
     assert drive is not None
     if what == "delay":
         return robot.with_joint(name, controller=replace(drive, delay=max(0.0, drive.delay + by)))
+    if what == "sag":
+        share = min(MOST_SAG, max(0.0, drive.sag + by))
+        return robot.with_joint(name, controller=replace(drive, sag=share))
     if what in ("dead_band", "ki"):
         value = max(0.0, getattr(drive, what) + by)
         return robot.with_joint(name, controller=replace(drive, **{what: value}))

@@ -1,20 +1,24 @@
 """The numbers of a corrected servo arm, refined by an output error: what is played back is what is
 minimised.
 
-    min over x of  sum over joints of N / 2 (log s_j² + mean |q(t_k; x) - q_k|² / s_j²)
+    min over x of  sum over joints of N_j / 2 (log s_j² + mean |q(t_k; x) - q_k|² / s_j²)
                    + sum of 5/2 log(1 + ((x - d) / p)² / 4)
 
 x are numbers of the arm, q the angles that MuJoCo's servos reach under the commands of the N
 samples of the recordings that were fitted, s_j² the mean square of a joint's errors there, but no
 less than the variance that the encoder's steps make, and d and p what the description states and
 how far numbers ordinarily are from it (with the tails of Student's t, as causes may have been
-missed); of a cause's size, how far it was found. The search begins where the diagnosis ends, or at
-the description with its causes where that is nearer, by Levenberg's and Marquardt's steps;
-derivatives are those of :mod:`.sensitivity`.
+missed); of a cause's size, how far it was found.
+
+The search begins where the diagnosis ends, or at the description with its causes where that is
+nearer, by Levenberg's and Marquardt's steps; derivatives are those of :mod:`.sensitivity`. Where
+few numbers are fitted alone and a model lacks something, a joint that sticks at another angle errs
+once and not at every sample: N_j, elsewhere N, is then N over the integrated autocorrelation time
+of the errors (Sokal, 1997) where a first search ends.
 """
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -24,7 +28,12 @@ from scipy.optimize import lsq_linear
 from elastic_arm.arrays import Array
 from elastic_arm.errors import RobotError
 from elastic_arm.mujoco.changed_numbers import body_after, differs
-from elastic_arm.mujoco.closed_loop import Play, play, with_controllers
+from elastic_arm.mujoco.closed_loop import (
+    Play,
+    play,
+    robot_at_gains,
+    with_controllers,
+)
 from elastic_arm.mujoco.judgement import Judging
 from elastic_arm.mujoco.mjcf_export import own_inertia
 from elastic_arm.mujoco.refinable import Moved, Refinable, robot_at
@@ -32,11 +41,15 @@ from elastic_arm.mujoco.sensitivity import derivatives
 from elastic_arm.mujoco.stated_arm import stated_arm
 from elastic_arm.robot import Robot
 from elastic_arm.robot.mjcf import MjcfArm, engine
-from elastic_arm.robot.mjcf.drives import drives_of
+from elastic_arm.robot.mjcf.drives import drives_of, set_controller
 
-LONGEST = 10.0  # s of recordings that are simulated
+LONGEST, TOGETHER = 10.0, 30.0  # s that are simulated of a recording, and of all of them
 FORGOTTEN = 0.5  # s, in which a servo forgets the rate with which it began, known badly
 ROUNDS = 30
+BY_DIFFERENCES = (
+    8  # rounds with derivatives by simulations, which take as many as there are numbers
+)
+FINITE = 0.1  # of a number's deviation, over which those are taken
 TAILS = 4.0  # degrees of freedom of Student's t
 LITTLE = 0.5  # nats that a round gains which is the last
 DIFFERENCE = 0.01  # of a number's deviation, over which derivatives are taken
@@ -46,23 +59,30 @@ TINY = 1e-9  # numerical; of directions of which neither errors nor priors tell
 
 
 def refine(
-    arm: MjcfArm, robot: Robot, numbers: Sequence[Refinable], fitted: Sequence[Judging]
+    arm: MjcfArm,
+    robot: Robot,
+    numbers: Sequence[Refinable],
+    fitted: Sequence[Judging],
+    *,
+    alone: bool = False,
 ) -> tuple[Moved, ...]:
     """Return by how much to change numbers of a corrected arm; none where nothing can be played.
 
     arm: the model of `robot`, as it is played; numbers: what may change; fitted: recordings that
-    were fitted.
+    were fitted; alone: whether these few numbers are fitted where more may be lacking: with
+    derivatives by simulations, as many as there are numbers, and once more with the samples that
+    are independent.
     """
     spans = list(_spans(fitted))
     if not numbers or not spans or engine().get_mjcb_passive() is not None:
         return ()
-    return _Search(arm, robot, tuple(numbers), spans).best()
+    return _Search(arm, robot, tuple(numbers), spans).best(alone=alone)
 
 
 def _spans(fitted: Sequence[Judging]) -> Sequence[Judging]:
-    """Return the longest stretches, LONGEST s of them together."""
+    """Return the stretches, each as far as LONGEST and their share of TOGETHER reach."""
     found = [Judging(one.recording, span) for one in fitted for span in one.stretches()]
-    share = LONGEST / max(1, len(found))
+    share = min(LONGEST, TOGETHER / max(1, len(found)))
     cut = []
     for one in found:
         assert one.span is not None
@@ -76,7 +96,9 @@ class _Point:
     """Where the search is."""
 
     x: Array  # (k,)
+    arm: MjcfArm
     plays: tuple[Play, ...]
+    gains: tuple[Mapping[str, float], ...]  # in the servos' registers, of each
     value: float  # what is minimised, nats
     weights: Array  # (n,) of errors, 1/rad
 
@@ -84,6 +106,27 @@ class _Point:
     def errors(self) -> Array:
         """Errors of all recordings, (N, n) rad."""
         return np.concatenate([one.errors for one in self.plays])
+
+    def apart(self) -> Array:
+        """Return the share of samples (n,) that are independent of one another."""
+        times = np.array([_correlated(one.errors) for one in self.plays])
+        counts = np.array([len(one.errors) for one in self.plays])
+        return np.asarray(counts @ (1.0 / times) / counts.sum())
+
+
+def _correlated(errors: Array) -> Array:
+    """Return the integrated autocorrelation times (n,) of errors (N, n), in samples: 1 where they
+    are white."""
+    count = len(errors)
+    power = np.abs(np.fft.rfft(errors, 2 * count, axis=0)) ** 2
+    covariance = np.fft.irfft(power, axis=0)[:count]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        correlation = np.nan_to_num(covariance / covariance[0])
+    positive = np.logical_and.accumulate(correlation[1:] > 0.0, axis=0)
+    return np.asarray(1.0 + 2.0 * np.sum(correlation[1:] * positive, axis=0))
+
+
+Slopes = Callable[[_Point], Array]
 
 
 class _Search:
@@ -99,8 +142,9 @@ class _Search:
         self.prior = np.array([one.prior for one in numbers])
         self.before = stated_arm(robot)
         self.carriers = [int(arm.model.jnt_bodyid[joint]) for joint in arm.chain.joints]
+        self.apart = np.ones(robot.n)  # share of the samples that tell apart, by joint
 
-    def best(self) -> tuple[Moved, ...]:
+    def best(self, *, alone: bool) -> tuple[Moved, ...]:
         """Return the numbers where they are best; none where no simulator takes the arm."""
         of_causes = np.array([one.is_cause for one in self.numbers])
         described = np.where(of_causes, 0.0, np.maximum(self.stated, self.least))
@@ -109,9 +153,24 @@ class _Search:
         if not found:
             return ()
         here = min(found, key=lambda one: one.value)
-        normal, gradient = self.linear(here)
+        here = self.descended(here, self.slopes, ROUNDS)
+        if alone:
+            here = self.descended(here, self.differences, BY_DIFFERENCES)
+            self.apart = here.apart()
+            again = [point for x in (here.x, *starts) if (point := self.at(x)) is not None]
+            here = min(again, key=lambda one: one.value)
+            here = self.descended(here, self.slopes, ROUNDS)
+            here = self.descended(here, self.differences, BY_DIFFERENCES)
+        normal, _ = self.linear(here, self.slopes)
+        stds = np.sqrt(np.diag(np.linalg.inv(normal))) * self.stds
+        moved = zip(self.numbers, here.x, stds, strict=True)
+        return tuple(Moved(number, float(by), float(std)) for number, by, std in moved)
+
+    def descended(self, here: _Point, slopes: Slopes, rounds: int) -> _Point:
+        """Return the point to which steps by some derivatives lead."""
         damping = DAMPING
-        for _ in range(ROUNDS):
+        for _ in range(rounds):
+            normal, gradient = self.linear(here, slopes)
             gained = 0.0
             while damping < FIRMEST:
                 there = self.at(here.x + self.step(here.x, normal, gradient, damping))
@@ -121,12 +180,9 @@ class _Search:
                     damping *= 0.1
                     break
                 damping = max(DAMPING, 10.0 * damping)
-            normal, gradient = self.linear(here)
             if gained < LITTLE:
                 break
-        stds = np.sqrt(np.diag(np.linalg.inv(normal))) * self.stds
-        moved = zip(self.numbers, here.x, stds, strict=True)
-        return tuple(Moved(number, float(by), float(std)) for number, by, std in moved)
+        return here
 
     def step(self, x: Array, normal: Array, gradient: Array, damping: float) -> Array:
         """Return a change of x (k,) within what simulators take."""
@@ -136,23 +192,38 @@ class _Search:
         wanted = -np.linalg.solve(factor, gradient)
         return np.asarray(self.stds * lsq_linear(factor.T, wanted, (low, np.inf)).x)
 
-    def linear(self, here: _Point) -> tuple[Array, Array]:
+    def linear(self, here: _Point, slopes: Slopes) -> tuple[Array, Array]:
         """Return the matrix (k, k) and the gradient (k,) of the linear problem, in deviations."""
-        columns = self.slopes(here) * here.weights
+        weights = here.weights * np.sqrt(self.apart)
+        columns = slopes(here) * weights
         scaled = columns.reshape(len(here.x), -1) * self.stds[:, None]
         away = (here.x - self.stated) / self.prior
         weight = (TAILS + 1.0) / (TAILS + away**2) * self.stds / self.prior
         normal = scaled @ scaled.T + np.diag(weight * self.stds / self.prior)
         normal += TINY * np.eye(len(normal))
-        return normal, scaled @ (here.errors * here.weights).ravel() + weight * away
+        return normal, scaled @ (here.errors * weights).ravel() + weight * away
 
     def slopes(self, here: _Point) -> Array:
         """Return the derivatives (k, N, n) of the errors."""
         robot = robot_at(self.robot, self.numbers, here.x)
         moves = np.diag(DIFFERENCE * self.stds)
         others = [(robot_at(self.robot, self.numbers, here.x + one), one.sum()) for one in moves]
-        found = [derivatives(robot, others, one.motion, one.t) for one in here.plays]
+        found = []
+        for one, gains in zip(here.plays, here.gains, strict=True):
+            own = robot_at_gains(robot, gains)
+            changed = [(robot_at_gains(other, gains), by) for other, by in others]
+            found.append(derivatives(own, changed, one.motion, one.t))
         return np.concatenate(found, axis=1)
+
+    def differences(self, here: _Point) -> Array:
+        """Return the derivatives (k, N, n) of the errors by simulations with one number changed
+        each: a joint that sticks under friction by its load has others than its linear equation."""
+        found = []
+        for move in np.diag(FINITE * self.stds):
+            there = self.at(here.x + move)
+            change = np.zeros_like(here.errors) if there is None else there.errors - here.errors
+            found.append(change / move.sum())
+        return np.array(found)
 
     def at(self, x: Array) -> _Point | None:
         """Return a point of the search; None where no simulator takes it."""
@@ -160,8 +231,9 @@ class _Search:
             arm = self.model_at(robot_at(self.robot, self.numbers, x))
         except (RobotError, np.linalg.LinAlgError):
             return None
-        plays = [play(arm, one.recording, span=one.span) for one in self.spans]
-        found = tuple(one.after(FORGOTTEN) for one in plays if one is not None)
+        plays = [(one.recording, play(arm, one.recording, span=one.span)) for one in self.spans]
+        found = tuple(one.after(FORGOTTEN) for _, one in plays if one is not None)
+        gains = tuple(each.firmware_gains for each, one in plays if one is not None)
         if not found or not all(np.isfinite(one.errors).all() for one in found):
             return None
         unseen = np.min([one.resolution for one in found], axis=0) ** 2 / 12.0 + 1e-12
@@ -170,8 +242,9 @@ class _Search:
         variance = np.maximum(squares, unseen)
         away = (x - self.stated) / self.prior
         prior = 0.5 * (TAILS + 1.0) * float(np.sum(np.log1p(away**2 / TAILS)))
-        value = 0.5 * len(errors) * float(np.sum(np.log(variance) + squares / variance)) + prior
-        return _Point(x, found, value, 1.0 / np.sqrt(variance))
+        misfit = self.apart * (np.log(variance) + squares / variance)
+        value = 0.5 * len(errors) * float(np.sum(misfit)) + prior
+        return _Point(x, arm, found, gains, value, 1.0 / np.sqrt(variance))
 
     def model_at(self, robot: Robot) -> MjcfArm:
         """Return the model with the numbers of another arm of the same shape."""
@@ -192,16 +265,7 @@ class _Search:
                 self._inertia(model, i, after.links[i])
             (drive,) = drives_of(model, joint)
             assert own.controller is not None and new.controller is not None
-            kp = new.controller.kp / own.controller.kp
-            model.actuator_gainprm[drive, 0] *= kp
-            model.actuator_biasprm[drive, 1] *= kp
-            if own.controller.kd:
-                model.actuator_biasprm[drive, 2] *= new.controller.kd / own.controller.kd
-            if own.controller.torque and new.controller.torque:
-                model.actuator_forcerange[drive] *= new.controller.torque / own.controller.torque
-            room = float(model.actuator_history[drive, 0] - 1) * float(model.opt.timestep)
-            if room > 0.0:
-                model.actuator_delay[drive] = min(room, new.controller.delay)
+            set_controller(model, drive, own.controller, new.controller)
         mj.mj_setConst(model, mj.MjData(model))
         return with_controllers(replace(self.arm, model=model), robot)
 

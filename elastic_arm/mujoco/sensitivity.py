@@ -23,6 +23,7 @@ import numpy as np
 from elastic_arm.arrays import Array
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.mujoco.closed_loop import Motion, interpolated
+from elastic_arm.mujoco.friction_by_step import FrictionLevel
 from elastic_arm.mujoco.stated_arm import StatedArm, stated_arm
 from elastic_arm.robot import JointController, Robot
 
@@ -77,9 +78,9 @@ class _Equation:
         self.model = _model(robot, self.arm)
         self.step = float(sampled.t[1] - sampled.t[0])
         n, q, dq, ddq = robot.n, sampled.q, sampled.dq, sampled.ddq
-        limit = np.array([one.friction_loss for one in self.arm.joints])
         self.share = np.zeros_like(q)
         left = self._residual(robot, q, dq, ddq)
+        limit = self._dry(robot, self.arm, q, dq)
         with np.errstate(divide="ignore", invalid="ignore"):
             share = np.where(limit > 0.0, left / limit, np.tanh(dq / SLOW))
         self.share = np.clip(share, -1.0, 1.0)
@@ -129,11 +130,24 @@ class _Equation:
         arm = self.arm if own else stated_arm(robot)
         model = self.model if own else _model(robot, arm)
         found = -model.inverse_dynamics(q, dq, ddq)
+        dry = self._dry(robot, arm, q, dq)
         for i, (joint, numbers) in enumerate(zip(robot.joints, arm.joints, strict=True)):
             passive = numbers.damping * dq[:, i] + numbers.stiffness * (q[:, i] - numbers.rest)
-            passive += numbers.friction_loss * self.share[:, i]
+            passive += dry[:, i] * self.share[:, i]
             found[:, i] += self._driven(joint.controller, i, q[:, i], dq[:, i]) - passive
         return found
+
+    def _dry(self, robot: Robot, arm: StatedArm, q: Array, dq: Array) -> Array:
+        """Return the dry friction (N, n) Nm with which the joints of an arm can stick."""
+        stated = np.array([one.friction_loss for one in arm.joints])
+        laws = [law for law, _ in arm.left if law.effect.friction and not law.effect.states]
+        if not laws:
+            return np.broadcast_to(stated, q.shape)
+        made = [
+            self._driven(joint.controller, i, q[:, i], dq[:, i])
+            for i, joint in enumerate(robot.joints)
+        ]
+        return stated + FrictionLevel(robot, laws).along(q, dq, np.stack(made, axis=1))
 
     def _driven(self, controller: JointController | None, i: int, q: Array, dq: Array) -> Array:
         """Return the torque (N,) of a joint's drive."""
@@ -142,7 +156,7 @@ class _Equation:
         error = given - q
         acting = error - np.clip(error, -drive.dead_band, drive.dead_band)
         integral = np.concatenate([[0.0], np.cumsum(0.5 * self.step * (error[1:] + error[:-1]))])
-        made = drive.kp * acting - drive.kd * dq + drive.ki * integral
+        made = drive.supplied(drive.kp * acting + drive.ki * integral) - drive.kd * dq
         return made if drive.torque is None else np.clip(made, -drive.torque, drive.torque)
 
 

@@ -3,7 +3,8 @@ recorded,
 
     tau_m = limit(kp (r(t - d) - q) + kd (dr(t - d) - dq) + ki int(r - q) + feed-forward),
 
-a dead band taken off the error r - q where kp has one. Angles between samples are those of cubic
+a dead band taken off the error r - q where kp has one, and all but the damping within the limit of
+a servo's duty, less what its supply sags. Angles between samples are those of cubic
 splines. A held command is the mean, over the last interval of commands, of the motion that commands
 are samples of: within the band, that is what holding does.
 """
@@ -58,7 +59,8 @@ def with_made_torque(recording: Recording, robot: Robot) -> Recording:
         controller = stated.get(name)
         if controller is not None and there[i] and _is_told(reference, controller, i):
             limit = robot.joints[robot.joint_names.index(name)].limits.torque
-            made[name] = _limited(controller, limit)
+            own = controller.with_firmware_gain(recording.firmware_gains.get(name))
+            made[name] = _limited(own, limit)
     if not made:
         return recording
     given = (reference.stamp_ns - reference.stamp_ns[0]) * 1e-9
@@ -162,9 +164,10 @@ def _torque(
     r, dr = command(at)
     error = r - q(at)
     felt = error - np.clip(error, -controller.dead_band, controller.dead_band)
-    torque = kp * felt + kd * (controller.follows_rate * dr - q(at, 1)) + forward[:, None]
+    asked = kp * felt + forward[:, None]
     if ki:
-        torque += ki * CubicSpline(t, command(t)[0] - angle).antiderivative()(at)
+        asked += ki * CubicSpline(t, command(t)[0] - angle).antiderivative()(at)
+    torque = controller.supplied(asked) + kd * (controller.follows_rate * dr - q(at, 1))
     return np.asarray(np.clip(torque, -limit, limit).mean(axis=1))
 
 

@@ -59,6 +59,8 @@ class Content:
         ""  # The bags by name; their torque channels that are currents times a torque constant
     )
     currents: tuple[str, ...] = ()
+    # joint -> number in its servo's register of the position gain
+    firmware_gains: dict[str, float] = field(default_factory=dict)
     namespace: str = ""  # Of the arm; names in `series` and `decoders` are those within it
 
     @property
@@ -168,6 +170,7 @@ def contents(
                     yield content.decoded()
         content.damage += bag.all_damage()
         content.currents = tuple(dict.fromkeys((*content.currents, *bag.currents())))
+        content.firmware_gains |= bag.firmware_gains()
     yield content.decoded()
 
 
@@ -280,7 +283,13 @@ def _mapped_recording(
     joints = tuple(channels.joints)
     urdf = content.robot_description
     return Recording(
-        joints, link, motor, command, robot_description=urdf, currents=channels.currents()
+        joints,
+        link,
+        motor,
+        command,
+        robot_description=urdf,
+        currents=channels.currents(),
+        firmware_gains=content.firmware_gains,
     )
 
 
@@ -321,8 +330,16 @@ def _contract_recording(
                 " of the names"
             )
         )
+    known = content.firmware_gains
+    gains = {new: known[old] for old, new in zip(joints, called, strict=True) if old in known}
     return Recording(
-        called, link, motor, reference, content.robot_description, currents=content.currents
+        called,
+        link,
+        motor,
+        reference,
+        content.robot_description,
+        currents=content.currents,
+        firmware_gains=gains,
     )
 
 

@@ -51,6 +51,9 @@ class Recording:
     made_by
         Joint -> controller from which its motor torque was computed; the reference is then the
         input of the drives. Empty if torques were measured.
+    firmware_gains
+        Joint -> number in its servo's register of the position gain during the recording. Empty
+        where it is the one that the description states.
     read_ns
         (M,) stamps at which torques were read if they are recorded more often; None otherwise.
     """
@@ -65,6 +68,7 @@ class Recording:
     clock: ClockMode | None = None
     currents: tuple[str, ...] = ()
     made_by: Mapping[str, JointController] = field(default_factory=dict)
+    firmware_gains: Mapping[str, float] = field(default_factory=dict)
     read_ns: Stamps | None = None
 
     def __post_init__(self) -> None:
@@ -189,7 +193,12 @@ class Recording:
         for name, side in self.sides().items():
             channels = {channel: values[:, columns] for channel, values in side.channels().items()}
             cut[name] = Side(side.stamp_ns, **channels)
-        return replace(self, joints=tuple(joints), notes=notes, **cut)
+        gains = {
+            name: self.firmware_gains[own]
+            for name, own in zip(joints, called, strict=True)
+            if own in self.firmware_gains
+        }
+        return replace(self, joints=tuple(joints), notes=notes, firmware_gains=gains, **cut)
 
     def _followed(self, stamp_ns: Stamps) -> Array:
         """Return the command (N, n) at other stamps."""

@@ -139,6 +139,7 @@ def write_recording(
         flush_every=unhurried,
         sync_every=unhurried,
         currents=recording.currents,
+        firmware_gains=recording.firmware_gains,
     )
     try:
         for stream in streams:

@@ -1,9 +1,9 @@
 """The arm file's fields and their types; what the numbers mean is checked by the description
 itself."""
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 from elastic_arm.input_files import refuse_truth
 
@@ -93,8 +93,27 @@ class LimitsEntry(_Entry):
     torque: Limit = None
 
 
+class MotorEntry(_Entry):
+    """The electrics of a servo: `tau = torque_per_volt (supply duty - back_emf speed)`.
+
+    The firmware makes `duty = duty_per_rad error`, at most 1. All numbers are at the joint.
+    """
+
+    supply: Annotated[Number, Field(gt=0)]  # V
+    torque_per_volt: Annotated[Number, Field(gt=0)]  # kt / R, Nm/V
+    back_emf: Annotated[Number, Field(ge=0)]  # kt, V s/rad
+    duty_per_rad: Annotated[Number, Field(gt=0)]
+
+    def gains(self) -> dict[str, float]:
+        """Return them as kp, kd and the torque of full duty."""
+        stall = self.supply * self.torque_per_volt
+        damping = self.torque_per_volt * self.back_emf
+        gains = {"kp": stall * self.duty_per_rad, "kd": damping, "stall": stall}
+        return gains | {"supply": self.supply}
+
+
 class ControllerEntry(_Entry):
-    """The controller of a joint's drive."""
+    """The controller of a joint's drive; `motor` instead of kp, kd and stall."""
 
     mode: Literal["position", "velocity", "both"] = "position"
     kp: Number = 0.0
@@ -105,6 +124,22 @@ class ControllerEntry(_Entry):
     feedforward: Literal["none", "gravity", "model"] = "none"
     between: Literal["held", "interpolated"] = "held"
     dead_band: Number = 0.0
+    stall: Number | None = None
+    sag: Number = 0.0
+    supply: Number | None = None
+    firmware_gain: Number = 1.0
+    motor: MotorEntry | None = None
+
+    @model_validator(mode="after")
+    def _once(self) -> Self:
+        if self.motor is not None and (self.kp or self.kd or self.stall is not None):
+            raise ValueError("give either motor, or kp, kd and stall")
+        return self
+
+    def numbers(self) -> dict[str, Any]:
+        """Return the numbers of the controller, those of a motor as gains."""
+        given = self.model_dump(exclude={"motor"})
+        return given if self.motor is None else given | self.motor.gains()
 
 
 class TransmissionEntry(_Entry):

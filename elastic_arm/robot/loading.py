@@ -153,7 +153,7 @@ def _robot(entry: ArmEntry) -> Robot:
 def _controlled(robot: Robot, entries: Mapping[str, ControllerEntry]) -> Robot:
     for name, entry in entries.items():
         with located(f"controller.{name}: "):
-            robot = robot.with_joint(name, controller=JointController(**entry.model_dump()))
+            robot = robot.with_joint(name, controller=JointController(**entry.numbers()))
     return robot
 
 

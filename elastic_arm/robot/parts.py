@@ -11,6 +11,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from elastic_arm.arrays import Array
 from elastic_arm.errors import RobotError
 
 # A moment or a sum of moments may miss its bound by this share of the trace: rounding of a
@@ -326,6 +327,12 @@ class JointController:
 
     e = r(t - d) - theta
     tau_m = limit(kp e + kd de + ki int(r - theta) + feed-forward)
+
+    The firmware of a servo commands a share u of its supply, the duty, and the back-EMF acts after
+    the limit of the duty:
+
+    u = limit((kp e + ki int(r - theta) + feed-forward) / stall, 1)
+    tau_m = stall u (1 - sag |u|) - kd dtheta
     """
 
     # what is commanded: ``"position"`` r alone, dr is zero; ``"velocity"`` dr alone, ki integrates
@@ -344,6 +351,12 @@ class JointController:
         "held"  # two commands: the last one is ``"held"``, or the motion is ``"interpolated"``
     )
     dead_band: float = 0.0  # rad; of the error of the angle, kp makes a torque of what exceeds it
+    # Nm, torque of full duty at rest, kt / R times the supply; None where the duty has no limit
+    stall: float | None = None
+    sag: float = 0.0  # share of the supply that full duty takes away
+    # V, of which stall and kd are made; only a file that states a motor's constants needs it
+    supply: float | None = None
+    firmware_gain: float = 1.0  # number in the servo's register for which kp and ki hold
 
     def __post_init__(self) -> None:
         choices = {
@@ -362,6 +375,21 @@ class JointController:
             check_number(getattr(self, what), what)
         if self.torque is not None:
             check_number(self.torque, "torque", positive=True)
+        check_number(self.firmware_gain, "firmware_gain", positive=True)
+        for what in ("stall", "supply"):
+            if getattr(self, what) is not None:
+                check_number(getattr(self, what), what, positive=True)
+        require(
+            self.stall is None or self.mode == "position",
+            f"stall is the limit of a position controller's duty, and its mode is {self.mode}",
+            "Use the mode position, or give the limit as torque",
+        )
+        require(
+            0.0 <= self.sag < 1.0 and (self.sag == 0.0 or self.stall is not None),
+            f"sag of the controller is {self.sag:g}"
+            + (" without a stall torque" if self.stall is None else ""),
+            "Give a share of 0 to 1 of the supply, and the stall torque beside it",
+        )
         require(
             self.mode != "velocity" or self.kp == 0.0,
             "a velocity controller has a kp",
@@ -377,9 +405,27 @@ class JointController:
         return (self.ki, self.kd, 0.0) if self.mode == "velocity" else (self.kp, self.kd, self.ki)
 
     def scaled(self, kp: float = 1.0, kd: float = 1.0) -> Self:
-        """Return it with gains of angle and rate times these ratios."""
+        """Return it with gains of angle and rate times these ratios.
+
+        The torque of full duty follows kp: both are made of the supply.
+        """
         own = "ki" if self.mode == "velocity" else "kp"
-        return replace(self, **{own: kp * getattr(self, own), "kd": kd * self.kd})
+        stall = None if self.stall is None else kp * self.stall
+        return replace(self, **{own: kp * getattr(self, own), "kd": kd * self.kd, "stall": stall})
+
+    def with_firmware_gain(self, gain: float | None) -> Self:
+        """Return it with another number in the servo's register; as it is for None."""
+        if gain is None or gain == self.firmware_gain:
+            return self
+        ratio = gain / self.firmware_gain
+        return replace(self, kp=ratio * self.kp, ki=ratio * self.ki, firmware_gain=gain)
+
+    def supplied(self, asked: Array) -> Array:
+        """Return the torque at rest (N,) Nm that the supply makes of what the firmware commands."""
+        if self.stall is None:
+            return asked
+        limited = np.clip(asked, -self.stall, self.stall)
+        return np.asarray(limited * (1.0 - self.sag * np.abs(limited) / self.stall))
 
     @property
     def follows_rate(self) -> float:

@@ -106,6 +106,11 @@ def controller_of(robot: Robot, *, model: str = "mod3", rate: float = 1000.0) ->
     for i, joint in enumerate(robot.joints):
         if (drive := joint.controller) is None:
             continue
+        if drive.stall is not None:
+            raise SimulationError(
+                f"the duty of {joint.name} has a limit, which only MuJoCo simulates",
+                "Write a new MJCF with `elastic-arm export`, or state the controller without stall",
+            )
         (kp, kd, ki), limit = drive.gains, np.inf if drive.torque is None else drive.torque
         stated = (kp, kd, ki, drive.delay, limit, drive.follows_rate, drive.dead_band)
         for name, value in zip(names, stated, strict=True):

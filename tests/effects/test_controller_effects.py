@@ -10,6 +10,7 @@ from elastic_arm.errors import EffectError
 from elastic_arm.robot import JointController, Robot, load_robot
 from elastic_arm.simulation import SimulationSettings, Simulator
 
+ELECTRIC = ("supply_sag", "torque_constant")  # of controllers whose duty has a limit
 OWN = [
     e.id
     for e in EFFECTS.values()
@@ -62,6 +63,15 @@ def law(robot: Robot, text: str) -> dict[str, float]:
         ("position_dead_band:joint_2:half_width=0.05", {}, 0.05 * KP),
         ("position_dead_band:joint_2:half_width=0.25", {}, 0.2 * KP),
         ("integral_gain:joint_2:ki=7.0", {}, -0.2 * 7.0),
+        # Of the angles, 6 Nm are asked for, half of full duty.
+        ("supply_sag:joint_2:share=0.2", {"stall": 12.0}, 0.2 * 12.0 * 0.5**2),
+        ("supply_sag:joint_2:share=0.2", {"stall": 4.0}, 0.2 * 4.0),
+        ("torque_constant:joint_2:gain=1.25", {"stall": 12.0}, -0.25 * 5.0),
+        # At full duty what the firmware asks for does not count, the back-EMF does.
+        ("position_gain:joint_2:gain=1.25", {"stall": 4.0}, 0.0),
+        ("command_delay:joint_2:delay=0.02", {"stall": 4.0}, 0.0),
+        ("velocity_gain:joint_2:gain=1.5", {"stall": 4.0}, -0.5 * KD * -0.7),
+        ("torque_saturation:joint_2:torque=2.0", {"stall": 4.0}, 4.0 - 0.7 * KD - 2.0),
     ],
 )
 def test_laws_are_what_the_stated_controller_makes_more(
@@ -81,7 +91,14 @@ def test_at_the_neutral_value_nothing_is_added(effect: str) -> None:
     """A gain of one and a delay of none are no effect."""
     (parameter,) = EFFECTS[effect].parameters
     text = f"{effect}:joint_2:{parameter.name}={parameter.neutral}"
-    assert law(controlled(), text)["motor"] == 0.0
+    stated = {"stall": 12.0} if effect in ELECTRIC else {}
+    assert law(controlled(**stated), text)["motor"] == 0.0
+
+
+def test_electrics_are_sought_only_where_they_are_stated() -> None:
+    """Of a controller without a limit of its duty no supply sags; the error says what to state."""
+    with pytest.raises(EffectError, match=r"states no electrics of joint_2.*dcmotor"):
+        law(controlled(), "supply_sag:joint_2:share=0.2")
 
 
 @pytest.mark.parametrize(

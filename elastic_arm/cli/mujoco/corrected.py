@@ -22,8 +22,9 @@ from elastic_arm.mujoco.left_out import Motion
 from elastic_arm.mujoco.new_model import playable
 from elastic_arm.mujoco.refinable import DELAY, Moved, Refinable, by_words, robot_at
 from elastic_arm.mujoco.refinement import refine
+from elastic_arm.mujoco.servo_numbers import servo_numbers
 from elastic_arm.results import ClosedLoopError
-from elastic_arm.robot import Robot
+from elastic_arm.robot import Robot, with_joints_of
 from elastic_arm.robot.loading import is_mjcf, parse_chain
 from elastic_arm.robot.mjcf import MjcfArm, open_mjcf
 
@@ -47,10 +48,18 @@ class Written:
         None  # of a commanded arm, what of the correction it holds, and how the arm moves with it
     )
     refined: tuple[Moved, ...] = ()  # numbers of it that were refined in closed loop
+    fitted: tuple[Moved, ...] = ()  # numbers of a servo that it holds in the place of all causes
 
     def note(self) -> str:
         """Return in a sentence which numbers differ from those that were found; empty where none
         does."""
+        if self.fitted:
+            numbers = listed([by_words(one) for one in self.fitted])
+            return (
+                "No cause that was found moves the arm nearer, and none is written. The corrected"
+                " file holds the numbers that every servo has, fitted by simulations of the fitted"
+                f" recordings. These change: {numbers}."
+            )
         far = [(abs(one.by) / one.number.std, one) for one in self.refined]
         far.sort(key=lambda pair: -pair[0])
         told = [by_words(one) for share, one in far if share > 1.0]
@@ -171,12 +180,58 @@ class Correction:
             return Written(self.write(arm, folder, deviations), arm)
         back = frozenset(choice.taken_back)
         if back >= set(units) or not (caused or choice.better):
+            fallback = self._fitted_numbers(robot, choice, judging, fitted, folder)
+            if fallback is not None:
+                return fallback
             self.write(None, folder)
             errors = {name: as_described(one) for name, one in choice.errors.items()}
             return Written(choice.reason or None, None, choice.with_errors(errors))
         arm = arm_without(back)
         kept = _kept(moved, back)
         return Written(self.write(arm, folder, None if kept else deviations), arm, choice, kept)
+
+    def _fitted_numbers(
+        self,
+        robot: Robot,
+        found: Choice,
+        judging: Sequence[Judging],
+        fitted: Sequence[Judging],
+        folder: Path,
+    ) -> Written | None:
+        """Write a servo arm with the numbers that every servo has, fitted in closed loop.
+
+        found: how it moves with the causes, none of which is written. None where no joint moves
+        nearer.
+        """
+        arm, numbers = servo_numbers(robot)
+        if not fitted or not numbers:
+            return None
+        with TemporaryDirectory() as temporary:
+            try:
+                described = self._played(robot, Path(temporary) / "described.xml")
+                played = self._played(arm, Path(temporary) / "arm.xml")
+                moved = refine(played, arm, numbers, fitted, alone=True)
+                by = np.array([one.by for one in moved])
+                whole = robot_at(arm, [one.number for one in moved], by)
+
+                def build(back: frozenset[str]) -> MjcfArm:
+                    kept = with_joints_of(whole, robot, back)
+                    return self._played(kept, Path(temporary) / "kept.xml")
+
+                choice = chosen(described, build, robot.joint_names, judging) if moved else None
+            except (RobotError, MissingExtraError):
+                return None
+        if choice is None or not choice.better:
+            return None
+        back = frozenset(choice.taken_back)
+        kept = tuple(one for one in moved if one.number.joint not in back)
+        written = with_joints_of(whole, robot, back)
+        errors = {
+            name: replace(one, refused=found.errors[name].refused)
+            for name, one in choice.errors.items()
+        }
+        both = replace(choice.with_errors(errors), worse=found.worse, taken_back=found.taken_back)
+        return Written(self.write(written, folder), written, both, fitted=kept)
 
     def _exported(self, robot: Robot, file: Path, deviations: Deviations | None = None) -> Exported:
         assert self.base is not None

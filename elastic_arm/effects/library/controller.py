@@ -11,7 +11,6 @@ from dataclasses import replace
 from typing import Any
 
 import casadi as ca
-import numpy as np
 
 from elastic_arm.effects.law import (
     Confusion,
@@ -31,13 +30,17 @@ from elastic_arm.errors import EffectError
 from elastic_arm.robot import JointController
 
 
-def _made(
-    law: Callable[[SymbolicMotion, int, JointController, Numbers], Any], *, limited: bool = True
+def made(
+    law: Callable[[SymbolicMotion, int, JointController, Numbers], Any],
+    *,
+    limited: bool = True,
+    asked: bool = True,
 ) -> Law:
     """Return the law of what the stated controller makes more than the true one.
 
     It is written in the stated controller and parameters; limited: null where the torque is at its
-    limit.
+    limit; asked: null where the duty is at its limit, as what the firmware commands then does not
+    count.
     """
 
     def motor(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
@@ -51,8 +54,12 @@ def _made(
             )
         more = law(motion, i, joint.controller, p)
         limits = [one for one in (joint.controller.torque, joint.limits.torque) if one is not None]
-        free = ca.fabs(motion.tau_m[i]) < min(limits, default=np.inf)
-        return motion.at(i, motor=ca.if_else(free, more, 0.0) if limits and limited else more)
+        if limits and limited:
+            more = ca.if_else(ca.fabs(motion.tau_m[i]) < min(limits), more, 0.0)
+        stall = joint.controller.stall
+        if stall is not None and asked:
+            more = ca.if_else(ca.fabs(asked_for(motion, i)) < stall, more, 0.0)
+        return motion.at(i, motor=more)
 
     return motor
 
@@ -93,6 +100,20 @@ def _error(motion: SymbolicMotion, i: int) -> Any:
     return motion.r[i] - motion.theta[i]
 
 
+def asked_for(motion: SymbolicMotion, i: int) -> Any:
+    """Return the torque at rest that the firmware commands by the error of the angle."""
+    assert motion.kp is not None
+    return motion.kp[i] * _error(motion, i)
+
+
+def _supplied(controller: JointController, asked: Any) -> Any:
+    """Return what the supply makes of it."""
+    if controller.stall is None:
+        return asked
+    limited = _within(asked, controller.stall)
+    return limited * (1.0 - controller.sag * ca.fabs(limited) / controller.stall)
+
+
 def _within(value: Any, most: Any) -> Any:
     return ca.fmax(-most, ca.fmin(most, value))
 
@@ -103,9 +124,10 @@ def _beyond(motion: SymbolicMotion, i: int, controller: JointController, p: Numb
 
     It is made of angles: beyond its limit a torque is far above the noise that they make.
     """
-    assert motion.kp is not None and motion.fed is not None
-    made = motion.fed[i] + motion.kp[i] * _error(motion, i) + _of_rate(motion, i, controller)
-    return made - _within(made, p["torque"])
+    assert motion.fed is not None
+    own = _supplied(controller, asked_for(motion, i))
+    whole = motion.fed[i] + own + _of_rate(motion, i, controller)
+    return whole - _within(whole, p["torque"])
 
 
 def _not_felt(motion: SymbolicMotion, i: int, controller: JointController, p: Numbers) -> Any:
@@ -117,7 +139,7 @@ def _integral(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
     """Less by ki times the integral of the error, rad s, which begins at zero."""
     controller = motion.robot.joints[i].controller
     if controller is None or motion.r is None:
-        return _made(lambda *_: 0.0)(motion, i, p)  # which says what is missing
+        return made(lambda *_: 0.0)(motion, i, p)  # which says what is missing
     rate = _error(motion, i) if controller.kp else 0.0  # of a controller of speeds, it is stated
     return motion.at(i, motor=-p["ki"] * p["integral"], rates={"integral": ca.SX(rate)})
 
@@ -136,7 +158,7 @@ EFFECTS = (
             " motion and at rest."
         ),
         plain="has a controller with {gain} times the stated kp",
-        law=_made(lambda motion, i, stated, p: (1.0 - p["gain"]) * _of_position(motion, i, stated)),
+        law=made(lambda motion, i, stated, p: (1.0 - p["gain"]) * _of_position(motion, i, stated)),
         parameters=(ratio("gain", 0.3, 3.0, "true / stated kp", above=0.0, draw=(1.6, 2.5)),),
         sides=("motor",),
         regime="load",
@@ -161,7 +183,10 @@ EFFECTS = (
         ),
         signature="The motor residual follows the velocity error.",
         plain="has a controller with {gain} times the stated kd",
-        law=_made(lambda motion, i, stated, p: (1.0 - p["gain"]) * _of_rate(motion, i, stated)),
+        law=made(
+            lambda motion, i, stated, p: (1.0 - p["gain"]) * _of_rate(motion, i, stated),
+            asked=False,
+        ),
         parameters=(ratio("gain", 0.3, 3.0, "true / stated kd", above=0.0, draw=(0.5, 2.0)),),
         sides=("motor",),
         regime="high_speed",
@@ -192,7 +217,7 @@ EFFECTS = (
         ),
         signature="The motor residual follows the rate of the command times kp.",
         plain="receives its commands {delay} later than stated",
-        law=_made(lambda motion, i, stated, p: p["delay"] * _of_delay(motion, i, stated)),
+        law=made(lambda motion, i, stated, p: p["delay"] * _of_delay(motion, i, stated)),
         parameters=(
             Parameter(
                 "delay",
@@ -236,7 +261,7 @@ EFFECTS = (
             "The motor residual is the part of the controller torque beyond a limit, and"
             " zero below it."
         ),
-        law=_made(_beyond, limited=False),
+        law=made(_beyond, limited=False, asked=False),
         parameters=(
             searched(
                 "torque", "Nm", 0.02, 500.0, "largest torque of the drive", bounded_by="torque"
@@ -259,7 +284,7 @@ EFFECTS = (
         description="Small position errors give no torque, as in servos that avoid hunting.",
         plain="gives no torque for position errors within {half_width}",
         signature="The motor residual is kp times the error within the band, and constant outside.",
-        law=_made(_not_felt),
+        law=made(_not_felt),
         parameters=(
             searched(
                 "half_width", "rad", 2e-3, 0.1, "on either side of the command", bounded_by="error"

@@ -81,6 +81,8 @@ def _sides(recording: Recording, path: Path) -> list[str]:
         )
     if recording.currents:
         mapping["from_currents"] = list(recording.currents)
+    if recording.firmware_gains:
+        mapping["firmware_gain"] = dict(recording.firmware_gains)
     if recording.robot_description is not None:
         urdf = path.with_suffix(".urdf")
         write_result(urdf, recording.robot_description)

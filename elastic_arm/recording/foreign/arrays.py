@@ -13,6 +13,7 @@ from pydantic import BeforeValidator, Field, model_validator
 from elastic_arm.errors import RecordingError
 from elastic_arm.input_files import Number, WholeNumber, read_text
 from elastic_arm.recording.foreign.array_files import FILE_INDEX, Arrays, load_arrays
+from elastic_arm.recording.foreign.calibration import degrees_per_cent
 from elastic_arm.recording.foreign.channels import (
     DEFAULT_UNIT,
     MOST_JOINTS,
@@ -42,6 +43,9 @@ from elastic_arm.recording.sides import Array, Side, Stamps, joints_with
 MEND = "Correct these samples in the file: times have to increase, and numbers have to be finite."
 # The columns of a table without names are called by their numbers.
 Key = Annotated[str, BeforeValidator(lambda key: str(key) if type(key) is int else key)]
+
+
+Gain = Annotated[Number, Field(gt=0)]
 
 
 class Times(Strict):
@@ -164,9 +168,15 @@ class ArrayMap(Strict):
     robot_description: str | None = (
         None  # URDF file to put into the bag; relative to the mapping file
     )
+    # LeRobot's calibration file, by which positions without a unit are per cent of ranges; relative
+    # to the mapping file
+    calibration: str | None = None
     coupling: Coupling = Field(
         default_factory=dict
     )  # of motors that move several joints: joint -> motor -> factor
+    # number in the servos' register of the position gain during the runs: one of all joints, or by
+    # joint
+    firmware_gain: Gain | dict[str, Gain] | None = None
     # torque channels that were computed from currents before
     from_currents: Annotated[
         list[Literal["joint_torque", "motor_torque"]], Field(default_factory=list)
@@ -181,7 +191,20 @@ class ArrayMap(Strict):
         for _, name, channel in self.channels():
             channel.scales(name, len(channel.places(self.joints)))
         coupling_matrix(self.coupling, self.joints)
+        if unknown := [name for name in self.firmware_gains() if name not in self.joints]:
+            raise ValueError(
+                f"firmware_gain: unknown joint {unknown[0]}; the joints are"
+                f" {', '.join(self.joints)}"
+            )
         return self
+
+    def firmware_gains(self) -> dict[str, float]:
+        """Return numbers of the servos' registers of the position gain, by joint."""
+        if self.firmware_gain is None:
+            return {}
+        if isinstance(self.firmware_gain, dict):
+            return self.firmware_gain
+        return dict.fromkeys(self.joints, self.firmware_gain)
 
     def channels(self) -> Iterator[tuple[SideName, ChannelName, ArrayChannel]]:
         """Yield the channels of all sides."""
@@ -220,7 +243,7 @@ def import_arrays(path: str | Path, mapping: str | Path) -> Recording:
 def import_runs(path: str | Path, mapping: str | Path) -> dict[str, Recording]:
     """Make recordings of a file or folder of arrays, by the names of the runs; one alone has an
     empty name."""
-    rules = load_array_map(mapping)
+    rules = _calibrated(load_array_map(mapping), Path(mapping).parent)
     arrays = load_arrays(Path(path), rules.decimal)
     urdf = None
     if rules.robot_description is not None:
@@ -295,6 +318,26 @@ def _other_form(name: str, arrays: Mapping[str, np.ndarray], used: Collection[st
         # is one by itself.
         return whole in used or not any(key.startswith(f"{whole}.") for key in used)
     return f"{name}.0" in arrays and any(key.rpartition(".")[0] == name for key in used)
+
+
+def _calibrated(rules: ArrayMap, folder: Path) -> ArrayMap:
+    """Return a mapping with the units of positions that are per cent of calibrated ranges."""
+    if rules.calibration is None:
+        return rules
+    sides: dict[str, SideArrays] = {}
+    for side in SIDE_NAMES:
+        own = getattr(rules, side)
+        channel = own.position
+        if channel is None or channel.unit is not None:
+            continue
+        joints = channel.joints or rules.joints
+        sizes = degrees_per_cent(folder / rules.calibration, joints)
+        given = channel.factor if isinstance(channel.factor, list) else None
+        factors = given or [channel.factor] * len(joints)
+        scaled = [sizes[name] * by for name, by in zip(joints, factors, strict=True)]
+        stated = channel.model_copy(update={"unit": "deg", "factor": scaled})
+        sides[side] = own.model_copy(update={"position": stated})
+    return rules.model_copy(update=sides)
 
 
 def _in_stated_unit(
@@ -441,6 +484,7 @@ def _recording(
         sides["command"],
         notes=tuple(notes),
         currents=rules.currents(),
+        firmware_gains=rules.firmware_gains(),
     )
 
 

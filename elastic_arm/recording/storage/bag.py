@@ -1,7 +1,7 @@
 """The files of a bag: a rosbag2 folder, or a bare file, of any storage format."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -9,7 +9,7 @@ from elastic_arm.errors import RecordingError
 from elastic_arm.input_files import read_fields
 from elastic_arm.recording import limits
 from elastic_arm.recording.storage.mcap import McapFile, open_mcap
-from elastic_arm.recording.storage.metadata import METADATA_KEY, stated_currents
+from elastic_arm.recording.storage.metadata import METADATA_KEY, stated_currents, stated_gains
 from elastic_arm.recording.storage.sqlite import SqliteFile, open_sqlite
 
 # A storage format is a module with a kind of stored file and a function that opens one.
@@ -33,6 +33,8 @@ class BagMetadata:
     files: tuple[str, ...]  # names in the folder, in time order
     # the torque channels that are motor currents times a torque constant, as its writer stated
     currents: tuple[str, ...] = ()
+    # joint -> number in its servo's register of the position gain, as its writer stated
+    firmware_gains: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass
@@ -52,6 +54,12 @@ class Bag:
         if self.metadata is not None:
             return list(self.metadata.currents)
         return list(dict.fromkeys(name for file in self.files for name in file.currents()))
+
+    def firmware_gains(self) -> Mapping[str, float]:
+        """Return numbers of the servos' registers of the position gain, by joint."""
+        if self.metadata is not None:
+            return self.metadata.firmware_gains
+        return {k: gain for file in self.files for k, gain in file.firmware_gains().items()}
 
     def all_damage(self) -> list[str]:
         """Return what is wrong with the bag and its files, as far as it is known so far."""
@@ -148,7 +156,8 @@ def _read_metadata(folder: Path) -> tuple[BagMetadata | None, list[str]]:
     ]
     files = tuple(name for name in names or () if name not in outside)
     mode = str(content.get("compression_mode") or "").lower()
-    return BagMetadata(count, mode, files, stated_currents(content)), damage
+    currents, gains = stated_currents(content), stated_gains(content)
+    return BagMetadata(count, mode, files, currents, gains), damage
 
 
 def _number(file: Path) -> tuple[str, int]:

@@ -39,6 +39,7 @@ from elastic_arm.recording.storage.metadata import (
     Topic,
     plain_data,
     stated_currents,
+    stated_gains,
 )
 from elastic_arm.recording.storage.unpacking import PACKED_FILES, unpack_chunk, unpack_file
 
@@ -112,6 +113,14 @@ class McapFile(StoredFile):
 
     def currents(self) -> tuple[str, ...]:
         """Return what rosbag2's metadata in the file states."""
+        return stated_currents(self._information())
+
+    def firmware_gains(self) -> dict[str, float]:
+        """Return what rosbag2's metadata in the file states."""
+        return stated_gains(self._information())
+
+    def _information(self) -> object:
+        """Return rosbag2's metadata in the file; None where there is none."""
         for _, begin, end in self.notes:
             try:
                 record = records.Metadata.read(
@@ -120,8 +129,8 @@ class McapFile(StoredFile):
             except _BAD_RECORD:
                 continue  # of another program, or damaged: the messages do without it
             if record.name == INSIDE[0]:
-                return stated_currents(plain_data(record.metadata.get(INSIDE[1], "")))
-        return ()
+                return plain_data(record.metadata.get(INSIDE[1], ""))
+        return None
 
     def expected(self, channel: int) -> int:
         """Return what the summary promises."""

@@ -17,6 +17,7 @@ TORQUE_CHANNELS = ("joint_torque", "motor_torque")
 # record and key by which rosbag2 keeps the same inside an MCAP file
 INSIDE = ("rosbag2", "serialized_metadata")
 _CURRENTS = "torques_from_currents"  # custom data of a bag: channels, by spaces
+_GAINS = "firmware_gains"  # custom data of a bag: joint=number, by spaces
 _FOREVER = {"sec": 9223372036, "nsec": 854775807}
 
 
@@ -65,6 +66,10 @@ class StoredFile:
         """Return torque channels that the file states to be currents times a constant."""
         return ()
 
+    def firmware_gains(self) -> dict[str, float]:
+        """Return numbers of the servos' registers of the position gain that the file states."""
+        return {}
+
     def check_lengths(self) -> None:
         """Raise if its messages claim to unpack to more than the limit.
 
@@ -99,8 +104,12 @@ def metadata(
     counts: Mapping[str, int],
     span: tuple[int, int],
     currents: Sequence[str] = (),
+    firmware_gains: Mapping[str, float] | None = None,
 ) -> dict[str, Any]:
     """Return the content of metadata.yaml under its one key, of a file with messages of a span."""
+    custom = {_CURRENTS: " ".join(currents)} if currents else {}
+    if firmware_gains:
+        custom[_GAINS] = " ".join(f"{name}={gain:.10g}" for name, gain in firmware_gains.items())
     written = {
         "starting_time": {"nanoseconds_since_epoch": span[0]},
         "duration": {"nanoseconds": span[1] - span[0]},
@@ -118,18 +127,37 @@ def metadata(
         "compression_mode": "",
         "relative_file_paths": [file],
         "files": [{"path": file, **written}],
-        "custom_data": {_CURRENTS: " ".join(currents)} if currents else None,
+        "custom_data": custom or None,
         "ros_distro": "jazzy",
     }
 
 
 def stated_currents(information: object) -> tuple[str, ...]:
     """Return torque channels that a bag's metadata states to be currents times a constant."""
+    stated = _custom(information, _CURRENTS).split()
+    return tuple(name for name in TORQUE_CHANNELS if name in stated)
+
+
+def stated_gains(information: object) -> dict[str, float]:
+    """Return the numbers of the servos' registers of the position gain that a bag's metadata
+    states, by joint."""
+    found = {}
+    for word in _custom(information, _GAINS).split():
+        name, _, number = word.rpartition("=")
+        try:
+            gain = float(number)
+        except ValueError:
+            continue  # not as this package writes it
+        if name and 0.0 < gain < float("inf"):
+            found[name] = gain
+    return found
+
+
+def _custom(information: object, key: str) -> str:
+    """Return an entry of the custom data of a bag's metadata; empty where there is none."""
     custom = information.get("custom_data") if isinstance(information, dict) else None
-    stated = custom.get(_CURRENTS) if isinstance(custom, dict) else None
-    return tuple(
-        name for name in TORQUE_CHANNELS if isinstance(stated, str) and name in stated.split()
-    )
+    stated = custom.get(key) if isinstance(custom, dict) else None
+    return stated if isinstance(stated, str) else ""
 
 
 def plain_data(text: str) -> Any:

@@ -6,7 +6,7 @@ The library `mcap` makes chunks, checksums, indexes and the summary.
 
 import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import AbstractContextManager
 from pathlib import Path
@@ -65,7 +65,7 @@ class StreamWriter(AbstractContextManager["StreamWriter"]):
     `chunk_bytes`. A killed process loses that one chunk. A power cut loses what the system had not
     carried to the disk yet: every `sync_every` seconds it is flushed, in a thread of its own, as
     that can take longer than a queue of messages lasts. `currents` are the torque channels that are
-    motor currents times a torque constant.
+    motor currents times a torque constant; `firmware_gains` are those of servos, by joint.
     """
 
     def __init__(
@@ -78,6 +78,7 @@ class StreamWriter(AbstractContextManager["StreamWriter"]):
         chunk_bytes: int = 1 << 20,
         clock: Callable[[], float] = time.monotonic,
         currents: Sequence[str] = (),
+        firmware_gains: Mapping[str, float] | None = None,
     ) -> None:
         self.path = Path(path)
         if compression not in COMPRESSIONS:
@@ -108,6 +109,7 @@ class StreamWriter(AbstractContextManager["StreamWriter"]):
         self._chunk_bytes = chunk_bytes
         self._clock = clock
         self._currents = currents
+        self._firmware_gains = firmware_gains
         self._topics: list[Topic] = []
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
@@ -205,7 +207,9 @@ class StreamWriter(AbstractContextManager["StreamWriter"]):
 
     def _finish(self) -> None:
         span = (self._first_ns or 0, self._last_ns)
-        information = metadata(self._name, self._topics, self.counts, span, self._currents)
+        information = metadata(
+            self._name, self._topics, self.counts, span, self._currents, self._firmware_gains
+        )
         record, key = INSIDE
         # The same inside the file, for readers that are given it without its folder.
         inside = {key: yaml.safe_dump(information, sort_keys=False), "ROS_DISTRO": "jazzy"}

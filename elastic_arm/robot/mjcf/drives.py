@@ -1,6 +1,7 @@
 """What drives the joints of a compiled MuJoCo model: motor inertia, friction in motors, delays,
 limits, controllers."""
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,8 @@ from elastic_arm.arrays import Array
 from elastic_arm.robot.description import JointController, Limits
 from elastic_arm.robot.mjcf.chain import MjcfChain, name_of
 from elastic_arm.robot.mjcf.engine import engine
+
+WRITTEN = 1e-6  # relative, to which files state numbers that belong together
 
 
 def motor_inertia_and_damping(model: Any, joint: int) -> tuple[float, float]:
@@ -92,22 +95,114 @@ def controller_of(model: Any, joint: int) -> JointController | None:
     """
     kind = _servo(model, joint)
     if kind is None:
-        return None
+        return _motor_with_firmware(model, joint)
     mode, k = kind
     gear = float(model.actuator_gear[k, 0])
     own = model.actuator_biasprm[k]
     gains = {"kp": -float(own[1]), "kd": -float(own[2])}
     if int(model.actuator_gaintype[k]) == int(engine().mjtGain.mjGAIN_PID):
         gains["ki"] = float(model.actuator_gainprm[k, 0])
-    torque = (
-        abs(gear) * float(np.abs(model.actuator_forcerange[k]).max())
-        if model.actuator_forcelimited[k]
-        else None
-    )
+    torque = _limit_of(model, k)
     scaled: dict[str, Any] = {name: gear**2 * gain for name, gain in gains.items()}
     return JointController(
         mode, delay=float(model.actuator_delay[k]), torque=torque or None, **scaled
     )
+
+
+def follows_angles(model: Any, actuator: int) -> bool:
+    """Return whether an actuator makes a torque of the error of an angle."""
+    pos = int(engine().mjtCtrlInput.mjINPUT_POS)
+    if int(model.actuator_gaintype[actuator]) == int(engine().mjtGain.mjGAIN_DCMOTOR):
+        return int(model.actuator_ctrlspec[actuator]) == pos
+    return float(model.actuator_biasprm[actuator, 1]) < 0.0
+
+
+def _limit_of(model: Any, actuator: int) -> float | None:
+    """Return the limit of an actuator's torque at its joint, Nm; None where it has none."""
+    if not model.actuator_forcelimited[actuator]:
+        return None
+    gear = abs(float(model.actuator_gear[actuator, 0]))
+    return gear * float(np.abs(model.actuator_forcerange[actuator]).max())
+
+
+def _motor_with_firmware(model: Any, joint: int) -> JointController | None:
+    """Return the controller that a `dcmotor` is whose firmware makes its voltage of the error of
+    the angle.
+
+    MuJoCo's own controller compensates the back-EMF, K w; a kd of K² / R takes that away again, as
+    in a servo, whose voltage is proportional to the error alone:
+
+        v = limit(R / K kp (r - q), Vmax),   tau = K / R (v - K w)
+    """
+    drives = drives_of(model, joint)
+    dc = _dc_motors(model, joint)
+    if len(drives) != 1 or drives[0] not in dc:
+        return None
+    (k,) = drives
+    if int(model.actuator_ctrlspec[k]) != int(engine().mjtCtrlInput.mjINPUT_POS):
+        return None
+    resistance, constant, _, _, kp, ki, kd, most = map(float, model.actuator_gainprm[k, :8])
+    damping = constant**2 / resistance
+    compensated = np.isclose(kd, damping, rtol=WRITTEN)
+    if not kp or ki or not compensated or model.actuator_dynprm[k, :5].any():
+        return None
+    gear = float(model.actuator_gear[k, 0])
+    return JointController(
+        kp=gear**2 * kp,
+        kd=gear**2 * damping,
+        delay=float(model.actuator_delay[k]),
+        torque=_limit_of(model, k) or None,
+        stall=abs(gear) * constant / resistance * most or None,
+        supply=most or None,
+    )
+
+
+@dataclass(frozen=True)
+class MotorConstants:
+    """What a `dcmotor` states of a servo: K in Nm/A, R in Ohm and the supply in V, before its
+    gear."""
+
+    constant: float
+    resistance: float
+    supply: float
+
+    @staticmethod
+    def of(controller: JointController, gear: float) -> "MotorConstants":
+        """Return the constants that make a controller's torque of full duty and its damping.
+
+        Of a supply that is not known only its product with K / R acts: it is taken as 1 V.
+        """
+        assert controller.stall is not None
+        supply = controller.supply or 1.0
+        per_volt = controller.stall / abs(gear) / supply
+        constant = controller.kd / gear**2 / per_volt
+        return MotorConstants(constant, constant / per_volt, supply)
+
+
+def set_controller(
+    model: Any, actuator: int, before: JointController, after: JointController
+) -> None:
+    """Change gains, limits and delay of a compiled actuator from those of one controller to another
+    one's."""
+    gear = float(model.actuator_gear[actuator, 0])
+    if int(model.actuator_gaintype[actuator]) == int(engine().mjtGain.mjGAIN_DCMOTOR):
+        own = model.actuator_gainprm[actuator]
+        own[4], own[6] = after.kp / gear**2, after.kd / gear**2
+        if after.stall is not None:
+            motor = MotorConstants.of(after, gear)
+            own[:2] = motor.resistance, motor.constant
+            own[7] = motor.supply
+    else:
+        kp = after.kp / before.kp
+        model.actuator_gainprm[actuator, 0] *= kp
+        model.actuator_biasprm[actuator, 1] *= kp
+        if before.kd:
+            model.actuator_biasprm[actuator, 2] *= after.kd / before.kd
+    if before.torque and after.torque:
+        model.actuator_forcerange[actuator] *= after.torque / before.torque
+    room = float(model.actuator_history[actuator, 0] - 1) * float(model.opt.timestep)
+    if room > 0.0:
+        model.actuator_delay[actuator] = min(room, after.delay)
 
 
 def _servo(model: Any, joint: int) -> tuple[str, int] | None:
@@ -178,7 +273,7 @@ def left_out(model: Any, joint: int) -> list[str]:
                 " waves per turn of its rotor, is ignored: torque_ripple needs an arm file"
                 " with transmissions"
             )
-        if not passive(model, k):
+        if not passive(model, k) and controller_of(model, joint) is None:
             notes.append(
                 f"actuator {name} is driven by voltage: a recorded motor torque corresponds to"
                 " its current"

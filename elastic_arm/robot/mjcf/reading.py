@@ -42,6 +42,8 @@ class MjcfArm:
     # (nq,) positions at which what is outside the chain is held; chain joints at their reference
     qpos: Array
     robot: Robot  # the arm as data
+    # friction laws of it that no number of the model states, for those that play it step by step
+    laws: tuple[Any, ...] = ()
 
     @property
     def positions(self) -> NDArray[np.intp]:

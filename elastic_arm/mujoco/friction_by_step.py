@@ -1,0 +1,113 @@
+"""Friction that depends on speed or load, in MuJoCo: the friction loss of a joint for each time
+step.
+
+    frictionloss(t + dt) = own + F(w(t), tau_m(t))
+
+F is the size of the torque of the effects' laws, own what the file states beside what stands for
+these laws. MuJoCo solves for dry friction, so a joint that sticks does not creep, as it does under
+a law whose sign turns over with the speed.
+"""
+
+import copy
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from elastic_arm.arrays import Array
+from elastic_arm.effects import EffectInstance
+from elastic_arm.effects.arm_equations import ArmEquations
+from elastic_arm.effects.effect_set import EffectSet
+from elastic_arm.mujoco.elements import Elements
+from elastic_arm.mujoco.stand_ins import MARK
+from elastic_arm.mujoco.stated_arm import stated_arm
+from elastic_arm.robot import Robot
+from elastic_arm.robot.mjcf import MjcfArm, engine
+from elastic_arm.simulation.assembly import law_rows
+
+SLOWEST = 1e-9  # rad/s, at which a joint that stands has a direction; numerical
+
+
+def laws_beside(arm: MjcfArm, robot: Robot) -> tuple[EffectInstance, ...]:
+    """Return the friction laws of a rigid robot that no number or element of a model states."""
+    if robot.elastic:
+        return ()
+    step = float(arm.model.opt.timestep)
+    own = [one.to_dict() for one, _ in stated_arm(arm.robot).left]
+    left = Elements(robot, stated_arm(robot), step).left_by(arm.model)
+    # Laws with a memory have no size at an instant.
+    sizes = [one for one in left if one.effect.friction and not one.effect.states]
+    return tuple(one for one in sizes if one.to_dict() not in own)
+
+
+class FrictionLevel:
+    """The size of friction laws (n,) Nm at angles, rates and motor torques (n,)."""
+
+    def __init__(self, robot: Robot, laws: Sequence[EffectInstance]) -> None:
+        equations = ArmEquations(robot)
+        effects = EffectSet(laws, robot)
+        z = np.zeros(int(effects.z.numel()))
+        sharp = np.full(2 * robot.n, 1e-3 * SLOWEST)
+        still = np.zeros(robot.n)
+        given = equations.nominal.copy(), effects.numbers(), sharp
+        self._law: ca.Function = law_rows(equations, effects)
+        # The buffer points into the function and the arrays: they live as long as it does.
+        self._arguments = [still.copy(), still.copy(), still, z, still.copy(), *given]
+        self._rows = np.zeros(robot.n)
+        self._buffer, self._evaluate = self._law.buffer()
+        for k, array in enumerate(self._arguments):
+            values = np.ascontiguousarray(array, dtype=float)
+            self._arguments[k] = values
+            self._buffer.set_arg(k, memoryview(values))  # type: ignore[call-arg, arg-type]
+        self._buffer.set_res(0, memoryview(self._rows))  # type: ignore[call-arg, arg-type]
+
+    def __call__(self, q: Array, dq: Array, tau_m: Array) -> Array:
+        moving = np.where(np.abs(dq) < SLOWEST, SLOWEST, dq)
+        for k, values in ((0, q), (1, moving), (4, tau_m)):
+            self._arguments[k][:] = values
+        self._evaluate()
+        return np.maximum(0.0, self._rows * np.sign(moving))
+
+    def along(self, q: Array, dq: Array, tau_m: Array) -> Array:
+        """Return the sizes (N, n) along a motion (N, n)."""
+        return np.array([self(*values) for values in zip(q, dq, tau_m, strict=True)])
+
+
+def with_laws(arm: MjcfArm, laws: Sequence[EffectInstance]) -> MjcfArm:
+    """Return a model on which laws act by step, without the friction that stands for them."""
+    if not laws:
+        return replace(arm, laws=())
+    mj = engine()
+    model = copy.copy(arm.model)
+    sharp = 2.0 * float(model.opt.timestep)
+    for i in {k for law in laws for k in law.joint_indices(arm.robot)}:
+        dof = int(arm.dofs[i])
+        if not model.dof_frictionloss[dof]:
+            # By default friction turns over some 10 ms before the velocity does.
+            model.dof_solref[dof] = sharp, 1.0
+        name = f"{MARK}{arm.robot.joint_names[i]}"
+        numeric = mj.mj_name2id(model, mj.mjtObj.mjOBJ_NUMERIC, name)
+        if numeric >= 0:
+            begin = int(model.numeric_adr[numeric])
+            dry, viscous = map(float, model.numeric_data[begin : begin + 2])
+            model.dof_frictionloss[dof] = max(0.0, float(model.dof_frictionloss[dof]) - dry)
+            model.dof_damping[dof] = max(0.0, float(model.dof_damping[dof]) - viscous)
+            model.numeric_data[begin : begin + 2] = 0.0
+    return replace(arm, model=model, laws=tuple(laws))
+
+
+def acting_by_step(arm: MjcfArm, laws: Sequence[EffectInstance]) -> Callable[[Any], None]:
+    """Return what sets the friction loss of a model for the next step from MuJoCo's data."""
+    if not laws:
+        return lambda data: None
+    level = FrictionLevel(arm.robot, laws)
+    positions, dofs = arm.positions, arm.dofs
+    own = np.array(arm.model.dof_frictionloss[arm.dofs])
+
+    def act(data: Any) -> None:
+        size = level(data.qpos[positions], data.qvel[dofs], data.qfrc_actuator[dofs])
+        arm.model.dof_frictionloss[dofs] = own + size
+
+    return act

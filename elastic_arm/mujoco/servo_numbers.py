@@ -1,0 +1,79 @@
+"""The numbers that every servo arm has, fitted in closed loop where no cause that was found moves
+it nearer.
+
+    kp and kd, kd, armature, dry friction, friction that grows with the load, sag of the supply
+
+Priors are those of the evidence: how far a description ordinarily is off, and how large friction
+and sags are. Masses are taken as described: beside them the torque of the servo is what is known
+least.
+"""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+from elastic_arm.effects import EFFECTS
+from elastic_arm.evidence.priors import STATED, Priors
+from elastic_arm.mujoco.refinable import FRICTION, Refinable
+from elastic_arm.robot import Robot
+
+DRY, LOADED, SAG = "coulomb_friction", "load_dependent_friction", "supply_sag"
+START = 0.05  # share of an effect's largest size at which it begins where none is stated
+SCALED = 0.3  # of its prior, in which a number's steps are measured
+
+
+def servo_numbers(robot: Robot) -> tuple[Robot, tuple[Refinable, ...]]:
+    """Return an arm with the friction that every geared servo has, and its numbers to be fitted."""
+    stated = {(one["effect"], one["joint"]) for one in robot.effects}
+    driven = [joint for joint in robot.joints if joint.controller is not None]
+    lacking = [
+        (law, joint.name)
+        for joint in driven
+        for law in (DRY, LOADED)
+        if (law, joint.name) not in stated
+    ]
+    added = tuple(_beginning(law, name) for law, name in lacking)
+    arm = robot.with_(effects=(*robot.effects, *added))
+    for joint in driven:
+        controller = joint.controller
+        if controller is not None and controller.stall is not None and not controller.sag:
+            begun = replace(controller, sag=START * _largest(SAG))
+            arm = arm.with_joint(joint.name, controller=begun)
+    return arm, tuple(_numbers(robot, arm))
+
+
+def _numbers(robot: Robot, arm: Robot) -> Iterator[Refinable]:
+    priors = Priors()
+    of_friction = {(one["effect"], one["joint"]): one["parameters"] for one in robot.effects}
+    for joint, begun in zip(robot.joints, arm.joints, strict=True):
+        if joint.controller is None or begun.controller is None:
+            continue
+        yield _number("scale", joint.name, priors.controller)
+        if joint.controller.kd:
+            yield _number("kd", joint.name, priors.gain_ratio)
+        if joint.armature:
+            yield _number("armature", joint.name, priors.rotor)
+        for law in (DRY, LOADED):
+            own = of_friction.get((law, joint.name))
+            at = START * _largest(law) if own is None else float(own[FRICTION[law]])
+            prior = _largest(law) if own is None else STATED * at
+            stated = -at if own is None else 0.0
+            yield _number(law, joint.name, prior, least=-at, stated=stated)
+        if begun.controller.stall is not None:
+            own_sag = joint.controller.sag
+            at = begun.controller.sag
+            yield _number("sag", joint.name, _largest(SAG), least=-at, stated=own_sag - at)
+
+
+def _number(what: str, joint: str, prior: float, **more: Any) -> Refinable:
+    return Refinable(what, joint, SCALED * prior, prior=prior, **more)
+
+
+def _largest(effect: str) -> float:
+    """Return the largest size that an effect plausibly has."""
+    return EFFECTS[effect].parameters[0].high
+
+
+def _beginning(effect: str, joint: str) -> dict[str, Any]:
+    size = START * _largest(effect)
+    return {"effect": effect, "joint": joint, "parameters": {FRICTION[effect]: size}}
