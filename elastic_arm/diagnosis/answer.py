@@ -431,7 +431,10 @@ class Answer:
     # -- what is said
 
     def not_confirmed(self) -> tuple[UnconfirmedCause, ...]:
-        """Return what is likely by the fit and gains nothing on the recordings that judge."""
+        """Return what is likely by the fit and no cause.
+
+        It gains nothing on the recordings that judge, or may be a part of an unknown effect.
+        """
         found = []
         there = self._there(self.explanation.best)
         for name, share in self.refused:
@@ -441,7 +444,18 @@ class Answer:
         for name, number in self._confirmed_numbers.items():
             if not number.confirms:
                 found.append(UnconfirmedCause(*name, self.probability(name), number.share))
+        listed = {(one.effect, one.joint) for one in found}
+        for name, whole in self._probabilities.items():
+            p = whole * self._known_share(name)
+            if whole > 0.5 >= p and name not in listed | self._given:
+                confirmation = self._confirmation(name, self._here(name))
+                share = None if confirmation is None else confirmation.share
+                found.append(UnconfirmedCause(*name, p, share))
         return tuple(found)
+
+    def _here(self, name: Name) -> Term | None:
+        """Return a term of the best set that is an effect, if there is one."""
+        return next(iter(self._terms_of(self.explanation.best, name)), None)
 
     @property
     def places(self) -> list[tuple[str, str]]:
@@ -464,10 +478,53 @@ class Answer:
         for name, p in self._probabilities.items():
             if name in refused or name in self._given or not self._is_confirmed(name):
                 continue
+            p *= self._known_share(name)
             if p > 0.5 or (name in best and p + sum(self._instead(name).values()) > 0.5):
                 found.append(self._cause(name, p))
         found.sort(key=lambda one: -one[0].shrink)
         return [self._mounted(found), *found] if self.prepared.mounting is not None else found
+
+    def _known_share(self, name: Name) -> float:
+        """Return the probability that a cause is no part of an unknown effect at its joint.
+
+            s / (s + u)
+
+        with s the share of the gap that comes back without the cause, and u that which the unknown
+        effect leaves at the joint: what is left is as likely to hide in a cause as elsewhere.
+        """
+        left = self._left_unknown.get(name[1])
+        if left is None:
+            return 1.0
+        confirmation = self._confirmation(name, self._here(name))
+        share = None if confirmation is None else confirmation.share
+        share = max(share or 0.0, 0.0)
+        return share / (share + left) if share else 0.0
+
+    @cached_property
+    def _left_unknown(self) -> dict[str | None, float]:
+        """The share of its gap that each joint with an unknown effect keeps."""
+        before, after = self.gaps
+        noise = before.noise.sum(axis=1)
+        where = before.significant | after.significant
+        first, left = (gap.place(where) / noise for gap in (before, after))
+        joints = {self.places[row][0] for row in self._unknown_rows}
+        found: dict[str | None, float] = {}
+        for joint in joints:
+            own = [row for row, place in enumerate(self.places) if place[0] == joint]
+            whole = float(np.maximum(first[own], left[own]).sum())
+            found[joint] = float(left[own].sum()) / whole if whole else 0.0
+        return found
+
+    @cached_property
+    def _unknown_rows(self) -> list[int]:
+        """The residuals that an unknown effect leaves open: laws without a form, then power."""
+        names = self.prepared.problem.robot.joint_names
+        sides = self.prepared.problem.layout.sides
+        of_laws = [
+            self.places.index((names[t.law.joint], t.law.side if t.law.side in sides else sides[0]))
+            for _, t in self.laws
+        ]
+        return [*dict.fromkeys([*of_laws, *self.open_rows])]
 
     def _is_confirmed(self, name: Name) -> bool:
         """Whether a number that no term makes wide is confirmed by the recordings that judge.
@@ -580,7 +637,7 @@ class Answer:
             ),
             None,
         )
-        here = next(iter(self._terms_of(best, name)), None)
+        here = self._here(name)
         alone = self.before if here is None else _minus(self.before, [self._added_alone(here)])
         share = shrink(self.gaps[0], Gap.of(self.judging.data, alone)).share
         confirmation = self._confirmation(name, here)
@@ -656,6 +713,7 @@ class Answer:
                     *other, p, words.get(other[0], no_separation(term.feature.effect.id, other[0]))
                 )
 
+    @cached_property
     def laws(self) -> list[tuple[float, LawTerm]]:
         """Return the laws without a form that are likelier there than not."""
         found: dict[Key, tuple[float, LawTerm]] = {}
@@ -674,6 +732,7 @@ class Answer:
             if sum(p for p, _ in each) > 0.5
         ]
 
+    @cached_property
     def open_rows(self) -> list[int]:
         """Return the residuals that keep more power than their sensors may have as noise, and much
         of their own gap.
@@ -753,9 +812,9 @@ class Answer:
     def result(self) -> Diagnosis:
         """Return the diagnosis."""
         prepared, problem = self.prepared, self.prepared.problem
-        causes, laws, rows = self.causes(), self.laws(), self.open_rows()
+        causes, laws, rows = self.causes(), self.laws, self.open_rows
         before, after = self.gaps
-        unexplained = self._unexplained(laws, rows)
+        unexplained = self._unexplained()
         unexplained += [
             UnexplainedResidual(e.joint, e.side, "event", e.rmse) for e in prepared.events
         ]
@@ -861,16 +920,9 @@ class Answer:
         )
         return 1.0 - left / first if first else 0.0
 
-    def _unexplained(
-        self, laws: Sequence[tuple[float, LawTerm]], rows: Sequence[int]
-    ) -> list[UnexplainedResidual]:
-        names, sides = self.prepared.problem.robot.joint_names, self.prepared.problem.layout.sides
-        of_laws = [
-            self.places.index((names[t.law.joint], t.law.side if t.law.side in sides else sides[0]))
-            for _, t in laws
-        ]
+    def _unexplained(self) -> list[UnexplainedResidual]:
         result = []
-        for row in dict.fromkeys([*of_laws, *rows]):
+        for row in self._unknown_rows:
             (joint, side), rmse = self.places[row], float(self.gaps[1].rmse[row])
             shown = shares(self.judging.data, self.after, row, self._gear_ratios(row))
             result.append(UnexplainedResidual(joint, side, regime(shown), rmse))
