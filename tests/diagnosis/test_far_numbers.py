@@ -1,6 +1,8 @@
 """When a number of the arm, or a size that the description states, is beyond what is ordinary."""
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,8 +11,11 @@ from elastic_arm.diagnosis import Question, diagnose
 from elastic_arm.diagnosis.far_numbers import beyond, bounds_of, gain_beyond, stated_beyond
 from elastic_arm.effects.text import parse
 from elastic_arm.equations.numbers import Number
-from elastic_arm.evidence.model import Fit
+from elastic_arm.evidence.model import KINDS, Fit
+from elastic_arm.evidence.priors import WIDE, ZEROS, Assumed
+from elastic_arm.evidence.relinearise import weighted
 from elastic_arm.evidence.terms.known import KnownTerm
+from elastic_arm.evidence.terms.number import NumberTerm
 from tests.evidence.made_up import HARMONICS, model
 from tests.helpers.gap_recordings import ROBOT, motions, record
 
@@ -91,3 +96,39 @@ def test_friction_that_is_stated_far_too_large_or_small_is_named_with_from_and_t
     )
     assert cause.stated == {"torque": pytest.approx(6.0 * factor)}
     assert cause.parameters["torque"].value == pytest.approx(6.0, rel=0.05)
+
+
+def zero(joint: str) -> Number:
+    """Return the zero of a joint's torque sensor."""
+    effect = SimpleNamespace(set_at_start=True)
+    feature: Any = SimpleNamespace(sensed=frozenset({"tau_J"}), effect=effect)
+    return Number("joint_torque_offset", joint, "Nm", 0.1, 0.0, feature)
+
+
+@pytest.mark.parametrize(
+    ("sizes", "is_beyond"),
+    [((5.0, -6.0, 4.0, 5.5, -4.5, 6.0), False), ((0.5, -0.3, 8.0, 0.2, 1.0, -0.7), True)],
+    ids=["all", "one"],
+)
+def test_zeros_share_a_scale(sizes: tuple[float, ...], is_beyond: bool) -> None:
+    """Where all zeros of an arm are large, none is beyond; one among small ones is.
+
+    Sets in which that zero alone is far off are summed over as well.
+    """
+    rng = np.random.default_rng(8)
+    columns = 10.0 * rng.standard_normal((ROWS, len(sizes)))
+    numbers = [zero(f"joint_{k}") for k in range(len(sizes))]
+    kinds = np.array([KINDS.index(number.kind) for number in numbers])
+    moving = np.zeros(len(sizes), dtype=bool)
+    y = 0.5 * rng.standard_normal(ROWS) + columns @ sizes
+    data = model(y, columns, kinds=kinds, moving=moving)
+    along = np.eye(len(sizes))[:, [2]]
+    key = ("joint_torque_offset", "joint_2", ())
+    wide = np.array([WIDE])
+    odds = float(np.log(len(sizes)))
+    alone = NumberTerm(key, columns @ along, wide, odds=odds, along=along)
+    under = [data.assuming(Assumed("as built", scale)) for scale in ZEROS]
+    fits = [one.fit(terms) for one in under for terms in ([], [alone])]
+    p = sum(p * beyond(fit, np.zeros(len(sizes)), numbers) for p, fit in weighted(fits))
+    assert (p[2] > 0.5) == is_beyond
+    assert all(p[[0, 1, 3, 4, 5]] < 0.5)
