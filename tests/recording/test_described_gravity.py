@@ -15,7 +15,11 @@ from elastic_arm.cli.options import ClockChoice, read_by_clock
 from elastic_arm.dynamics import build_model
 from elastic_arm.recording import Recording, Side, write_recording
 from elastic_arm.recording.inspection.check import check_bag
-from elastic_arm.recording.inspection.described_gravity import contradicted, side_motions
+from elastic_arm.recording.inspection.described_gravity import (
+    contradicted,
+    misread_channels,
+    side_motions,
+)
 from elastic_arm.recording.inspection.report import Finding
 from elastic_arm.robot import Robot, parse_urdf, save_robot
 from tests.helpers import six_axes
@@ -369,6 +373,21 @@ def test_a_zero_of_40_mrad_is_named_beside_a_tool(joint: int, size: float) -> No
     assert f"the zero of {six_axes.JOINTS[joint]} seems" in finding.message
     offset, _, std = finding.message.partition("differ by ")[2].split()[:3]
     assert abs(float(offset) - size) < 4.0 * float(std) < 0.03
+
+
+@pytest.mark.parametrize("mass", [0.0, six_axes.TOOL])
+def test_an_arm_of_six_joints_upside_down_has_no_joint_of_the_wrong_sign(mass: float) -> None:
+    """All gravity is reversed, but not the inertia."""
+    recording = six_axes_recorded(np.zeros(6), mass)
+    _, q, _, _ = six_axes.motion(2)
+    weight = six_axes.torques(q, np.zeros_like(q), np.zeros_like(q), mass=mass)
+    assert recording.motor is not None and recording.motor.effort is not None
+    reversed_ = replace(recording.motor, effort=recording.motor.effort - 2.0 * weight)
+    robot = parse_urdf(six_axes.urdf())
+    (finding,) = contradicted_gravity(replace(recording, motor=reversed_), robot)
+    assert finding.code in ("gravity_sign", "mounting")
+    assert "mounted" in finding.message
+    assert misread_channels(replace(recording, motor=reversed_), robot, weight=False) is None
 
 
 @pytest.mark.parametrize("mass", [0.0, six_axes.TOOL])

@@ -358,7 +358,7 @@ def _told(motion: SideMotion, side: str, fit: GravityFit, robot: Robot) -> Itera
     confused = _size(fit, side)
     if several and not confused:
         arm = _arm(robot, side)
-        confused = _arranged(few, side, robot, arm)
+        confused = _arranged(few, side, robot, arm, _shown(fit))
     yield confused
     judged = [] if confused else _judged(fit, side, robot)
     if several and not confused and not judged:
@@ -617,8 +617,15 @@ def _likeliest(reading: _Reading, given: float) -> tuple[float, str, str]:
     return odds, words, reading.short.format(reading.place, text)
 
 
-def _arranged(motion: SideMotion, side: str, robot: Robot, arm: _Arm) -> list[Finding]:
-    """Return which joints turn the other way, or have their channels exchanged."""
+def _arranged(
+    motion: SideMotion, side: str, robot: Robot, arm: _Arm, shown: Array
+) -> list[Finding]:
+    """Return which joints turn the other way, or have their channels exchanged.
+
+    None where the arm mounted otherwise explains the torques as well.
+
+    shown: (3,) gravity that the torques show.
+    """
     found: list[Finding] = []
     n = robot.n
     unit = np.eye(n)
@@ -650,9 +657,24 @@ def _arranged(motion: SideMotion, side: str, robot: Robot, arm: _Arm) -> list[Fi
             remedy = "the given line corrects it in the map (docs/channel_maps.md)"
         if not (one := _named(tried, code, side, remedy)):
             break
+        if not found:
+            # Masses that are off turn the gravity that is shown; upside down it is exact.
+            for gravity in (shown, -robot.gravity):
+                mounted = _along(robot, side, gravity)
+                there = _products(motion, mounted, _owns(motion), no_weight)
+                likely = _likelihood(there, there.coefficients(unit), free, given).likelihood
+                if likely - given.likelihood > max(tried)[0] - BESIDE:
+                    return []
         found += one
         motion = moved._replace(torque=torques(motion.torque))
     return found
+
+
+def _along(robot: Robot, side: str, gravity: Array) -> _Arm:
+    """Return the arm in gravity of the described size and another direction (3,)."""
+    size = float(np.linalg.norm(robot.gravity))
+    direction = gravity / max(float(np.linalg.norm(gravity)), RANK)
+    return _arm(robot.with_(gravity=size * direction), side)
 
 
 def _named(tried: list[tuple[float, str, str]], code: str, side: str, remedy: str) -> list[Finding]:
@@ -770,12 +792,18 @@ def _size(fit: GravityFit, side: str) -> list[Finding]:
     return [warning("gravity_size", message, remedy)]
 
 
+def _shown(fit: GravityFit) -> Array:
+    """Return the gravity (3,) m/s² that the torques of a side show."""
+    found = np.linalg.lstsq(fit.pull.reshape(-1, 3), fit.torque.ravel(), rcond=None)[0]
+    return np.asarray(found, dtype=np.float64)
+
+
 def _judged(fit: GravityFit, side: str, robot: Robot) -> list[Finding]:
     """Return what the torques of a side show: another direction or sign of gravity, none of it, or
     nothing."""
     columns = fit.pull.reshape(-1, 3)
     target = fit.torque.ravel()
-    shown: Any = np.linalg.lstsq(columns, target, rcond=None)[0]
+    shown = _shown(fit)
     left, straight = (
         float(np.sum((target - columns @ g) ** 2)) for g in (shown, fit.factor * robot.gravity)
     )
