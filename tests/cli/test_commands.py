@@ -310,7 +310,7 @@ SPARED = {  # command -> what it shows, and what it does not import
     "--help": ("Usage", ("numpy", "casadi", "scipy", "matplotlib", "cvxpy", "rosbags", "pydantic")),
     "describe --base": (
         "base parameters",
-        ("scipy.optimize", "scipy.linalg", "cvxpy", "rosbags", "mcap", "elastic_arm.effects"),
+        ("scipy.optimize", "cvxpy", "rosbags", "mcap", "elastic_arm.effects"),
     ),
 }
 
