@@ -74,7 +74,7 @@ def test_no_module_but_an_effects_own_file_names_it() -> None:
             if isinstance(node, ast.Constant)
         }
         assert not {value for value in held if isinstance(value, str)} & (
-            set(EFFECTS) - set(REGIMES)
+            set(EFFECTS) - set(REGIMES) - {"torque_constant"}  # a key of channel maps, too
         ), place
 
 
