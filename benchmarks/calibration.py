@@ -30,8 +30,8 @@ from elastic_arm.dynamics import build_model
 from elastic_arm.effects.parameters import Parameter
 from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.model import LinearModel, Screen
-from elastic_arm.evidence.priors import SCALES
-from elastic_arm.evidence.relinearise import BUILT, linear_model, pool_of, weighted
+from elastic_arm.evidence.priors import AS_BUILT, SCALES
+from elastic_arm.evidence.relinearise import linear_model, pool_of, weighted
 from elastic_arm.evidence.search import Search
 from elastic_arm.evidence.terms.effect import EffectTerm, axis
 from elastic_arm.evidence.terms.term import Term
@@ -123,7 +123,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--out", type=Path)
     asked = parser.parse_args(arguments)
     linear, rng, rows = motion_of(), np.random.default_rng(asked.seed), []
-    model = linear_model(linear, BUILT)
+    model = linear_model(linear, AS_BUILT)
     pool = pool_of(linear)
     for k in range(asked.draws):
         count, found = searched(model, linear, pool, rng)

@@ -58,11 +58,17 @@ def test_a_row_holds_what_is_right_what_is_false_and_how_far_sizes_are_off() -> 
     )
     assert (found["z"], found["off"]) == ("2.00; 0.00; 2.00", "0.100; 0.000; inf")
     other = [{"effect": "payload", "joint": "j3", "confidence": 0.2}]
-    declared = row(ARM, answer(cause("link_inertia_mismatch", "j3", 0.8, alternatives=other)))
+    declared = row(ARM, answer(cause("base_tilt", "j3", 0.8, alternatives=other)))
     assert (declared["right"], declared["false_causes"], declared["told"]) == (
         "1",
         "",
         "0.8000:0; 0.0000:1",
+    )
+    synonym = row(ARM, answer(cause("link_inertia_mismatch", "j3", 0.95)))
+    assert (synonym["right"], synonym["false_causes"], synonym["told"]) == (
+        "1",
+        "",
+        "0.9500:1",
     )
 
 

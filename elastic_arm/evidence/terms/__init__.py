@@ -15,6 +15,6 @@ form are the same thing with other columns, another prior and another word in th
 | `ChangeTerm` | a size of its own in each recording | a term's, by recording | as of the term |
 | `ShareTerm` | what an effect adds to columns of N | that part | none: never chosen |
 
-Each class makes its columns at a linearisation (`again`), says what it adds to the residuals in Nm
-(`added`), and what odds it has. A further kind is a further file here.
+Each class makes its columns at a linearisation (`again`), what it adds to the residuals in Nm
+(`added`), and the odds of its kind (`doubt`). A new kind is a new file here.
 """
