@@ -404,7 +404,7 @@ class Answer:
                 return replace(answer, confirmations=found)
             worst = min(doubtful, key=lambda t: found[t.key].nats)
             refused = (*answer.refused, (_name(worst.key), found[worst.key].share))
-            # What the others gain stays, but of those that could stand for it.
+            # Keep the confirmations of all terms that are not correlated with the removed one.
             alike = {t.key for t in best.optional if best.correlation(worst, t) >= RELATED}
             kept = {key: one for key, one in found.items() if key not in alike}
             answer = replace(answer._less(worst), refused=refused, confirmations=kept)
@@ -433,25 +433,18 @@ class Answer:
     def not_confirmed(self) -> tuple[UnconfirmedCause, ...]:
         """Return what is likely by the fit and no cause.
 
-        It gains nothing on the recordings that judge, or may be a part of an unknown effect.
+        It gains nothing on the recordings that judge, its size is nothing within two deviations, it
+        could be ordinary, or it may be a part of an unknown effect.
         """
-        found = []
-        there = self._there(self.explanation.best)
-        for name, share in self.refused:
-            if name in there:
-                continue
-            found.append(UnconfirmedCause(*name, self.probability(name), share))
-        for name, number in self._confirmed_numbers.items():
-            if not number.confirms:
-                found.append(UnconfirmedCause(*name, self.probability(name), number.share))
-        listed = {(one.effect, one.joint) for one in found}
-        for name, whole in self._probabilities.items():
-            p = whole * self._known_share(name)
-            if whole > 0.5 >= p and name not in listed | self._given:
+        shares = {name: share for name, share in self.refused if not self._is_said(name)}
+        for name, p in self._probabilities.items():
+            if p > 0.5 and name not in {*shares, *self._given} and not self._is_said(name):
                 confirmation = self._confirmation(name, self._here(name))
-                share = None if confirmation is None else confirmation.share
-                found.append(UnconfirmedCause(*name, p, share))
-        return tuple(found)
+                shares[name] = None if confirmation is None else confirmation.share
+        return tuple(
+            UnconfirmedCause(*name, self.probability(name) * self._known_share(name), share)
+            for name, share in shares.items()
+        )
 
     def _here(self, name: Name) -> Term | None:
         """Return a term of the best set that is an effect, if there is one."""
@@ -470,19 +463,28 @@ class Answer:
     def causes(self) -> list[tuple[Cause, list[Array]]]:
         """Return the effects that are likelier there than not, most important first, each with what
         it leaves alone."""
-        found = []
-        # One that the recording does not tell from others is there where they are together likelier
-        # than not.
-        best = self._there(self.explanation.best)
-        refused = {name for name, _ in self.refused} - best
-        for name, p in self._probabilities.items():
-            if name in refused or name in self._given or not self._is_confirmed(name):
-                continue
-            p *= self._known_share(name)
-            if p > 0.5 or (name in best and p + sum(self._instead(name).values()) > 0.5):
-                found.append(self._cause(name, p))
+        probabilities = self._probabilities.items()
+        found = [
+            self._cause(name, p * self._known_share(name))
+            for name, p in probabilities
+            if self._is_said(name)
+        ]
         found.sort(key=lambda one: -one[0].shrink)
-        return [self._mounted(found), *found] if self.prepared.mounting is not None else found
+        if self.prepared.mounting is None:
+            return found
+        mounted = self._mounted(found)
+        return [mounted, *found]
+
+    def _is_said(self, name: Name) -> bool:
+        """Whether something is a cause: it and its alternatives are likelier there than not."""
+        best = self._there(self.explanation.best)
+        refused = {other for other, _ in self.refused} - best
+        if name in refused or name in self._given or not self._is_confirmed(name):
+            return False
+        p = self.probability(name)
+        if name in best:
+            p += sum(p for p, _, _ in self._sets_without(name))
+        return p * self._known_share(name) > 0.5
 
     def _known_share(self, name: Name) -> float:
         """Return the probability that a cause is no part of an unknown effect at its joint.
@@ -594,15 +596,15 @@ class Answer:
         alone = _minus(self.before, [self._mounting_added])
         share = shrink(self.gaps[0], Gap.of(self.judging.data, alone)).share
         cause = Cause(
-            TILT,
-            None,
-            effect.sides,
-            effect.regime,
-            values,
-            0.0 if share is None else share,
-            1.0 - CHANCE,
-            (),
-            instance,
+            effect=TILT,
+            joint=None,
+            sides=effect.sides,
+            regime=effect.regime,
+            parameters=values,
+            shrink=0.0 if share is None else share,
+            confidence=1.0 - CHANCE,
+            alternatives=(),
+            instance=instance,
             is_number=True,
         )
         return cause, alone
@@ -692,15 +694,22 @@ class Answer:
     def _instead(self, name: Name) -> dict[Name, float]:
         """Return the probabilities of what is there in the sets without a cause and not in the most
         probable one."""
+        found: dict[Name, float] = {}
+        for p, _, others in self._sets_without(name):
+            for other in others:
+                found[other] = found.get(other, 0.0) + p
+        return found
+
+    def _sets_without(self, name: Name) -> Iterator[tuple[float, Fit, set[Name]]]:
+        """Yield the sets without a cause that hold something else than the most probable one: their
+        probabilities, and what else."""
         best = self._there(self.explanation.best)
         refused = {other for other, _ in self.refused}
-        found: dict[Name, float] = {}
         for p, fit in self.sets:
             own = self._there(fit)
-            if name not in own:
-                for other in own - best - refused:
-                    found[other] = found.get(other, 0.0) + p
-        return found
+            others = own - best - refused
+            if name not in own and others:
+                yield p, fit, others
 
     def _alternatives(self, name: Name, term: Term) -> Iterator[Alternative]:
         """Yield what is there in the sets without a cause and not in the most probable one, most
@@ -763,7 +772,8 @@ class Answer:
             follows = left > max(NOISY, LEFT * first) and _is_structured(
                 fitted, self.white_left, own
             )
-            noise = NOISY**2 * max(1.0, left + 1.0)  # it is known to NOISY in either recording
+            # Each recording's noise is known only to a factor NOISY.
+            noise = NOISY**2 * max(1.0, left + 1.0)
             if follows or (moved > NOISY and after - 1.0 > max(noise, LEFT * (before - 1.0))):
                 found.append(row)
         return found
@@ -944,8 +954,8 @@ def _is_structured(bands: Bands, white: Array, among: NDArray[np.bool_]) -> bool
     """Whether what is left in some bands of whitened rows is likelier of a motion than noise.
 
     Noise spreads its power p over the harmonics of an octave exponentially, p(p) = exp(-p/m)/m;
-    what follows a motion has much of it in few, p(p) = s/(s + p)². Each is taken at its most
-    probable m and s.
+    what follows a motion has much of it in few, p(p) = s/(s + p)². They are taken at the mean m and
+    the median s of the powers.
     """
     power = np.sum(white.reshape(-1, 2) ** 2, axis=1)
     of_pairs, odds = bands.of_rows[::2], 0.0

@@ -14,6 +14,7 @@ from elastic_arm.evidence.problem import Problem
 from elastic_arm.evidence.relinearise import Explanation
 from elastic_arm.evidence.terms.change import ChangeTerm
 from elastic_arm.evidence.terms.effect import EffectTerm
+from elastic_arm.evidence.terms.known import StatedTerm
 from elastic_arm.evidence.terms.number import NumberTerm
 
 
@@ -65,6 +66,9 @@ def sizes_of(explanation: Explanation, problem: Problem, fit: Fit, term: ChangeT
         at = common.feature.linear[0].neutral or 0.0
     together = np.zeros((len(problem.observed[0]), len(fit.found.x)))
     together[:, base] = 1.0
+    for more in fit.terms:  # by how much a stated size is off
+        if isinstance(more, StatedTerm) and more.key == common.key:
+            together[:, fit.slices[more.ident].start] = 1.0
     for k in range(len(together)):
         together[k, own + k * size] = 1.0
     values, covariance = (

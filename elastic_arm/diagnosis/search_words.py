@@ -26,10 +26,16 @@ def search_words(explanation: Explanation) -> list[str]:
 
 
 def _sets(explanation: Explanation) -> Iterator[str]:
-    for p, fit in explanation.sets[:SETS]:
-        behind = explanation.best.score - fit.score
-        terms = ", ".join(sorted(_named(explanation, key) for key in fit.keys)) or NOTHING
-        yield f"  {p:6.1%}  {behind:6.1f} nats behind  {fit.model.assumed.trust}: {terms}"
+    together: dict[frozenset[Key], float] = {}
+    best: dict[frozenset[Key], float] = {}
+    for p, fit in explanation.sets:
+        together[fit.keys] = together.get(fit.keys, 0.0) + p
+        best[fit.keys] = max(best.get(fit.keys, -np.inf), fit.score)
+    first = max(best.values())
+    for keys in sorted(together, key=lambda keys: -together[keys])[:SETS]:
+        behind = first - best[keys]
+        terms = ", ".join(sorted(_named(explanation, key) for key in keys)) or NOTHING
+        yield f"  {together[keys]:6.1%}  {behind:6.1f} nats behind  {terms}"
 
 
 def _lacking(explanation: Explanation) -> Iterator[str]:

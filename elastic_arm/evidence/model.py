@@ -63,9 +63,7 @@ class Fit:
     def score(self) -> float:
         """ln p(y, set) up to a constant of the data."""
         prices = sum(t.price + self.model.doubt(t) for t in self.optional)
-        return (
-            self.found.evidence - prices + float(np.log(self.model.assumed.prior)) + self.correction
-        )
+        return self.found.evidence - prices + self.model.assumption + self.correction
 
     def compared_with(self, other: Fit) -> Fit:
         """Return the fit with a score that compares with that of a fit at another linearisation.
@@ -159,7 +157,7 @@ class Fit:
         found[:, self.slices[term.ident]] = np.eye(term.count)
         linear = term.linear or term.count
         for change in self.optional:
-            if not isinstance(change, ChangeTerm) or change.of != term.key:
+            if not isinstance(change, ChangeTerm) or not change.is_of(term):
                 continue
             first = self.slices[change.ident].start
             own = slice(first, first + change.fitted * linear)
@@ -482,6 +480,17 @@ class LinearModel:
     def trust(self) -> float:
         """Factor on the standard deviations of the numbers."""
         return TRUST[self.assumed.trust].factor
+
+    @property
+    def assumption(self) -> float:
+        """The logarithm of the prior probability of what is assumed.
+
+        The scale of the zeros has no alternative where there are none, and in a simulation.
+        """
+        trust = self.assumed.trust
+        has_zeros = trust != MEASURED and bool(np.any(self.kinds == KINDS.index("zero")))
+        scale = ZEROS[self.assumed.zeros] if has_zeros else 1.0
+        return float(np.log(TRUST[trust].prior * scale))
 
     def doubt(self, term: Term) -> float:
         """Return -ln of the prior odds that one of the terms of a kind is there, nats."""

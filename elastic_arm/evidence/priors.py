@@ -49,16 +49,11 @@ class Assumed(NamedTuple):
     trust: str  # in the description, of :data:`TRUST`
     zeros: float = 1.0  # scale of the torque channels' zeros, of :data:`ZEROS`
 
-    @property
-    def prior(self) -> float:
-        """Its probability."""
-        return TRUST[self.trust].prior * (1.0 if self.trust == MEASURED else ZEROS[self.zeros])
-
 
 AS_MEASURED = Assumed(MEASURED)
 AS_BUILT = Assumed(BUILT)
-# prior odds of what every real drive has, friction, where a description states none: but for a
-# simulation
+# Prior odds that a drive has friction that its description does not state; not under `as measured`,
+# which is a simulation.
 USUAL = 9.0
 # that an effect is there or a number is far off: of a hundred sound arms, one has a false cause
 ODDS = 1e-2

@@ -1,5 +1,4 @@
-"""Select, linearise beside the selection, until nothing changes; no step knows what came before
-it."""
+"""Select a set of terms and linearise about it, alternately, until neither changes."""
 
 from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
@@ -10,14 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from elastic_arm.arrays import Array
 from elastic_arm.effects.effect import ControllerEffect, SensorEffect
 from elastic_arm.estimation.known_torques import ActingEffect
 from elastic_arm.evidence.frontier import Frontier, Node
 from elastic_arm.evidence.grams import Bands, kept
 from elastic_arm.evidence.keys import Key
 from elastic_arm.evidence.linearisation import Linearisation
-from elastic_arm.evidence.model import EXACT, KINDS, Fit, LinearModel, Screen
+from elastic_arm.evidence.model import KINDS, Fit, LinearModel, Screen
 from elastic_arm.evidence.nonlinear import placed_anew
 from elastic_arm.evidence.priors import (
     AS_BUILT,
@@ -144,7 +142,9 @@ def explain(problem: Problem, *, refit: bool, watch: Watch | None = None) -> Exp
             frontier.take(found, Node(found, start_of_another.linear))
     best = frontier.run()
     tried: set[frozenset[Key]] = set()
-    for _ in range(0 if watch.is_over() else ELSEWHERE):
+    for _ in range(ELSEWHERE):
+        if watch.is_over() or best.found is None:
+            break
         # Exchanged at this linearisation, a set whose numbers lie elsewhere is judged by columns
         # that are not its own.
         other = _elsewhere(best.found, tried)
@@ -242,9 +242,9 @@ def _begun(
     described: Linearisation, refit: bool, shared: Shared
 ) -> tuple[Explanation, list[Explanation]]:
     """Return the most probable of several starts, with the steps of all, and the other ones."""
-    # Where the description is exact, all that is left is an effect. Where it is off everywhere,
-    # there is less to mistake for one where its numbers lie beside what every drive has; but beside
-    # a large effect they lie far off.
+    # If the description is exact, all that is left is an effect. If its numbers are off, false
+    # effects are rarer where they were first fitted together with ordinary friction; beside a large
+    # effect, however, such a fit moves them far.
     usual = linear_model(described, AS_BUILT).fit(_usual_terms(described))
     built = _settled(described, usual if usual.optional else None, AS_BUILT)
     terms = _again(usual, built)
@@ -254,7 +254,7 @@ def _begun(
             0, _explained(described, (), AS_MEASURED, refit, shared, moves=ADDED, most=FIRST)
         )
         if all(one.best.model.assumed != AS_MEASURED for one in starts):
-            # One number that is far off may have found its place among those that are a little.
+            # One large deviation may have been spread over many small ones.
             starts.append(
                 _explained(built, terms, AS_MEASURED, refit, shared, moves=ADDED, most=FIRST)
             )
@@ -303,13 +303,11 @@ def _settled(linear: Linearisation, before: Fit | None, assumed: Assumed) -> Lin
         linear = _moved(linear, before)
     best: tuple[Linearisation, Fit] | None = None
     for _ in range(STEPS):
-        if before is None and TRUST[assumed.trust].factor < EXACT:
-            return linear
         model = linear_model(linear, assumed)
         fit = model.fit([] if before is None else _again(before, linear))
         gain = np.inf if best is None else fit.compared_with(best[1]).score - best[1].score
         if best is not None and gain < -COMPARED:
-            linear = _moved(best[0], best[1], share=0.3)  # too far
+            linear = _moved(best[0], best[1], SHORTER)  # too far
             best = None
             continue
         best = linear, fit
@@ -324,17 +322,16 @@ def _moving(problem: Problem) -> NDArray[np.bool_]:
     return np.array([p.moves_model for p in problem.numbers], dtype=bool)
 
 
-def _apart(linear: Linearisation, fit: Fit, numbers: Array | float = 0.0) -> bool:
+def _apart(linear: Linearisation, fit: Fit) -> bool:
     """Whether a fit needs a linearisation of its own: for its numbers, or for the effects that act
     in its torques."""
     acting = {one.feature.key for one in linear.acting}
-    return _far(fit, numbers) or {one.feature.key for one in _acting(fit)} != acting
+    return _far(fit) or {one.feature.key for one in _acting(fit)} != acting
 
 
-def _far(fit: Fit, numbers: Array | float = 0.0) -> bool:
-    """Whether one of a fit's numbers is further from others, or from the linearisation, than its
-    deviation."""
-    steps = np.abs(fit.numbers - numbers) / np.sqrt(np.diag(fit.number_covariance))
+def _far(fit: Fit) -> bool:
+    """Whether one of a fit's numbers is further from the linearisation than its deviation."""
+    steps = np.abs(fit.numbers) / np.sqrt(np.diag(fit.number_covariance))
     return bool(np.max(steps[fit.model.moving], initial=0.0) > 1.0)
 
 
@@ -397,7 +394,7 @@ def _explained(
 ) -> Explanation:
     """Return the most probable set at a linearisation, from one to start from.
 
-    most: terms that it may have more than the start; refused: scores of sets at their own
+    most: steps that the search may take; refused: scores of sets at their own
     linearisations, as they compare with those at this one.
     """
     assumptions = _assumptions(linear.problem, refit)
@@ -421,8 +418,10 @@ def _explained(
         assumed = max(scores, key=lambda one: scores[one])
     if tried[assumed] is not search:  # found under another assumption since
         search = tried[assumed]
-        best = search.run(terms, moves=moves)
+        before = len(search.log)
+        best = search.run(terms, moves=moves, most=most)
         path += search.path
+        log += [f"{_words(assumed)}: {line}" for line in search.log[before:]]
     search.screens = ()
     model.grams.let_go()
     names = ", ".join(f"{key[0]} {key[1]}" for key in best.keys) or "nothing"
@@ -473,7 +472,7 @@ def _again(fit: Fit, linear: Linearisation) -> list[Term]:
     for t in sorted(fit.optional, key=lambda t: isinstance(t, ChangeTerm)):
         found += t.again(linear, fit, [*always, *found])
     for k, t in enumerate(found):
-        if isinstance(t, EffectTerm) and t.is_relaxed:
+        if isinstance(t, EffectTerm) and t.was_relaxed:
             model = linear_model(linear, fit.model.assumed)
             found[k] = placed_anew(linear, model, t, [*found[:k], *found[k + 1 :]])
     linear.cache["again"] = fit, found

@@ -16,5 +16,6 @@ form are the same thing with other columns, another prior and another word in th
 | `ShareTerm` | what an effect adds to columns of N | that part | none: never chosen |
 
 Each class makes its columns at a linearisation (`again`), what it adds to the residuals in Nm
-(`added`), and the odds of its kind (`doubt`). A new kind is a new file here.
+(`added`), and the odds of its kind (`doubt`). A new kind is a new file here. A report names it
+where `says_cause` is set; `diagnosis/estimates.py` states its sizes.
 """

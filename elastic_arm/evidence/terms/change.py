@@ -35,9 +35,13 @@ class ChangeTerm(Term):
         """Whether it is the change of the term of a key."""
         return self.of == key
 
+    def is_of(self, term: Term) -> bool:
+        """Whether it is the change of a term: not of how far a stated size is off."""
+        return self.of == term.key and not isinstance(term, StatedTerm)
+
     def common(self, terms: Sequence[Term]) -> Term | None:
         """Return the term among some whose size changes; None where it is not there."""
-        found = (t for t in terms if t.key == self.of and not isinstance(t, StatedTerm))
+        found = (t for t in terms if self.is_of(t))
         return next(found, None)
 
     def again(
@@ -72,8 +76,9 @@ def change_key(term: Term) -> Key:
 
 def may_change(term: Term) -> bool:
     """Whether a term has a size that may differ between recordings."""
-    bends = isinstance(term, EffectTerm) and term.bends
-    return term.says_cause and (term.linear > 0 or bends)
+    if not term.says_cause or isinstance(term, StatedTerm):
+        return False
+    return term.linear > 0 or (isinstance(term, EffectTerm) and term.bends)
 
 
 def change_of(linear: Linearisation, term: Term) -> ChangeTerm:

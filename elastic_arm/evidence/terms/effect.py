@@ -53,13 +53,13 @@ class EffectTerm(Term):
 
     @property
     def is_open(self) -> bool:
-        """Whether it has nonlinear numbers to move, or is linear to first order alone."""
+        """Whether it has nonlinear numbers to move, or is only a first-order approximation."""
         one_column = self.feature.count == 1
         continuous = any(not p.integer for p in components(self.feature))
         return bool(self.feature.bends or (one_column and continuous))
 
     @property
-    def is_relaxed(self) -> bool:
+    def was_relaxed(self) -> bool:
         """Whether its law is of second degree in several nonlinear numbers that have moved."""
         one_column = self.feature.count == 1 and not self.feature.fixed
         return bool(self.tangents and self.feature.quadratic and one_column)

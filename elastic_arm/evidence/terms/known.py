@@ -71,7 +71,7 @@ class StatedTerm(EffectTerm):
     ) -> Sequence[Term]:
         """Return it at another linearisation."""
         (there,) = (t for t in known_terms(linear)[1] if t.key == self.key)
-        return [replace(self, columns=there.columns)]
+        return [replace(self, columns=there.columns, feature=there.feature)]
 
 
 Known = tuple[list[KnownTerm], list[StatedTerm]]
@@ -109,7 +109,7 @@ def _known_terms(linear: Linearisation) -> Known:
             continue
         stated = coefficients_of(feature, instance.parameters)
         law = _whole(feature, instance)
-        # Its columns are the law to first order alone: what is stated is known beyond.
+        # Its columns are the law to first order; the stated law is known exactly.
         offset = None if law is None else linear.columns(*law).sum(axis=1) - X @ stated
         mean, width = _prior_of_stated(stated, acting.get(feature.key, stated))
         width = np.where(stated == 0.0, 1e-3 * STATED * std, width)

@@ -86,8 +86,8 @@ def number_terms(parameters: Sequence[Number], N: Array, far: Set[str]) -> list[
 
 
 def number_term(parameter: Number, N: Array, key: Key, along: Array) -> NumberTerm:
-    """Return the term of numbers that move by (K, k) for each coefficient, the first of them a
-    parameter."""
+    """Return the term of numbers that move by (K, k) for each coefficient, the first
+    of which is `parameter`."""
     count = along.shape[1]
     low = np.full(count, -np.inf)
     least = parameter.cause.linear[0].above if parameter.cause is not None else -np.inf

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from elastic_arm.arrays import Array
 from elastic_arm.evidence.keys import Ident, Key
 from elastic_arm.evidence.linearisation import Linearisation
-from elastic_arm.evidence.posterior import Posterior
 from elastic_arm.evidence.priors import ODDS, SCALES
 
 
@@ -22,29 +21,6 @@ class Coefficients(Protocol):
     @property
     def terms(self) -> tuple[Term, ...]:
         """The terms of the set."""
-
-    @property
-    def found(self) -> Posterior:
-        """The posterior of all coefficients (p,)."""
-
-    @property
-    def numbers(self) -> Array:
-        """Means (K,) of the numbers' coefficients."""
-
-    @property
-    def number_covariance(self) -> Array:
-        """Their covariance (K, K)."""
-
-    @property
-    def moves(self) -> Array:
-        """How the numbers move with the coefficients, (K, p)."""
-
-    @property
-    def slices(self) -> dict[Ident, slice]:
-        """Where the coefficients of each term are."""
-
-    def rows(self, term: Term) -> Array:
-        """Return the coefficients (k, p) of a term by the fit's."""
 
     def beta(self, term: Term) -> Array:
         """Return the coefficients (k,) of a term; its mean over fitted recordings."""
@@ -82,7 +58,8 @@ class Term:
             if getattr(self, name) is None:
                 object.__setattr__(self, name, np.full(k, value))
         if not self.ident:
-            object.__setattr__(self, "ident", (self.kind, *self.key, *self._details, k))
+            scale = (self.scale,) if self.is_scaled else ()
+            object.__setattr__(self, "ident", (self.kind, *self.key, *self._details, k, *scale))
 
     @property
     def _details(self) -> tuple[Any, ...]:
@@ -106,7 +83,7 @@ class Term:
 
     @property
     def is_open(self) -> bool:
-        """Whether it has nonlinear numbers to move, or is linear to first order alone."""
+        """Whether it has nonlinear numbers to move, or is only a first-order approximation."""
         return False
 
     @property
