@@ -132,12 +132,16 @@ class Cause:
 
 @dataclass(frozen=True)
 class UnconfirmedCause:
-    """An effect that is likely by the fit and gains nothing on the recordings that judge."""
+    """An effect that is likely by the fit and no cause.
+
+    It gains nothing on the recordings that judge, its size is nothing within two deviations, it
+    could be ordinary, or it may be a part of an unknown effect at its joint.
+    """
 
     effect: str
     joint: str | None
-    confidence: float  # its posterior probability
-    shrink_without: float | None  # as of a cause: nothing, or less
+    confidence: float  # its posterior probability, times that of being no part of an unknown effect
+    shrink_without: float | None  # as of a cause; None where it was not measured
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as in `diagnosis.json`."""
