@@ -41,11 +41,8 @@ from elastic_arm.studies.blind_challenge.servo_arms import (
 
 RATE, STEP, SECONDS, CODE = 250.0, 1e-3, (16.0, 10.0), 2 * np.pi / 2**17
 FITTED = 8.0  # s that each simulation of the fit lasts
-DEVIATION = {
-    "armature": 0.3,
-    "damping": 0.7,
-    "frictionloss": 0.7,
-}  # of logarithms, where the search starts
+# of logarithms, where the search starts
+DEVIATION = {"armature": 0.3, "damping": 0.7, "frictionloss": 0.7}
 BIAS, DELAY = 0.01, 0.01  # rad and s, the same
 KINDS = ("coulomb_friction", "command_delay", "elasticity", "play")
 Array = NDArray[np.float64]

@@ -85,11 +85,8 @@ class Arm:
 
 SEEDS = {"laboratory": 720101, "workshop": 720102, "field": 720103}
 CLEAN = {"laboratory": 8, "workshop": 4, "field": 3}
-SETS = {
-    "laboratory": (2,) * 6,
-    "workshop": (2, 2, 2, 3),
-    "field": (2, 3),
-}  # arms of several effects
+# arms of several effects
+SETS = {"laboratory": (2,) * 6, "workshop": (2, 2, 2, 3), "field": (2, 3)}
 FOREIGN = {"field": ("cogging_cable", "worn_zone")}  # all that the level has where none are named
 # Effects whose arms are asked once more without them: no other law of the catalogue does what they
 # do.

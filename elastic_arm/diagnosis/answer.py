@@ -143,9 +143,8 @@ class Answer:
     # what was likely by the fit and gains nothing on the recordings that judge, with its share
     # there
     refused: tuple[tuple[Name, float | None], ...] = ()
-    confirmations: Mapping[Key, Confirmation] = field(
-        default_factory=dict
-    )  # of the terms of the best set
+    # of the terms of the best set
+    confirmations: Mapping[Key, Confirmation] = field(default_factory=dict)
 
     @staticmethod
     def of(prepared: Prepared, question: Question, watch: Watch | None = None) -> Answer:

@@ -204,9 +204,8 @@ def _errors(
     A lag or a gain among the causes that are lacking is in the channels again, where the
     calibration took it out.
     """
-    own = {
-        (one.effect.id, one.joint) for one in causes
-    }  # in the place of what the description states of them
+    # in the place of what the description states of them
+    own = {(one.effect.id, one.joint) for one in causes}
     known = [one for one in context.known if (one.effect.id, one.joint) not in own]
     plant = _with(Plant(context.model.robot, Sensors.exact()), (*known, *causes))
     taken = taken_out(context, _with(plant, lacking).sensors)

@@ -37,10 +37,8 @@ SHARED = {"link": 1.0, "drive": 1.0, "motor": -1.0}
 WAVES = 6  # a turn
 DEGREE = 3  # of the splines
 MEAN = 30.0  # prior standard deviation of a law's mean over that of a spline; convention
-FINER, FINE_SHARE = (
-    4.0,
-    0.03,
-)  # of the second kernel of a smooth law: inverse of its length, and its size
+# of the second kernel of a smooth law: inverse of its length, and its size
+FINER, FINE_SHARE = 4.0, 0.03
 SMALL = (
     1e-8  # share of the largest eigenvalue of the kernel below which a shape is left out; numerical
 )

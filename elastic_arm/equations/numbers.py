@@ -26,12 +26,11 @@ class Number:
     feature: Feature | None = (
         None  # the effect of a sensor or of warming friction; None for a number of the arm
     )
+    # largest deviation about which the model is made, in standard deviations of the prior
     error: Feature | None = (
         None  # the effect of a number of the arm that is off; None where the catalogue has none
     )
-    limit: float = (
-        np.inf
-    )  # largest deviation about which the model is made, in standard deviations of the prior
+    limit: float = np.inf
     # of presliding alone: widths, rad/s, of the two sign functions between which friction turns
     # over, or the width within which it does so early or late
     speeds: tuple[float, ...] | None = None

@@ -12,12 +12,8 @@ from elastic_arm.errors import RobotError
 from elastic_arm.robot import Component, Inertia, Joint, Robot
 
 LEAST = 0.05  # of a described number that a deviation leaves; numerical
-LINK_SHARES = (
-    1.0,
-    0.75,
-    0.5,
-    0.25,
-)  # of the links' deviations, tried until the bodies are physical
+# of the links' deviations, tried until the bodies are physical
+LINK_SHARES = 1.0, 0.75, 0.5, 0.25
 
 
 def calibrated_robot(robot: Robot, parameters: Sequence[Number], values: Array) -> Robot:

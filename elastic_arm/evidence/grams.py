@@ -19,9 +19,8 @@ from elastic_arm.evidence.terms.number import NumberTerm
 from elastic_arm.evidence.terms.share import ShareTerm
 from elastic_arm.evidence.terms.term import Term
 
-OCTAVES = np.array(
-    [0.5, 1, 2, 4, 8, 16, 32]
-)  # Hz; edges of the octaves in which noise has a power of its own
+# Hz; edges of the octaves in which noise has a power of its own
+OCTAVES = np.array([0.5, 1, 2, 4, 8, 16, 32])
 
 MADE, STACKS = 16, 4  # sets whose products, and whose columns side by side, are kept; memory
 

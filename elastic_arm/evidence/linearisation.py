@@ -54,9 +54,8 @@ class Linearisation:
     which: int = ALL  # the part of the recordings
     # what depends on the motion alone, of the same recordings beside other numbers
     near: Motions | None = field(default=None, repr=False)
-    cache: dict[str, Any] = field(
-        default_factory=dict, init=False, repr=False
-    )  # what was made of it
+    # what was made of it
+    cache: dict[str, Any] = field(default_factory=dict, init=False, repr=False)
     _allowed: dict[object, list[Parameter]] = field(default_factory=dict, init=False, repr=False)
 
     @cached_property

@@ -33,11 +33,8 @@ from elastic_arm.evidence.terms.term import Term
 
 # factors of the prior's deviation up to which the data may tell something
 WIDEST = {"arm": max(one.factor for one in TRUST.values()), "zero": max(ZEROS)}
-SCREENS, PRODUCTS, FITS = (
-    4,
-    100,
-    500,
-)  # screens, products with all terms and fits that are kept; memory
+# screens, products with all terms and fits that are kept; memory
+SCREENS, PRODUCTS, FITS = 4, 100, 500
 # factor of the trust below which the numbers of a description lie where it has them; numerical
 EXACT = 0.1
 LOOKED_AT = 30  # terms of which first-order gains are made well; numerical
@@ -430,18 +427,15 @@ class LinearModel:
     assumed: Assumed = AS_BUILT  # trust in the description, scale of the zeros
     # ln of the density of what was recorded over that of the rows (:attr:`.WhitenedData.density`)
     density: float = 0.0
+    # what every real drive has and the description does not state
     fitted_rows: NDArray[np.bool_] | None = (
         None  # (rows,) of recordings that are fitted; None for all
     )
-    usual: frozenset[Key] = (
-        frozenset()
-    )  # what every real drive has and the description does not state
-    parts: dict[str, LinearModel] = field(
-        default_factory=dict
-    )  # the same data without the judging rows
-    spreads: dict[object, tuple[Array, Array]] = field(
-        default_factory=dict, init=False
-    )  # of the last fit
+    usual: frozenset[Key] = frozenset()
+    # the same data without the judging rows
+    parts: dict[str, LinearModel] = field(default_factory=dict)
+    # of the last fit
+    spreads: dict[object, tuple[Array, Array]] = field(default_factory=dict, init=False)
     _fits: dict[object, Fit] = field(default_factory=dict, init=False)
 
     @cached_property

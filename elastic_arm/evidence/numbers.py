@@ -86,9 +86,8 @@ def numbers_of(
             and feature.effect.number
             and feature.joint is not None
         ):
-            what = (
-                feature.effect.number if (SCALE, feature.joint) in errors else SCALE
-            )  # one gain is all of them
+            # one gain is all of them
+            what = feature.effect.number if (SCALE, feature.joint) in errors else SCALE
             std = priors.controller if what == SCALE else priors.gain_ratio
             limit = LARGEST_SCALE / std
             found.append(Number(what, feature.joint, "1", std, 1.0, error=feature, limit=limit))

@@ -22,10 +22,8 @@ from scipy.special import log_ndtr
 
 from elastic_arm.arrays import Array
 
-STEPS, SETTLED = (
-    60,
-    0.01,
-)  # of the noise powers, and the change of their logarithms that is none; numerical
+# of the noise powers, and the change of their logarithms that is none; numerical
+STEPS, SETTLED = 60, 0.01
 JITTER = 1e-13  # of the precision's diagonal; numerical
 
 

@@ -64,17 +64,14 @@ SCALES = np.array([1.0, 0.1, 0.01, 1e-3, 1e-4])  # of a size's range: effects ar
 WIDE = 30.0
 # relative standard deviation of a stated effect: friction changes so with temperature and wear
 STATED = 0.3
-SIZES = np.array(
-    [0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0]
-)  # Nm; of laws without a form, joints of every kind
+# Nm; of laws without a form, joints of every kind
+SIZES = np.array([0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0])
 LEFT = 0.1  # share of a place's own gap that may be left (contract)
 ZERO_AS_MOUNTED = (
     1e-3  # rad; of a link encoder never compared with the motor's under a known torque
 )
-OFFSET_SHARE, PRESLIDING_SHARE = (
-    0.02,
-    0.1,
-)  # of a joint's largest torque: its zero, its friction below the least speed
+# of a joint's largest torque: its zero, its friction below the least speed
+OFFSET_SHARE, PRESLIDING_SHARE = 0.02, 0.1
 EVENT = 1e-6  # prior odds of an event in a recording: as of an effect
 # range of the power of an event over the ordinary one of a residual: from noise to all that an arm
 # carries

@@ -52,9 +52,8 @@ class Problem:
     candidates: tuple[Feature, ...]  # effects that may be there, at their places
     largest: Array  # (n,) torques of the joints, Nm
     far: frozenset[str]  # effects as which numbers that are far off are reported
-    usual: frozenset[Key] = (
-        frozenset()
-    )  # candidates that every real drive has and the description does not state
+    # candidates that every real drive has and the description does not state
+    usual: frozenset[Key] = frozenset()
     held_back: bool = (
         False  # whether the recordings that judge are the last parts of those that are fitted
     )

@@ -57,20 +57,17 @@ class Search:
     # where one nonlinear number was most probable beside another set, by key of its term; what is
     # found is added
     thetas: Thetas = field(default_factory=dict)
-    refused: Mapping[frozenset[Key], float] = field(
-        default_factory=dict
-    )  # scores of sets at their own linearisation
+    # scores of sets at their own linearisation
+    refused: Mapping[frozenset[Key], float] = field(default_factory=dict)
     met: dict[frozenset[Key], Fit] = field(default_factory=dict)
     _refined: dict[tuple[Key, frozenset[Ident]], EffectTerm] = field(default_factory=dict)
-    _looked: set[tuple[Key, frozenset[Ident]]] = field(
-        default_factory=set
-    )  # beside which sets a range was scanned
+    # beside which sets a range was scanned
+    _looked: set[tuple[Key, frozenset[Ident]]] = field(default_factory=set)
     log: list[str] = field(default_factory=list)
     is_over: Callable[[], bool] = Watch().is_over
     is_far: Callable[[Fit], bool] = lambda fit: False
-    path: list[Fit] = field(
-        default_factory=list
-    )  # better and better sets, the last one the most probable
+    # better and better sets, the last one the most probable
+    path: list[Fit] = field(default_factory=list)
 
     def run(self, start: Sequence[Term] = (), *, moves: int = ALL, most: int = MOST) -> Fit:
         """Return the most probable set met on the way from one to start from; the way is kept in

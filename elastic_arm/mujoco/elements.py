@@ -89,9 +89,8 @@ class Elements:
     def __init__(self, robot: Robot, arm: StatedArm, timestep: float) -> None:
         self.robot, self.timestep = robot, timestep
         gears = [joint.transmission for joint in robot.joints]
-        self.springs = np.array(
-            [(gear.stiffness if gear else 0.0, 0.0, 0.0) for gear in gears]
-        )  # (n, 3) a, b, c
+        # (n, 3) a, b, c
+        self.springs = np.array([(gear.stiffness if gear else 0.0, 0.0, 0.0) for gear in gears])
         self.dampings = np.array([gear.damping if gear else 0.0 for gear in gears])  # (n,)
         self.found: list[Element] = []
         self.left: list[tuple[EffectInstance, str]] = []
@@ -222,10 +221,8 @@ def _play(elements: Elements, i: int, instance: EffectInstance) -> None:
 
 
 Rule = Callable[[Elements, int, EffectInstance], None]
-RIGID: Mapping[str, Rule] = {
-    "stribeck_friction": _stribeck,
-    "wrist_coupling": _wrist,
-}  # of arms without drives, too
+# of arms without drives, too
+RIGID: Mapping[str, Rule] = {"stribeck_friction": _stribeck, "wrist_coupling": _wrist}
 RULES: Mapping[str, Rule] = {
     **RIGID,
     "viscous_friction": _friction("damping", "coefficient"),

@@ -109,9 +109,8 @@ def _stage(robot: Robot, stated: StatedArm) -> str:
 def _bodies(robot: Robot, stated: StatedArm) -> list[Inertia]:
     base = bodies_with_components(robot)[0]
     if not base.mass:
-        base = Inertia(
-            1.0, np.zeros(3), np.eye(3)
-        )  # it is fixed, so that any mass will do, but USD wants one
+        # it is fixed, so that any mass will do, but USD wants one
+        base = Inertia(1.0, np.zeros(3), np.eye(3))
     return [base, *stated.links]
 
 
@@ -126,9 +125,8 @@ def _numbers(made: Any, joint: Joint, numbers: StatedJoint) -> None:
     from pxr import Sdf, UsdPhysics
 
     kind = "linear" if joint.prismatic else "angular"
-    turn = (
-        1.0 if joint.prismatic else float(np.rad2deg(1.0))
-    )  # degrees in what the arm counts angles by
+    # degrees in what the arm counts angles by
+    turn = 1.0 if joint.prismatic else float(np.rad2deg(1.0))
     prim, limits, own = made.GetPrim(), joint.limits, f"physxJointAxis:{kind}:"
     if limits.position_min is not None and limits.position_max is not None:
         made.CreateLowerLimitAttr(turn * limits.position_min)
@@ -203,9 +201,8 @@ def _turned(rotation: Array) -> Any:
     """Return the rotation of a rotation, or of a placement, as a quaternion of USD."""
     from pxr import Gf
 
-    x, y, z, w = (
-        Rotation.from_matrix(rotation[:3, :3].copy()).as_quat().tolist()
-    )  # as in recording/writing.py
+    # as in recording/writing.py
+    x, y, z, w = Rotation.from_matrix(rotation[:3, :3].copy()).as_quat().tolist()
     return Gf.Quatf(w, x, y, z)
 
 

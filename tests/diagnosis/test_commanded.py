@@ -96,9 +96,8 @@ def test_what_is_withheld_is_named(
 def test_what_no_actuator_of_mujoco_has_is_named(number: str, size: float, effect: str) -> None:
     """A dead band and an integral of the controller are the one cause, right to 3 %; ki is no surer
     than its scale."""
-    stated = servo_arm(
-        {LIMIT: LIMIT.replace("4", "30")}
-    )  # Nm; an integral beside a torque at its limit would rest
+    # Nm; an integral beside a torque at its limit would rest
+    stated = servo_arm({LIMIT: LIMIT.replace("4", "30")})
     drive = stated.robot.joints[1].controller
     assert drive is not None
     changed = replace(drive, **{number: size})  # type: ignore[arg-type]

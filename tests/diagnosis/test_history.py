@@ -118,9 +118,8 @@ def test_friction_that_rises_is_a_change_and_other_friction_is_none(tmp_path: Pa
         tmp_path / "report.html", whole, found, ("2026-03-03 06:00:00",) * 2
     ).read_text()
     assert "coulomb friction of joint_2 rose from" in page and page.count("<svg") == len(found)
-    again = from_dict(
-        pickle.loads(pickle.dumps(whole.to_dict())), tmp_path, Catalogue.default()
-    )  # between processes
+    # between processes
+    again = from_dict(pickle.loads(pickle.dumps(whole.to_dict())), tmp_path, Catalogue.default())
     assert [c.effect for c in again.causes] == [c.effect for c in whole.causes] and again.causes
     with pytest.raises(DiagnosisError, match="two recordings"):
         courses(replace(whole, identify=("day_0",)))

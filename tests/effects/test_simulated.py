@@ -82,9 +82,8 @@ def test_accelerations_agree_with_the_hidden_arm(arm, effect):
     instance = parse(text, arm)
     faults = [fault(instance, arm)]
     hidden = HiddenArm(arm, faults, standstill=1e-4)
-    clock = np.zeros(
-        arm.n + 1 if needs_further_laws(faults) else 0
-    )  # and the states of further laws before it
+    # and the states of further laws before it
+    clock = np.zeros(arm.n + 1 if needs_further_laws(faults) else 0)
     simulator = Simulator(arm, SimulationSettings(effects=[instance], sensors=Sensors.exact()))
     constants = simulator.system.evaluate_constants(np.full(6, 1e-4))
     dof, rng = simulator.system.dof, np.random.default_rng(0)

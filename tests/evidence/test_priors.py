@@ -74,9 +74,8 @@ def test_numbers_have_the_stated_deviations() -> None:
     assert found["motor_torque_gain", "joint_2"].prior_std == 0.015
     stiffness = found["stiffness", "joint_1"]
     assert stiffness.limit == pytest.approx(LARGEST_SCALE / 0.3)
-    assert stiffness.value(-2.0) * stiffness.value(2.0) == pytest.approx(
-        1.0
-    )  # half is as far off as twice
+    # half is as far off as twice
+    assert stiffness.value(-2.0) * stiffness.value(2.0) == pytest.approx(1.0)
     assert stiffness.slope(1.0) == pytest.approx(0.3 * stiffness.value(1.0))
 
 

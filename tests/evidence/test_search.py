@@ -32,9 +32,8 @@ ODDS = 6.0
 
 def search(data: LinearModel, terms: Sequence[Term]) -> Search:
     """Return a search among terms that have no nonlinear numbers."""
-    linear: Any = SimpleNamespace(
-        problem=SimpleNamespace(observed=((None,), ())), which=0
-    )  # of one recording
+    # of one recording
+    linear: Any = SimpleNamespace(problem=SimpleNamespace(observed=((None,), ())), which=0)
     return Search(linear, data, [Screen(data.grams, terms)])
 
 

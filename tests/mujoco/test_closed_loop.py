@@ -14,9 +14,8 @@ from tests.helpers.servo_arms import recorded, servo_arm
 FORMS = [f'joint="{name}" forcerange="-4 4"' for name in ("pan", "lift", "elbow")]
 LATE = {form: f'{form} delay="0.0213" nsample="24"' for form in FORMS}
 WHOLE = {form: f'{form} delay="0.02" nsample="22"' for form in FORMS}
-TENDER = {
-    form: form.replace("4 4", "30 30") for form in FORMS
-}  # an integral beside a limit would rest
+# an integral beside a limit would rest
+TENDER = {form: form.replace("4 4", "30 30") for form in FORMS}
 
 
 def integrating(arm: MjcfArm) -> MjcfArm:

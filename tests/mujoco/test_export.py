@@ -88,10 +88,8 @@ def test_what_is_written_is_the_corrected_arm(base: Path) -> None:
     arm."""
     out = base.parent / "fixed.xml"
     done = export_mjcf(corrected(base, LOAD, ROTOR), base, out)
-    assert [path.name for path in done.files] == [
-        "fixed.xml",
-        "fixed_hand.xml",
-    ]  # the include changed, too
+    # the include changed, too
+    assert [path.name for path in done.files] == ["fixed.xml", "fixed_hand.xml"]
     again, before = load_robot(out), load_robot(base)
     assert again.joints[4].armature == pytest.approx(0.045)
     point = Inertia(1.5, np.array([0.02, 0.03, 0.2]), np.zeros((3, 3)))
@@ -181,9 +179,8 @@ def test_unphysical_numbers_are_refused(base: Path) -> None:
     with pytest.raises(RobotError, match="damping of joint1 would be -1"):
         export_mjcf(corrected(base, bad), base, base.parent / "fixed.xml")
     robot = load_robot(base)
-    light = Inertia(
-        0.2, np.zeros(3), 1e-3 * np.eye(3)
-    )  # less than the cover that stands on the link
+    # less than the cover that stands on the link
+    light = Inertia(0.2, np.zeros(3), 1e-3 * np.eye(3))
     joints = (replace(robot.joints[0], link=light), *robot.joints[1:])
     with pytest.raises(
         RobotError, match="leave body 'link1' without a physically possible inertia"

@@ -24,9 +24,8 @@ from tests.helpers.bags import stamps, states, two_sided, write_sqlite
 from tests.helpers.hostile_mcap import HUGE, chunk, index, mcap, message, quickly, record, text
 
 ZSTD = zstandard.ZstdCompressor().compress(message())
-CLAIMS = (
-    b"\x28\xb5\x2f\xfd" + b"\xe0" + struct.pack("<Q", 2**40) + ZSTD[-20:]
-)  # a frame header of 2^40 bytes
+# a frame header of 2^40 bytes
+CLAIMS = b"\x28\xb5\x2f\xfd" + b"\xe0" + struct.pack("<Q", 2**40) + ZSTD[-20:]
 MCAP_FILES: dict[str, bytes] = {
     "a chunk that claims 2^63 bytes, zstd": mcap(chunk(ZSTD, HUGE, "zstd")),
     "a chunk that claims 2^63 bytes, lz4": mcap(chunk(lz4.frame.compress(message()), HUGE, "lz4")),

@@ -10,11 +10,8 @@ from elastic_arm.recording import Recording, Side
 from elastic_arm.recording.made_torque import with_made_torque
 from elastic_arm.robot import JointController, Robot, load_robot
 
-RATE, W, LAG = (
-    50.0,
-    2 * np.pi * 0.8,
-    0.06,
-)  # Hz, rad/s, s by which the arm of these tests is behind its command
+# Hz, rad/s, s by which the arm of these tests is behind its command
+RATE, W, LAG = 50.0, 2 * np.pi * 0.8, 0.06
 STEP = 1.0 / RATE
 
 

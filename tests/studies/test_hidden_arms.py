@@ -115,9 +115,8 @@ def test_compiled_hidden_arm_moves_as_pinocchio_says(fault: Fault) -> None:
     """Joint and motor torques of a run are those that Pinocchio finds for its motion, to what
     sampling leaves."""
     arm = HiddenArm(ROBOT, [fault])
-    course = arm.run(
-        random_motion(np.random.default_rng(8), 3, 2.0)
-    )  # raises where the engines differ
+    # raises where the engines differ
+    course = arm.run(random_motion(np.random.default_rng(8), 3, 2.0))
     assert np.isfinite(course.tau_J).all()
     wrong = HiddenArm(ROBOT, [fault])
     wrong.tree = KinematicTree(

@@ -4,12 +4,8 @@ import casadi as ca
 
 from elastic_arm.effects.law import Confusion, Effect, amount, searched, signed
 
-ORDERS = (
-    2,
-    3,
-    4,
-    5,
-)  # with a joint spring beside it a gas spring on a crank is met to some 0.1 % over 2 rad
+# with a joint spring beside it a gas spring on a crank is met to some 0.1 % over 2 rad
+ORDERS = 2, 3, 4, 5
 SMALL = "the joint turns through a small angle, over which any curve is nearly straight"
 STILL = "the joints before it hardly move: gravity then also depends only on the joint's own angle"
 WIDE = "motion over a wide range of the joint"

@@ -98,9 +98,8 @@ def load_arrays(path: Path, decimal: str | None = ".") -> Arrays:
         found.pop(_WHOLE_TABLE, None)
         return found
     try:
-        root = (
-            path / "data" if (path / "meta" / "info.json").is_file() else path
-        )  # a dataset of LeRobot's
+        # a dataset of LeRobot's
+        root = path / "data" if (path / "meta" / "info.json").is_file() else path
         files = [
             file
             for file in sorted(path.iterdir())

@@ -171,9 +171,8 @@ class ArrayMap(Strict):
     # LeRobot's calibration file, by which positions without a unit are per cent of ranges; relative
     # to the mapping file
     calibration: str | None = None
-    coupling: Coupling = Field(
-        default_factory=dict
-    )  # of motors that move several joints: joint -> motor -> factor
+    # of motors that move several joints: joint -> motor -> factor
+    coupling: Coupling = Field(default_factory=dict)
     # number in the servos' register of the position gain during the runs: one of all joints, or by
     # joint
     firmware_gain: Gain | dict[str, Gain] | None = None

@@ -227,9 +227,8 @@ class ChannelMap(Strict):
     joints: Annotated[dict[str, JointChannels], Field(min_length=1, max_length=MOST_JOINTS)]
     # a sample's time: the message's `header` stamp, or its `arrival` where there is no header
     time: Literal["header", "arrival"] = "header"
-    coupling: Coupling = Field(
-        default_factory=dict
-    )  # of motors that move several joints: joint -> motor -> factor
+    # of motors that move several joints: joint -> motor -> factor
+    coupling: Coupling = Field(default_factory=dict)
 
     @model_validator(mode="before")
     @classmethod

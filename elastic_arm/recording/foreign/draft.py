@@ -22,9 +22,8 @@ class Guess:
     table: JointTable  # its arrays
     unit: str  # of its numbers; empty if nothing shows it
     reasons: tuple[str, ...]  # why, in words
-    scales: Mapping[str, list[float]] = field(
-        default_factory=dict
-    )  # further keys of the mapping: sign, ratio
+    # further keys of the mapping: sign, ratio
+    scales: Mapping[str, list[float]] = field(default_factory=dict)
     # keys that the mapping needs and no array can show, with what they are
     missing: Mapping[str, str] = field(default_factory=dict)
     units: tuple[
