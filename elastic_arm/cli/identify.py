@@ -170,8 +170,8 @@ def _judged(result: Identification, written: Written) -> Identification:
         return result
     what = "the corrected file" if written.robot is not None else "no file"
     words = (
-        f"With all identified numbers, {listed(choice.worse)} moves worse under the recorded"
-        f" commands: {listed(choice.taken_back)} keeps the numbers of the description, and"
+        f"With all identified numbers, the errors of {listed(choice.worse)} under the recorded"
+        f" commands increase: the numbers of {listed(choice.taken_back)} stay as described, and"
         f" {what} is written."
     )
     return result.with_(notes=(words, *result.notes))

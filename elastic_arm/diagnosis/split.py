@@ -13,7 +13,8 @@ SHORTEST = 2.5  # s of either part
 HOLE = 1.0  # s between samples from which on nothing was recorded between them
 RATE = 50.0  # Hz at which motions are compared; above the motions' own frequencies
 REPEATED = 0.02  # difference over spread below which a motion counts as a repetition
-ROWS = 200  # rows of a judging recording that are looked for in what is fitted
+ROWS = 200  # runs of a judging recording that are looked for in what is fitted
+RUN = 20  # rows of a run
 SHARED = 0.2  # share of them that may be found; noise repeats none
 
 
@@ -118,13 +119,22 @@ def _contains(recording: Recording, part: Recording) -> bool:
 
 
 def _shares(whole: Array, own: Array) -> bool:
-    if whole.shape[1] != own.shape[1] or not len(own):
+    """Whether rows (N, k) hold runs of others (M, k).
+
+    Single rows repeat where a channel is coarse or at a limit; runs that change do not.
+    """
+    if whole.shape[1] != own.shape[1] or len(own) < RUN:
         return False
-    sample = own[:: max(1, len(own) // ROWS)]
     # A joint that lacks the channel holds no numbers.
-    alike = np.isin(np.nan_to_num(whole[:, 0]), np.nan_to_num(sample[:, 0]))
-    known = {row.tobytes() for row in whole[alike]}
-    return sum(row.tobytes() in known for row in sample) > SHARED * len(sample)
+    whole, own = np.nan_to_num(whole), np.nan_to_num(own)
+    changed = np.any(own[1:] != own[:-1], axis=1)
+    changes = np.convolve(changed, np.ones(RUN - 1), mode="valid")
+    lively = np.flatnonzero(changes >= max(1.0, 0.5 * float(changes.max())))
+    starts = lively[:: max(1, len(lively) // ROWS)]
+    alike = np.flatnonzero(np.isin(whole[: 1 - RUN, 0], own[starts, 0]))
+    known = {whole[i : i + RUN].tobytes() for i in alike}
+    found = sum(own[i : i + RUN].tobytes() in known for i in starts)
+    return found > SHARED * len(starts)
 
 
 def _rows(side: Side) -> Array:

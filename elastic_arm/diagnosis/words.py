@@ -292,7 +292,9 @@ def closed_loop_sentences(found: Diagnosis) -> list[str]:
         )
         moved.append(f"{joint} {sizes} ({_short(one.described, one.unit)} with the description)")
     if len(found.taken_back) >= len(found.joints):
-        written = "No correction is written"
+        written = "No correction by a cause is written"
+        if any(one.corrected < one.described for one in found.closed_loop.values()):
+            written += "; the file has the numbers that were refined on the fitted motions"
     else:
         written = f"The correction of {listed(found.taken_back)} is not written"
     return [

@@ -60,6 +60,24 @@ def test_coarse_currents_that_repeat_do_not_make_a_recording_the_same() -> None:
         split([first], [first.between(3.0, 9.0)])
 
 
+def test_coarse_angles_beside_a_torque_at_its_limit_do_not_make_a_recording_the_same() -> None:
+    """Codes of a servo and a torque that hardly leaves its limit repeat in every motion."""
+    first, second = (
+        replace(
+            one,
+            motor=Side(
+                one.motor.stamp_ns,
+                np.round(one.motor.position, 2),
+                effort=np.sign(one.motor.position),
+            ),
+        )
+        for one in (recording(12.0, 1), recording(8.0, 2, frequency=0.61))
+    )
+    assert split([first], [second]) == ([first], [second])
+    with pytest.raises(DiagnosisError, match="also a fitted recording"):
+        split([first], [first.between(3.0, 9.0)])
+
+
 def test_too_short_a_recording_is_refused_with_the_length_that_is_needed() -> None:
     """A third of 6 s is below 2.5 s; 8 s would do."""
     with pytest.raises(DiagnosisError, match="at least 8 s"):
