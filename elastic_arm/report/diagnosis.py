@@ -168,7 +168,7 @@ def _closed_loop(found: Diagnosis) -> Table:
         rows.append(
             [joint, f"{1e3 * one.described:.4g}", f"{1e3 * one.corrected:.4g}", refused, unit]
         )
-    header = ["joint", "description", "as written", "all corrections, rejected", "unit"]
+    header = ["joint", "description", "robot.yaml", "all corrections, rejected", "unit"]
     return Table(
         header,
         rows,
