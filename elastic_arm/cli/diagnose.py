@@ -225,7 +225,7 @@ def diagnose_command(
             for line in search_words(found.context.explanation):
                 out.print(escape(line))
         print_correction(corrected.file)
-        print_closed_loop(found.closed_loop)
+        print_closed_loop(found.closed_loop, "robot.yaml")
         print_replays(replays)
         print_comparison(comparison)
         also = [*(TABLES if csv else ()), *map(str, residual_bags)]

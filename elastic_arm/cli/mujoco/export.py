@@ -194,8 +194,11 @@ def _played(
     }
 
 
-def print_closed_loop(errors: Mapping[str, ClosedLoopError]) -> None:
-    """Print by how much each joint errs under the recorded commands, as described and corrected."""
+def print_closed_loop(errors: Mapping[str, ClosedLoopError], written: str = "as written") -> None:
+    """Print by how much each joint errs under the recorded commands, as described and corrected.
+
+    written: what the corrected arm is called.
+    """
     if not errors:
         return
     units = {one.unit for one in errors.values()}
@@ -203,7 +206,7 @@ def print_closed_loop(errors: Mapping[str, ClosedLoopError]) -> None:
     table = new_table(f"closed loop, {unit}", *errors, right=tuple(errors))
     rows: dict[str, list[float | None]] = {
         "description": [one.described for one in errors.values()],
-        "as written": [one.corrected for one in errors.values()],
+        written: [one.corrected for one in errors.values()],
         "all corrections": [one.refused for one in errors.values()],
     }
     for name, values in rows.items():
