@@ -393,12 +393,11 @@ class Answer:
                 if term.key not in found and answer._is_cause(term):
                     less = answer._less(term)
                     nats = own - held_out(less.explanation.best)
-                    gain = best.score - less.explanation.best.score
                     share = answer._share_without(term, less)
                     beyond = isinstance(term, NumberTerm | StatedTerm)
                     sized = beyond or has_size(answer.explanation.sized, term)
                     over = takes_over(answer._numbers[1], less._numbers[1])
-                    found[term.key] = Confirmation(nats, share, gain, sized, over)
+                    found[term.key] = Confirmation(nats, share, sized, over)
             doubtful = [t for t in best.optional if t.key in found and not found[t.key].confirms]
             if not doubtful:
                 return replace(answer, confirmations=found)

@@ -32,7 +32,6 @@ class Confirmation:
 
     nats: float  # of log-likelihood
     share: float | None  # of the gap at its places; None where no place has a gap
-    gain: float = 0.0  # nats of the score on all recordings
     has_size: bool = True  # whether its size is beyond two deviations of none
     taken_over: bool = (
         False  # whether numbers beyond their ordinary deviations stand for it where it is taken out
@@ -41,12 +40,8 @@ class Confirmation:
     @property
     def confirms(self) -> bool:
         """Whether it has a size and gains likelihood, or loses none where numbers that are far off
-        stand for it.
-
-        A loss of a nat, or of a tenth of what it gains in all, is none there.
-        """
-        least = -max(WORTH, LEFT * self.gain) if self.taken_over else 0.0
-        return self.has_size and self.nats > least
+        stand for it."""
+        return self.has_size and self.nats > (-WORTH if self.taken_over else 0.0)
 
 
 @dataclass(frozen=True)
