@@ -292,6 +292,11 @@ class Answer:
         """What each term of the best set adds to the residuals of each stretch, Nm."""
         return {t.ident: self._added(t) for t in self.best.terms if not isinstance(t, LawTerm)}
 
+    @property
+    def _causes_added(self) -> list[list[Array]]:
+        """What each optional term of the best set adds, but laws without a form."""
+        return [self.added[t.ident] for t in self.best.optional if t.ident in self.added]
+
     @cached_property
     def before(self) -> list[Array]:
         """Residuals (N', R) of each stretch of the description, known effects in it; refitted where
@@ -355,9 +360,8 @@ class Answer:
     def after(self) -> list[Array]:
         """Residuals of each stretch with the causes and what is ordinary."""
         known = [_minus(self.added[t.ident], [self._as_stated(t)]) for t in self._always]
-        causes = [self.added[t.ident] for t in self.best.optional if t.ident in self.added]
         numbers = [self.numbers_added, self._moved_by(self._excess)]
-        return _minus(self.before, [self._mounting_added, *numbers, *known, *causes])
+        return _minus(self.before, [self._mounting_added, *numbers, *known, *self._causes_added])
 
     @cached_property
     def gaps(self) -> tuple[Gap, Gap]:
@@ -482,7 +486,7 @@ class Answer:
             return False
         p = self.probability(name)
         if name in best:
-            p += sum(p for p, _, _ in self._sets_without(name))
+            p += sum(p for p, _ in self._sets_without(name))
         return p * self._known_share(name) > 0.5
 
     def _known_share(self, name: Name) -> float:
@@ -564,10 +568,13 @@ class Answer:
         beyond = np.zeros(len(problem.numbers))
         beyond[which] = sized.numbers[which] - at
         own = Gap.of(self.judging.data, self._moved_by(beyond))
-        causes = [self.added[t.ident] for t in self.best.optional if t.ident in self.added]
-        without = [sum(each) for each in zip(self.after, *causes, strict=True)]
-        first = Gap.of(self.judging.data, without)
-        return share_without(first, self.gaps[1], held.gaps[1], own)
+        return share_without(self._gap_without_terms, self.gaps[1], held.gaps[1], own)
+
+    @cached_property
+    def _gap_without_terms(self) -> Gap:
+        """The gap of the numbers as they are, without any term."""
+        each = zip(self.after, *self._causes_added, strict=True)
+        return Gap.of(self.judging.data, [sum(parts) for parts in each])
 
     def _there(self, fit: Fit) -> set[Name]:
         """Return the effects of a set, and the numbers that are more likely than not off in it."""
@@ -694,21 +701,21 @@ class Answer:
         """Return the probabilities of what is there in the sets without a cause and not in the most
         probable one."""
         found: dict[Name, float] = {}
-        for p, _, others in self._sets_without(name):
+        for p, others in self._sets_without(name):
             for other in others:
                 found[other] = found.get(other, 0.0) + p
         return found
 
-    def _sets_without(self, name: Name) -> Iterator[tuple[float, Fit, set[Name]]]:
-        """Yield the sets without a cause that hold something else than the most probable one: their
-        probabilities, and what else."""
+    def _sets_without(self, name: Name) -> Iterator[tuple[float, set[Name]]]:
+        """Yield the probability of each set without a cause that holds what the most probable one
+        does not, and what that is."""
         best = self._there(self.explanation.best)
         refused = {other for other, _ in self.refused}
         for p, fit in self.sets:
             own = self._there(fit)
             others = own - best - refused
             if name not in own and others:
-                yield p, fit, others
+                yield p, others
 
     def _alternatives(self, name: Name, term: Term) -> Iterator[Alternative]:
         """Yield what is there in the sets without a cause and not in the most probable one, most
@@ -750,8 +757,7 @@ class Answer:
         """
         model, data = self.best.model, self.judging.data
         fitted, judging = model.bands, Bands(data)
-        causes = [self.added[t.ident] for t in self.best.optional if t.ident in self.added]
-        acting = _minus([np.zeros_like(y) for y in self.before], causes)
+        acting = _minus([np.zeros_like(y) for y in self.before], self._causes_added)
         white = [
             data.whiten([r[:, :, None] for r in one])[:, 0]
             for one in (self.before, self.after, acting)
