@@ -119,11 +119,14 @@ class Grams:
     def less(self, term: Term, lacking: Sequence[ShareTerm]) -> Term:
         """Return a term without some shares of its columns: the same, where it moves none of their
         numbers."""
-        if not isinstance(term, NumberTerm) or not lacking:
+        if not isinstance(term, NumberTerm):
             return term
-        key = (term.ident, *(share.ident for share in lacking))
+        own = term.shared(lacking)
+        if not own:
+            return term
+        key = (term.ident, *(share.ident for share in own))
         if key not in self._less:
-            self._less[key] = term.without(lacking)
+            self._less[key] = term.without(own)
         return self._less[key]
 
     def with_base(self, term: Term) -> Array:

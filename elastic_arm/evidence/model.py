@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +45,14 @@ KINDS = "arm", "sensor", "detail", "zero"
 UNTOLD = 1e-3  # of a prior's precision: what data tell no more of, they tell nothing of; numerical
 
 
+class Frame(NamedTuple):
+    """By what scores at several linearisations compare: a correction of
+    level + share * (ln of the density at a linearisation), nats."""
+
+    level: float
+    share: float
+
+
 @dataclass(frozen=True, eq=False)
 class Fit:
     """The posterior of one set of terms."""
@@ -62,16 +71,19 @@ class Fit:
         prices = sum(t.price + self.model.doubt(t) for t in self.optional)
         return self.found.evidence - prices + self.model.assumption + self.correction
 
-    def compared_with(self, other: Fit) -> Fit:
-        """Return the fit with a score that compares with that of a fit at another linearisation.
+    @property
+    def frame(self) -> Frame:
+        """What scores at other linearisations compare by.
 
         Linearisations predict different noise, so that the same recorded values have different
-        densities. Where the other fit leaves less than its noise, these differ by as much less.
+        densities. Where this fit leaves less than its noise, these differ by as much less.
         """
-        share = float(np.sum(other.found.left / other.found.v) / len(self.model.y))
-        return replace(
-            self, correction=other.correction + share * (self.model.density - other.model.density)
-        )
+        share = float(np.sum(self.found.left / self.found.v) / len(self.model.y))
+        return Frame(self.correction - share * self.model.density, share)
+
+    def compared_in(self, frame: Frame) -> Fit:
+        """Return the fit with a score that compares with that of the fit of a frame."""
+        return replace(self, correction=frame.level + frame.share * self.model.density)
 
     @cached_property
     def slices(self) -> dict[Ident, slice]:

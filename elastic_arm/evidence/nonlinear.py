@@ -20,9 +20,9 @@ from elastic_arm.evidence.terms.effect import (
     EffectTerm,
     axis,
     components,
+    monomial_columns,
     monomials,
     moved,
-    relaxed_columns,
     tangent_term,
 )
 from elastic_arm.evidence.terms.term import Term
@@ -34,7 +34,8 @@ LONGEST = 0.25  # of a range, of one step
 SCANNED, DECIDED, EVALUATIONS = 25, 5, 8
 TINY = 1e-12  # numerical
 NEVER = -1e30  # score of what is out of bounds; numerical
-PLACES = 120  # values of several numbers that are tried; numerical
+# Points of a grid over several numbers, and steps of the search from the best one; numerical.
+CELLS, PLACES = 500, 120
 SETTLED = 0.1  # of its standard deviation: a step that is none; numerical
 
 
@@ -140,39 +141,52 @@ def _placed(
     theta.
 
     relaxed: numbers of the law that is linear in all monomials, from which the search starts, as
-    from elsewhere.
+    from the best point of a grid.
     """
     ranges = np.array([(p.low, p.high) for p in components(term.feature)])
-    V = relaxed_columns(linear.columns, term.feature)
+    V = monomial_columns(linear, term.feature)
     whole = EffectTerm(term.key, V, np.ones(V.shape[1]), feature=term.feature, theta=(np.nan,))
     G, b = Screen(model.grams, [whole]).beside(near)
     variance = float(term.std[0]) ** 2
 
-    def size_at(at: Array) -> tuple[float, float]:
-        """Return the most probable size at some numbers, and the gain there, nats."""
-        m = monomials(at[None])[0]
-        curvature = 1.0 + variance * float(m @ G @ m)
-        slope = float(m @ b)
+    def sizes_at(points: Array) -> tuple[Array, Array]:
+        """Return the most probable size at each of several numbers (M, k), and the gains, nats."""
+        m = monomials(points)
+        curvature = 1.0 + variance * np.einsum("pi,ij,pj->p", m, G, m)
+        slope = m @ b
         size = variance * slope / curvature
-        gain = 0.5 * size * slope - 0.5 * float(np.log(curvature))
+        gain = 0.5 * size * slope - 0.5 * np.log(curvature)
         # A mean beyond its bounds has derivatives of the other sign.
-        return size, gain if term.low[0] <= size <= term.high[0] else NEVER
+        inside = (term.low[0] <= size) & (size <= term.high[0])
+        return size, np.where(inside, gain, NEVER)
 
-    middle, widths = ranges.mean(axis=1), np.diff(ranges, axis=1)[:, 0]
-    around = 0.25 * np.vstack([np.diag(widths), -np.diag(widths)])
+    grid = _grid(ranges)
+    widths = np.diff(ranges, axis=1)[:, 0]
     found = []
-    for start in (np.array(relaxed), *(middle + around)):
-        inwards = np.diag(np.where(start > middle, -0.1, 0.1) * widths)
+    for start in (np.array(relaxed), grid[int(np.argmax(sizes_at(grid)[1]))]):
+        inwards = np.diag(np.where(start > ranges.mean(axis=1), -0.1, 0.1) * widths)
         options = {
             "initial_simplex": start + np.vstack([np.zeros_like(start), inwards]),
             "maxfev": PLACES,
         }
         best = minimize(
-            lambda at: -size_at(at)[1], start, method="Nelder-Mead", bounds=ranges, options=options
+            lambda at: -sizes_at(at[None])[1][0],
+            start,
+            method="Nelder-Mead",
+            bounds=ranges,
+            options=options,
         )
         found.append((-float(best.fun), tuple(best.x.tolist())))
     theta = max(found)[1]
-    return theta, size_at(np.array(theta))[0]
+    return theta, float(sizes_at(np.array([theta]))[0][0])
+
+
+def _grid(ranges: Array) -> Array:
+    """Return points (M, k) in the middles of cells of equal size that fill some ranges (k, 2)."""
+    count = max(2, round(CELLS ** (1.0 / len(ranges))))
+    middles = (np.arange(count) + 0.5) / count
+    axes = [low + middles * (high - low) for low, high in ranges]
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(ranges))
 
 
 def _scanned(

@@ -9,13 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from elastic_arm.arrays import Array
 from elastic_arm.effects.effect import ControllerEffect, SensorEffect
 from elastic_arm.estimation.known_torques import ActingEffect
 from elastic_arm.evidence.frontier import Frontier, Node
 from elastic_arm.evidence.grams import Bands, kept
 from elastic_arm.evidence.keys import Key
 from elastic_arm.evidence.linearisation import Linearisation
-from elastic_arm.evidence.model import KINDS, Fit, LinearModel, Screen
+from elastic_arm.evidence.model import KINDS, Fit, Frame, LinearModel, Screen
 from elastic_arm.evidence.nonlinear import placed_anew
 from elastic_arm.evidence.priors import (
     AS_BUILT,
@@ -44,6 +45,7 @@ from elastic_arm.evidence.watch import Watch
 
 STEPS = 8  # of Gauss and Newton beside a set; numerical
 SHORTER = 0.3  # share of a step that was too long; numerical
+SETTLED = 0.02  # of their standard deviations: steps of numbers that are none; numerical
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,21 +112,21 @@ def explain(problem: Problem, *, refit: bool, watch: Watch | None = None) -> Exp
     first, others = _begun(described, refit, shared)
     log = list(first.log)
     start = Node(first.path[0], first.linear, found=first)
+    frame, described_score = start.fit.frame, start.fit.score
 
     def linearise(fit: Fit, near: Node) -> Node:
-        there, own = _about_itself(near.linear, fit)
-        own = own.compared_with(start.fit)
+        there, own = _about_itself(near.linear, fit, frame, frontier.best.fit.score - COMPARED)
         log.append(
             f"linearised about itself: {own.score - near.fit.score:+.1f}: {words_of(own, near.fit)}"
         )
-        gain = own.score - start.fit.score
+        gain = own.score - described_score
         watch.say(f"best set: {len(own.optional)} causes, {gain:.0f} nats more probable than none")
         return Node(own, there)
 
     def expand(node: Node, scores: Mapping[Any, float]) -> Sequence[Fit]:
         moves = (SIMPLE, ALL)[node.depth]
-        frame = node.fit.correction  # scores at its linearisation lack it
-        others = {keys: score - frame for keys, score in scores.items() if keys != node.fit.keys}
+        own = node.fit.correction  # scores at its linearisation lack it
+        others = {keys: score - own for keys, score in scores.items() if keys != node.fit.keys}
         assumed = node.fit.model.assumed
         found = _explained(
             node.linear, node.fit.optional, assumed, refit, shared, moves=moves, refused=others
@@ -162,31 +164,37 @@ def explain(problem: Problem, *, refit: bool, watch: Watch | None = None) -> Exp
     return replace(known, is_whole=best.depth == frontier.depths)
 
 
-def _about_itself(linear: Linearisation, fit: Fit) -> tuple[Linearisation, Fit]:
+def _about_itself(
+    linear: Linearisation, fit: Fit, start: Frame, least: float = -np.inf
+) -> tuple[Linearisation, Fit]:
     """Return a set linearised about its own numbers, from those that it has at another
     linearisation.
 
     Gauss and Newton: numbers of the arm and nonlinear numbers of effects move together. A step that
-    loses much was too long.
+    loses much was too long. A set that is further below a score than its last step moved it will
+    not reach it.
+
+    start: in which frame scores are; least: the score.
     """
     assumed = fit.model.assumed
-    best: tuple[Linearisation, Fit] | None = None
+    before: Fit | None = None
     share = 1.0
     for _ in range(STEPS):
+        if share == 1.0 and _has_settled(linear, fit):
+            break
         there = _moved(linear, fit, share)
-        own = linear_model(there, assumed).fit(_again(fit, there))
-        gain = np.inf if best is None else own.compared_with(best[1]).score - best[1].score
+        own = linear_model(there, assumed).fit(_again(fit, there)).compared_in(start)
+        gain = np.inf if before is None else own.score - before.score
         if gain < -COMPARED and share == 1.0:
             share = SHORTER
             continue
         # A score counts where the numbers lie, so that a lower one nearer to them is the better
         # known.
-        best = there, own
         linear, fit, share = there, own, 1.0
-        if abs(gain) < WORTH:
+        before = own
+        if abs(gain) < WORTH or own.score + abs(gain) < least:
             break
-    assert best is not None
-    return best
+    return linear, fit.compared_in(start)
 
 
 def _assumptions(problem: Problem, refit: bool) -> list[Assumed]:
@@ -246,8 +254,8 @@ def _begun(
     # effects are rarer where they were first fitted together with ordinary friction; beside a large
     # effect, however, such a fit moves them far.
     usual = linear_model(described, AS_BUILT).fit(_usual_terms(described))
-    built = _settled(described, usual if usual.optional else None, AS_BUILT)
-    terms = _again(usual, built)
+    built, fitted = _about_itself(described, usual, usual.frame)
+    terms = fitted.optional
     starts = [_explained(built, terms, AS_BUILT, refit, shared, moves=ADDED)]
     if not refit:
         starts.insert(
@@ -258,7 +266,8 @@ def _begun(
             starts.append(
                 _explained(built, terms, AS_MEASURED, refit, shared, moves=ADDED, most=FIRST)
             )
-    first = max(starts, key=lambda found: found.best.compared_with(starts[0].best).score)
+    frame = starts[0].best.frame
+    first = max(starts, key=lambda found: found.best.compared_in(frame).score)
     others = [one for one in starts if one is not first]
     return replace(first, log=tuple(line for one in starts for line in one.log)), others
 
@@ -296,43 +305,30 @@ def _elsewhere(found: Explanation, tried: Set[frozenset[Key]]) -> Fit | None:
     return max(sets, key=lambda fit: fit.score, default=None)
 
 
-def _settled(linear: Linearisation, before: Fit | None, assumed: Assumed) -> Linearisation:
-    """Return the linearisation where the numbers are most probable beside a set, by Gauss and
-    Newton."""
-    if before is not None and _apart(linear, before):
-        linear = _moved(linear, before)
-    best: tuple[Linearisation, Fit] | None = None
-    for _ in range(STEPS):
-        model = linear_model(linear, assumed)
-        fit = model.fit([] if before is None else _again(before, linear))
-        gain = np.inf if best is None else fit.compared_with(best[1]).score - best[1].score
-        if best is not None and gain < -COMPARED:
-            linear = _moved(best[0], best[1], SHORTER)  # too far
-            best = None
-            continue
-        best = linear, fit
-        if not _far(fit) or abs(gain) < WORTH:
-            break
-        linear = _moved(linear, fit)
-    return linear if best is None else best[0]
-
-
 def _moving(problem: Problem) -> NDArray[np.bool_]:
     """Return at which numbers' values (K,) the residuals are made."""
     return np.array([p.moves_model for p in problem.numbers], dtype=bool)
 
 
-def _apart(linear: Linearisation, fit: Fit) -> bool:
-    """Whether a fit needs a linearisation of its own: for its numbers, or for the effects that act
-    in its torques."""
+def _has_settled(linear: Linearisation, fit: Fit) -> bool:
+    """Whether a fit moves nothing by which its linearisation would be another: effects that act in
+    its torques, numbers, nonlinear numbers."""
     acting = {one.feature.key for one in linear.acting}
-    return _far(fit) or {one.feature.key for one in _acting(fit)} != acting
+    if {one.feature.key for one in _acting(fit)} != acting:
+        return False
+    moves = [_steps(fit), *(t.steps(fit) for t in fit.optional if isinstance(t, EffectTerm))]
+    return bool(np.max(np.concatenate(moves), initial=0.0) < SETTLED)
 
 
 def _far(fit: Fit) -> bool:
     """Whether one of a fit's numbers is further from the linearisation than its deviation."""
+    return bool(np.max(_steps(fit), initial=0.0) > 1.0)
+
+
+def _steps(fit: Fit) -> Array:
+    """Return how far a fit's numbers are from the linearisation, in their deviations."""
     steps = np.abs(fit.numbers) / np.sqrt(np.diag(fit.number_covariance))
-    return bool(np.max(steps[fit.model.moving], initial=0.0) > 1.0)
+    return np.asarray(steps[fit.model.moving])
 
 
 def _moved(linear: Linearisation, fit: Fit, share: float = 1.0) -> Linearisation:

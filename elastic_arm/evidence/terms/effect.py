@@ -6,7 +6,7 @@ The derivatives by the nonlinear numbers theta are further columns, whose coeffi
 prior of theta over its range.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any
@@ -23,8 +23,6 @@ from elastic_arm.estimation.known_torques import ActingEffect
 from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.priors import ODDS, SCALES, USUAL
 from elastic_arm.evidence.terms.term import Coefficients, Term
-
-Columns = Callable[[Feature, Sequence[float]], Array]
 
 COARSE, ORDERS = 5, 12  # values tried of each of several nonlinear numbers, and of an order
 # where bounds are looked for
@@ -79,6 +77,13 @@ class EffectTerm(Term):
     def theta_by(self, fit: Coefficients) -> tuple[float, ...]:
         """Return its nonlinear numbers where a fit that holds it puts them."""
         return self.theta_at(fit.beta(self))
+
+    def steps(self, fit: Coefficients) -> Array:
+        """Return how far a fit that holds it puts its nonlinear numbers from where they are, in
+        their deviations."""
+        own = slice(self.linear, None)
+        variance = np.diag(fit.covariance(self))[own]
+        return np.abs(fit.beta(self)[own]) / np.sqrt(variance)
 
     def theta_at(self, beta: Array) -> tuple[float, ...]:
         """Return its nonlinear numbers at coefficients (k,)."""
@@ -188,7 +193,7 @@ def effect_terms(linear: Linearisation, features: Sequence[Feature]) -> list[Eff
         feature, point, price = one
         own = linear.problem.largest_at(feature.joint)
         if point == _middle(feature) and feature.quadratic and feature.count == 1:
-            return _relaxed(linear.columns, feature, own)
+            return _relaxed(linear, feature, own)
         X = linear.columns(feature, point)
         if feature.fixed and not feature.searched:
             return EffectTerm(
@@ -224,7 +229,7 @@ def effect_terms(linear: Linearisation, features: Sequence[Feature]) -> list[Eff
     return share_out(made, wanted)
 
 
-def _relaxed(columns: Columns, feature: Feature, largest: float) -> EffectTerm:
+def _relaxed(linear: Linearisation, feature: Feature, largest: float) -> EffectTerm:
     """Return a term linear in size times all monomials of the nonlinear numbers, in which the law
     is a polynomial.
 
@@ -239,7 +244,7 @@ def _relaxed(columns: Columns, feature: Feature, largest: float) -> EffectTerm:
     free = np.full(len(reaches) - 1, np.inf)
     return EffectTerm(
         feature.key,
-        relaxed_columns(columns, feature),
+        monomial_columns(linear, feature),
         std * reaches,
         low=np.append(low, -free),
         high=np.append(high, free),
@@ -248,12 +253,18 @@ def _relaxed(columns: Columns, feature: Feature, largest: float) -> EffectTerm:
     )
 
 
-def relaxed_columns(columns: Columns, feature: Feature) -> Array:
-    """Return what an effect does in all monomials of its nonlinear numbers."""
-    points = quadratic_points(sum(p.size for p in feature.searched))
-    return np.hstack([columns(feature, tuple(point)) for point in points]) @ np.linalg.inv(
-        monomials(points).T
-    )
+def monomial_columns(linear: Linearisation, feature: Feature) -> Array:
+    """Return what an effect does in all monomials of its nonlinear numbers, (rows, m); made once.
+
+    Its column at any numbers theta is V m(theta): see :func:`monomials`.
+    """
+    made: dict[object, Array] = linear.cache.setdefault("monomials", {})
+    key = feature.key, feature.fixed
+    if key not in made:
+        points = quadratic_points(sum(p.size for p in feature.searched))
+        at_points = np.hstack([linear.columns(feature, tuple(point)) for point in points])
+        made[key] = at_points @ np.linalg.inv(monomials(points).T)
+    return made[key]
 
 
 def starting_points(feature: Feature, linear: Linearisation) -> list[tuple[float, ...]]:
@@ -293,6 +304,15 @@ def monomials(points: Array) -> Array:
     return np.hstack([np.ones((len(points), 1)), points, points[:, first] * points[:, second]])
 
 
+def monomial_slopes(point: Array) -> Array:
+    """Return the derivatives (m, k) of :func:`monomials` at one point (k,)."""
+    k = len(point)
+    first, second = np.triu_indices(k)
+    one = np.eye(k)
+    products = one[first] * point[second, None] + one[second] * point[first, None]
+    return np.vstack([np.zeros((1, k)), one, products])
+
+
 def quadratic_points(k: int) -> Array:
     """Return points (m, k) at which a polynomial of second degree in k numbers is determined."""
     one = np.eye(k)
@@ -323,7 +343,7 @@ def tangent_term(
     size: coefficient of its one column there; 1 where that is known.
     """
     feature = term.feature
-    X = linear.columns(feature, theta)
+    X, slopes = _with_slopes(linear, feature, theta)
     tangents: list[Array] = []
     means: list[float] = []
     stds: list[float] = []
@@ -334,10 +354,7 @@ def tangent_term(
         if p.integer:
             continue
         low, high = axis(p)
-        h = STEP if p.logarithmic else STEP * (high - low)
-        above = linear.columns(feature, [*theta[:j], moved(p, theta[j], h), *theta[j + 1 :]])
-        below = linear.columns(feature, [*theta[:j], moved(p, theta[j], -h), *theta[j + 1 :]])
-        tangents.append(size * (above - below).sum(axis=1) / (2.0 * h))
+        tangents.append(size * slopes[:, len(numbers)])
         here = float(np.log(theta[j])) if p.logarithmic else theta[j]
         means.append((low + high) / 2.0 - here)
         stds.append((high - low) / np.sqrt(12.0))
@@ -371,3 +388,25 @@ def tangent_term(
         scale=term.scale,
         is_scaled=term.is_scaled,
     )
+
+
+def _with_slopes(
+    linear: Linearisation, feature: Feature, theta: Sequence[float]
+) -> tuple[Array, Array]:
+    """Return an effect's columns (rows, k), and the derivatives (rows, m) of their sum by the
+    coordinate of each nonlinear number that is no integer."""
+    own = [(j, p) for j, p in enumerate(linear.allowed(feature)) if not p.integer]
+    if feature.quadratic and feature.count == 1:
+        V = monomial_columns(linear, feature)
+        point = np.array(theta, dtype=float)
+        per_coordinate = np.array([theta[j] if p.logarithmic else 1.0 for j, p in own])
+        return V @ monomials(point[None]).T, V @ monomial_slopes(point) * per_coordinate
+    X = linear.columns(feature, theta)
+    slopes = np.zeros((len(own), len(X))).T
+    for k, (j, p) in enumerate(own):
+        low, high = axis(p)
+        h = STEP if p.logarithmic else STEP * (high - low)
+        above = linear.columns(feature, [*theta[:j], moved(p, theta[j], h), *theta[j + 1 :]])
+        below = linear.columns(feature, [*theta[:j], moved(p, theta[j], -h), *theta[j + 1 :]])
+        slopes[:, k] = (above - below).sum(axis=1) / (2.0 * h)
+    return X, slopes

@@ -29,15 +29,16 @@ class NumberTerm(Term):
         """Which numbers (K,) it moves."""
         return np.asarray(self.along.any(axis=1))
 
+    def shared(self, shares: Sequence[ShareTerm]) -> list[ShareTerm]:
+        """Return those of some shares that are parts of its columns."""
+        return [share for share in shares if self.along[share.moved].any()]
+
     def without(self, shares: Sequence[ShareTerm]) -> Self:
-        """Return it without some shares of its columns; the same where it moves none of theirs."""
-        own = [share for share in shares if self.along[share.moved].any()]
-        if not own:
-            return self
-        X = self.columns - sum(share.columns @ self.along[share.moved] for share in own)
+        """Return it without some shares of its columns."""
+        X = self.columns - sum(share.columns @ self.along[share.moved] for share in shares)
         along = np.array(self.along)
-        along[sorted({k for share in own for k in share.moved})] = 0.0
-        ident = (self.ident, *(share.ident for share in own))
+        along[sorted({k for share in shares for k in share.moved})] = 0.0
+        ident = (self.ident, *(share.ident for share in shares))
         return replace(self, columns=X, ident=ident, along=along)
 
     def again(

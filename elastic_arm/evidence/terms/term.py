@@ -28,6 +28,9 @@ class Coefficients(Protocol):
     def raw(self, term: Term) -> Array:
         """Return the coefficients (k,) of a term's columns."""
 
+    def covariance(self, term: Term) -> Array:
+        """Return the covariance (k, k) of the coefficients of a term."""
+
 
 @dataclass(frozen=True, eq=False)
 class Term:
