@@ -207,7 +207,7 @@ class Answer:
         linear, problem = self.explanation.linear, self.prepared.problem
         if self.which == JUDGING and problem is linear.problem:
             return linear.judging
-        return replace(linear, problem=problem, which=self.which, near=None)
+        return replace(linear, problem=problem, which=self.which)
 
     def events(self) -> tuple[Event, ...]:
         """Return the stretches of recordings that the rest of each contradicts, in what effects and
@@ -316,7 +316,7 @@ class Answer:
             return [np.zeros_like(y) for y in self.judging.data.y]
         problem = self.prepared.problem
         neutral = np.zeros(len(problem.numbers))
-        at = replace(self.judging, values=neutral, near=None)
+        at = replace(self.judging, values=neutral)
         described = replace(at, problem=replace(problem, robot=self.question.robot))
         return _minus(described.data.y, [at.data.y])
 

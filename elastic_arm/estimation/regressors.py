@@ -76,13 +76,23 @@ class Signals(MotionSignals):
             )
         values = _values(motion, standstill, rates, elastic=elastic)
         if near is not None and near.has_motion(values, standstill):
-            values |= {name: near.values[name] for name in SIGNS}
+            values |= near.alike(values)
         elif smoother is not None:
             sides = (motion.dq, standstill[0]), (motion.dtheta, standstill[1])
             signs = (smoother.sign(motion.t, *side) for side in sides)
             values |= zip(SIGNS, signs, strict=True)
         values |= made or {}
         return Signals(motion.t, values, cutoff, predicted, before=before, standstill=standstill)
+
+    def alike(self, values: Mapping[str, Array]) -> dict[str, Array]:
+        """Return its signs, and what other signals of the same motion have in common with it: one
+        array in memory for both."""
+        common = {
+            name: own
+            for name, own in self.values.items()
+            if name in values and np.array_equal(own, values[name])
+        }
+        return common | {name: self.values[name] for name in SIGNS}
 
     def has_motion(self, values: Mapping[str, Array], standstill: tuple[Array, Array]) -> bool:
         """Whether the velocities of other signals, and those without a sign, are the same."""

@@ -22,18 +22,22 @@ from elastic_arm.evidence.terms.term import Term
 # Hz; edges of the octaves in which noise has a power of its own
 OCTAVES = np.array([0.5, 1, 2, 4, 8, 16, 32])
 
-MADE, STACKS = 16, 4  # sets whose products, and whose columns side by side, are kept; memory
+# sets whose products, and whose columns side by side, and sets of shares whose products with the
+# numbers are kept; memory
+MADE, STACKS, LACKING = 16, 4, 8
 
 K = TypeVar("K")
 V = TypeVar("V")
 
 
 def kept(cache: dict[K, V], key: K, made: Callable[[], V], most: int) -> V:
-    """Return a value that is made once, of those that were made last."""
-    if key not in cache:
-        while len(cache) >= most:
-            del cache[next(iter(cache))]
-        cache[key] = made()
+    """Return a value that is made once, of those that were used last."""
+    if key in cache:
+        cache[key] = cache.pop(key)  # the last one in the order
+        return cache[key]
+    while len(cache) >= most:
+        del cache[next(iter(cache))]
+    cache[key] = made()
     return cache[key]
 
 
@@ -173,19 +177,21 @@ class Grams:
         key = tuple(share.ident for share in lacking)
         if not key:
             return self._base_half, self.G0[:, 0, 1:]
-        if key not in self._lacking:
-            H, b = self.G0[:, 1:, 1:], self.G0[:, 0, 1:]
-            for share in lacking:
-                mixed = self.basis[share.moved].T @ self.with_base(share)[:, 1:].transpose(0, 2, 1)
-                H = H - mixed - mixed.transpose(0, 2, 1)
-                H = H + sum(
-                    self.basis[share.moved].T @ self.pair(share, other) @ self.basis[other.moved]
-                    for other in lacking
-                )
-                b = b - self.with_base(share)[:, 0] @ self.basis[share.moved]
-            rows, columns = np.tril_indices(H.shape[1])
-            self._lacking[key] = H[:, rows, columns], b
-        return self._lacking[key]
+        return kept(self._lacking, key, lambda: self._less_shares(lacking), LACKING)
+
+    def _less_shares(self, lacking: Sequence[ShareTerm]) -> tuple[Array, Array]:
+        """Return the same, made anew."""
+        H, b = self.G0[:, 1:, 1:], self.G0[:, 0, 1:]
+        for share in lacking:
+            mixed = self.basis[share.moved].T @ self.with_base(share)[:, 1:].transpose(0, 2, 1)
+            H = H - mixed - mixed.transpose(0, 2, 1)
+            H = H + sum(
+                self.basis[share.moved].T @ self.pair(share, other) @ self.basis[other.moved]
+                for other in lacking
+            )
+            b = b - self.with_base(share)[:, 0] @ self.basis[share.moved]
+        rows, columns = np.tril_indices(H.shape[1])
+        return H[:, rows, columns], b
 
     def of(self, terms: Sequence[Term], lacking: Sequence[ShareTerm] = ()) -> Products:
         """Return the products of a set: coefficients of the numbers first, then of the terms in

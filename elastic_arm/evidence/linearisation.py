@@ -52,9 +52,8 @@ class Linearisation:
     values: Array  # (K,) of the numbers, in standard deviations of their priors
     acting: tuple[ActingEffect, ...]  # effects that act in the predicted torques
     which: int = ALL  # the part of the recordings
-    # what depends on the motion alone, of the same recordings beside other numbers
-    near: Motions | None = field(default=None, repr=False)
-    # what was made of it
+    # what was made of it, and until then "near": the motions of the same recordings beside other
+    # numbers
     cache: dict[str, Any] = field(default_factory=dict, init=False, repr=False)
     _allowed: dict[object, list[Parameter]] = field(default_factory=dict, init=False, repr=False)
 
@@ -82,7 +81,7 @@ class Linearisation:
     def judging(self) -> Linearisation:
         """The recordings that judge, at the same values; made once."""
         if "judging" not in self.cache:
-            self.cache["judging"] = replace(self, which=JUDGING, near=None)
+            self.cache["judging"] = replace(self, which=JUDGING)
         found: Linearisation = self.cache["judging"]
         return found
 
@@ -97,6 +96,7 @@ class Linearisation:
     def data(self) -> WhitenedData:
         """Their whitened residuals."""
         p = self.problem
+        near = self.cache.get("near")
         return WhitenedData(
             self.model,
             self.observed,
@@ -105,33 +105,39 @@ class Linearisation:
             predicted=True,
             sticking_removed=True,
             acting=self.acting,
-            near=None if self.near is None else self.near.data,
+            near=None if near is None else near.data,
         )
 
     @cached_property
     def inertial(self) -> list[Array]:
         """Columns (N', R, K) of the inertial numbers of each stretch, which depend on the motion
         alone."""
-        near = self.near
+        y = self.data.y
+        near = self.cache.pop("near", None)
         if near is not None and near.late.keys() == self.late.keys():
             moved = max(
                 (float(np.abs(self.late[k] - near.late[k]).max()) for k in self.late), default=0.0
             )
-            alike = [len(y) for y in near.data.y] == [len(y) for y in self.data.y]
+            alike = [len(one) for one in near.data.y] == [len(one) for one in y]
             if alike and moved * self.observed[0].rate < 1.0:
                 return near.inertial
         return inertial_columns(
             self.model, self.data, self.problem.numbers, self.problem.directions
         )
 
-    @property
-    def motions(self) -> Motions:
-        """What another linearisation may take."""
-        return Motions(self.data, self.inertial, self.late)
+    def moved(self, values: Array, acting: tuple[ActingEffect, ...]) -> Linearisation:
+        """Return the linearisation at other values, which takes what depends on the motion alone
+        from here."""
+        there = Linearisation(self.problem, values, acting)
+        there.cache["near"] = Motions(self.data, self.inertial, self.late)
+        return there
 
-    @cached_property
+    @property
     def plain_numbers(self) -> list[Array]:
-        """Columns (N', R, K) of the numbers of each stretch, Nm for one standard deviation."""
+        """Columns (N', R, K) of the numbers of each stretch, Nm for one standard deviation.
+
+        They are large and mostly needed once, to be whitened: each call makes them anew.
+        """
         p = self.problem
         return number_columns(
             self.model,

@@ -35,7 +35,7 @@ from elastic_arm.evidence.terms.term import Term
 # factors of the prior's deviation up to which the data may tell something
 WIDEST = {"arm": max(one.factor for one in TRUST.values()), "zero": max(ZEROS)}
 # screens, products with all terms and fits that are kept; memory
-SCREENS, PRODUCTS, FITS = 4, 100, 500
+SCREENS, PRODUCTS, FITS = 2, 40, 100
 # factor of the trust below which the numbers of a description lie where it has them; numerical
 EXACT = 0.1
 LOOKED_AT = 30  # terms of which first-order gains are made well; numerical
@@ -251,6 +251,7 @@ class Screen:
         if own:
             self.squares = np.concatenate([np.einsum("bii->bi", one) for one in own], axis=1)
         self.chosen: dict[int, float] = {}
+        self._proposed: dict[int, Term] = {}
         self._with: dict[object, Array] = {}
         self._screens: dict[object, Screen] = {}
         self._whole: tuple[Fit, Array, Array] | None = None  # of the last fit
@@ -410,12 +411,12 @@ class Screen:
     def term(self, t: int) -> Term:
         """Return a term as :meth:`gains` found it best, with columns of its own: a set that holds
         it outlives these."""
-        term = self.terms[t]
-        offset = None if term.offset is None else term.offset.copy()
-        term = replace(term, columns=term.columns.copy(order="K"), offset=offset)
-        if t not in self.chosen:
-            return term
-        return term.at_size(self.chosen[t])
+        if t not in self._proposed:
+            term = self.terms[t]
+            offset = None if term.offset is None else term.offset.copy()
+            self._proposed[t] = replace(term, columns=term.columns.copy(order="K"), offset=offset)
+        term = self._proposed[t]
+        return term.at_size(self.chosen[t]) if t in self.chosen else term
 
 
 @dataclass(eq=False)
@@ -446,6 +447,8 @@ class LinearModel:
     usual: frozenset[Key] = frozenset()
     # the same data without the judging rows
     parts: dict[str, LinearModel] = field(default_factory=dict)
+    # the same data under other assumptions
+    beside: dict[Assumed, LinearModel] = field(default_factory=dict, repr=False)
     # of the last fit
     spreads: dict[object, tuple[Array, Array]] = field(default_factory=dict, init=False)
     _fits: dict[object, Fit] = field(default_factory=dict, init=False)
@@ -535,15 +538,21 @@ class LinearModel:
                 shares=shares,
                 fitted_rows=None,
                 parts={},
+                beside={},
             )
         part = self.parts["fitted"].assuming(self.assumed)
         return part.fit([t.among(rows) for t in fit.optional])
 
     def assuming(self, assumed: Assumed) -> LinearModel:
         """Return the same data with another trust in the description, or scale of the zeros."""
-        other = replace(self, assumed=assumed)
-        other.basis, other.grams = self.basis, self.grams
-        return other
+        if assumed == self.assumed:
+            return self
+        if assumed not in self.beside:
+            other = replace(self, assumed=assumed)
+            other.basis, other.grams = self.basis, self.grams
+            self.beside[assumed] = other
+            self.beside[self.assumed] = self
+        return self.beside[assumed]
 
     def fit(self, terms: Sequence[Term], near: Fit | None = None) -> Fit:
         """Return the posterior of a set of terms beside those that are known to be there.

@@ -92,8 +92,8 @@ class Shared:
     """What searches at several linearisations share."""
 
     thetas: Thetas = field(default_factory=dict)  # where nonlinear numbers were most probable
-    # What may be added, of the last linearisations, and laws without a form, of the last: they take
-    # most of the memory.
+    # What may be added, and laws without a form, of the last linearisation: they take most of the
+    # memory.
     screens: dict[Linearisation, Screen] = field(default_factory=dict)
     laws: dict[Linearisation, Screen] = field(default_factory=dict)
     watch: Watch = field(default_factory=Watch)
@@ -107,19 +107,22 @@ def explain(problem: Problem, *, refit: bool, watch: Watch | None = None) -> Exp
     """
     watch = watch or Watch()
     watch.say("fit of ordinary deviations")
-    described = Linearisation(problem, np.zeros(len(problem.numbers)), _stated(problem))
     shared = Shared(watch=watch)
-    first, others = _begun(described, refit, shared)
-    log = list(first.log)
-    start = Node(first.path[0], first.linear, found=first)
-    frame, described_score = start.fit.frame, start.fit.score
+    starts = _begun(problem, refit, shared)
+    log = [line for one in starts for line in one.log]
+    frame = starts[0].best.frame
+    starts.sort(key=lambda found: -found.best.compared_in(frame).score)
+    first = starts[0]
+    others = [Node(one.best, one.linear) for one in starts[1:]]
+    frame = first.path[0].frame
+    score = first.path[0].score
 
     def linearise(fit: Fit, near: Node) -> Node:
         there, own = _about_itself(near.linear, fit, frame, frontier.best.fit.score - COMPARED)
         log.append(
             f"linearised about itself: {own.score - near.fit.score:+.1f}: {words_of(own, near.fit)}"
         )
-        gain = own.score - described_score
+        gain = own.score - score
         watch.say(f"best set: {len(own.optional)} causes, {gain:.0f} nats more probable than none")
         return Node(own, there)
 
@@ -135,13 +138,15 @@ def explain(problem: Problem, *, refit: bool, watch: Watch | None = None) -> Exp
         node.found = found
         return found.path
 
+    start = Node(first.path[0], first.linear, found=first)
     frontier = Frontier(start, linearise, expand, depths=2, is_over=watch.is_over)
     frontier.follow(first.path)
-    for start_of_another in () if watch.is_over() else others:
+    del first, start, starts  # they hold all data of their linearisations
+    while others and not watch.is_over():
         # What each start leads to is judged where its own numbers lie.
-        found = start_of_another.best
-        if found.keys not in frontier.scores:
-            frontier.take(found, Node(found, start_of_another.linear))
+        other = others.pop(0)
+        if other.fit.keys not in frontier.scores:
+            frontier.take(other.fit, other)
     best = frontier.run()
     tried: set[frozenset[Key]] = set()
     for _ in range(ELSEWHERE):
@@ -149,11 +154,11 @@ def explain(problem: Problem, *, refit: bool, watch: Watch | None = None) -> Exp
             break
         # Exchanged at this linearisation, a set whose numbers lie elsewhere is judged by columns
         # that are not its own.
-        other = _elsewhere(best.found, tried)
-        if other is None:
+        elsewhere = _elsewhere(best.found, tried)
+        if elsewhere is None:
             break
-        tried.add(other.keys)
-        frontier.take(other)
+        tried.add(elsewhere.keys)
+        frontier.take(elsewhere)
         best = frontier.run()
     if best.found is None:  # ended before anything was looked for from there
         nothing_more = _explained(
@@ -246,30 +251,24 @@ def weighted(fits: Sequence[Fit]) -> list[tuple[float, Fit]]:
     return sorted(zip(p.tolist(), fits, strict=True), key=lambda one: -one[0])
 
 
-def _begun(
-    described: Linearisation, refit: bool, shared: Shared
-) -> tuple[Explanation, list[Explanation]]:
-    """Return the most probable of several starts, with the steps of all, and the other ones."""
+def _begun(problem: Problem, refit: bool, shared: Shared) -> list[Explanation]:
+    """Return what several starts lead to."""
     # If the description is exact, all that is left is an effect. If its numbers are off, false
     # effects are rarer where they were first fitted together with ordinary friction; beside a large
     # effect, however, such a fit moves them far.
+    described = Linearisation(problem, np.zeros(len(problem.numbers)), _stated(problem))
     usual = linear_model(described, AS_BUILT).fit(_usual_terms(described))
     built, fitted = _about_itself(described, usual, usual.frame)
     terms = fitted.optional
     starts = [_explained(built, terms, AS_BUILT, refit, shared, moves=ADDED)]
-    if not refit:
-        starts.insert(
-            0, _explained(described, (), AS_MEASURED, refit, shared, moves=ADDED, most=FIRST)
-        )
-        if all(one.best.model.assumed != AS_MEASURED for one in starts):
-            # One large deviation may have been spread over many small ones.
-            starts.append(
-                _explained(built, terms, AS_MEASURED, refit, shared, moves=ADDED, most=FIRST)
-            )
-    frame = starts[0].best.frame
-    first = max(starts, key=lambda found: found.best.compared_in(frame).score)
-    others = [one for one in starts if one is not first]
-    return replace(first, log=tuple(line for one in starts for line in one.log)), others
+    if refit:
+        return starts
+    exact = _explained(described, (), AS_MEASURED, refit, shared, moves=ADDED, most=FIRST)
+    starts.insert(0, exact)
+    if all(one.best.model.assumed != AS_MEASURED for one in starts):
+        # One large deviation may have been spread over many small ones.
+        starts.append(_explained(built, terms, AS_MEASURED, refit, shared, moves=ADDED, most=FIRST))
+    return starts
 
 
 def _usual_terms(linear: Linearisation) -> list[Term]:
@@ -335,9 +334,7 @@ def _moved(linear: Linearisation, fit: Fit, share: float = 1.0) -> Linearisation
     """Return the linearisation a share of the way to where a fit puts the numbers."""
     limits = np.array([p.limit for p in linear.problem.numbers])
     there = np.clip(linear.values + share * fit.numbers, -limits, limits)
-    return Linearisation(
-        linear.problem, np.where(fit.model.moving, there, 0.0), _acting(fit), near=linear.motions
-    )
+    return linear.moved(np.where(fit.model.moving, there, 0.0), _acting(fit))
 
 
 def linear_model(linear: Linearisation, assumed: Assumed) -> LinearModel:
@@ -364,7 +361,7 @@ def _screens(
     linear: Linearisation, model: LinearModel, shared: Shared, *, laws: bool
 ) -> list[Screen]:
     """Return what may be added, laws without a form apart."""
-    found = [kept(shared.screens, linear, lambda: Screen(model.grams, pool_of(linear)), 2)]
+    found = [kept(shared.screens, linear, lambda: Screen(model.grams, pool_of(linear)), 1)]
     if laws:
         found.append(
             kept(
@@ -460,9 +457,7 @@ def _acting(fit: Fit) -> tuple[ActingEffect, ...]:
 
 
 def _again(fit: Fit, linear: Linearisation) -> list[Term]:
-    """Return the terms of a fit at another linearisation; made once there for the same fit."""
-    if linear.cache.get("again", (None,))[0] is fit:
-        return list(linear.cache["again"][1])
+    """Return the terms of a fit at another linearisation."""
     always = known_terms(linear)[0]
     found: list[Term] = []
     for t in sorted(fit.optional, key=lambda t: isinstance(t, ChangeTerm)):
@@ -471,5 +466,4 @@ def _again(fit: Fit, linear: Linearisation) -> list[Term]:
         if isinstance(t, EffectTerm) and t.was_relaxed:
             model = linear_model(linear, fit.model.assumed)
             found[k] = placed_anew(linear, model, t, [*found[:k], *found[k + 1 :]])
-    linear.cache["again"] = fit, found
     return found

@@ -185,6 +185,7 @@ class Bump:
     linear = (Parameter("torque", "1", 0.1, 10.0, neutral=0.0),)
     searched = (Parameter("speed", "rad/s", 0.01, 1.0, role=Role.SEARCHED),)
     bends = False
+    quadratic = False
 
 
 def bumps(true: float, seed: int, start: float) -> tuple[Any, LinearModel, Term]:

@@ -373,7 +373,7 @@ def tangent_term(
         std = std * term.scale
     return EffectTerm(
         term.key,
-        np.column_stack([own, *tangents]),
+        np.vstack([own.T, *tangents]).T,  # each column stands in memory as a whole
         np.concatenate([std, stds]),
         odds=term.odds,
         grid=float(np.log(len(SCALES))) if term.is_scaled else 0.0,
