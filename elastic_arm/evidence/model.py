@@ -235,7 +235,7 @@ class Screen:
             )
             for t, i, j in zip(self.terms, self.at[:-1], self.at[1:], strict=True)
         ]
-        self.with_base = bands.products(grams.base, self.X)
+        self.with_base = self._products(grams.base)
         own = [
             bands.products(self.X[:, i:j], self.X[:, i:j])
             for i, j in zip(self.at[:-1], self.at[1:], strict=True)
@@ -262,11 +262,20 @@ class Screen:
             self._screens, tuple(t.ident for t in terms), lambda: Screen(self.grams, terms), SCREENS
         )
 
+    def _products(self, columns: Array) -> Array:
+        """Return the products (c, B, m) of the terms' columns with some columns (rows, m).
+
+        What belongs to one column of the terms stands in memory as a whole: most gains are looked
+        for of some terms alone.
+        """
+        found = self.grams.bands.products(columns, self.X)
+        return np.ascontiguousarray(found.transpose(2, 0, 1))
+
     def _with_term(self, term: Term) -> Array:
         return kept(
             self._with,
             term.ident,
-            lambda: self.grams.bands.products(self.grams.columns(term), self.X),
+            lambda: self._products(self.grams.columns(term)),
             PRODUCTS,
         )
 
@@ -276,24 +285,25 @@ class Screen:
         return np.concatenate([np.arange(self.at[t], self.at[t + 1]) for t in among])
 
     def _beside(self, fit: Fit, columns: NDArray[np.intp] | slice) -> tuple[list[Array], Array]:
-        """Return the products (B, p', c) of a fit's columns with those of terms, and of what it
-        leaves (B, c)."""
-        numbers, left, at = self.with_base[:, 1:, columns], self.with_base[:, 0, columns], 0
+        """Return the products (c, B, p') of terms' columns with those of a fit, in several pieces,
+        and with what the fit leaves (c, B)."""
+        base = self.with_base[columns]
+        numbers = base[:, :, 1:]
+        left = base[:, :, 0]
         lacking = fit.model.lacking(fit.terms)
         for share in lacking:
-            numbers = (
-                numbers - self.grams.basis[share.moved].T @ self._with_term(share)[:, :, columns]
-            )
+            numbers = numbers - self._with_term(share)[columns] @ self.grams.basis[share.moved]
         pieces = [numbers]
         for t in (self.grams.less(t, lacking) for t in fit.terms):
             first = int(t.offset is not None)
-            with_term = self._with_term(t)[:, :, columns]
-            pieces.append(with_term[:, first:])
+            with_term = self._with_term(t)[columns]
+            pieces.append(with_term[:, :, first:])
             if first:
-                left = left - with_term[:, 0]
+                left = left - with_term[:, :, 0]
+        at = 0
         for one in pieces:
-            left = left - (fit.found.x[at : at + one.shape[1]] @ one)
-            at += one.shape[1]
+            left = left - one @ fit.found.x[at : at + one.shape[2]]
+            at += one.shape[2]
         return pieces, left
 
     def beside(self, fit: Fit) -> tuple[Array, Array]:
@@ -305,9 +315,9 @@ class Screen:
         """
         w = 1.0 / fit.found.v
         pieces, left = self._beside(fit, slice(None))
-        C = np.vstack([np.tensordot(w, one, 1) for one in pieces])
+        C = np.hstack([w @ one for one in pieces])
         own = np.tensordot(w, self.grams.bands.products(self.X, self.X), 1)
-        return own - C.T @ fit.found.S @ C, w @ left
+        return own - C @ fit.found.S @ C.T, left @ w
 
     def related(self, fit: Fit, term: Term) -> set[int]:
         """Return the terms that could stand for a term of a fit, by the correlation of their
@@ -315,13 +325,15 @@ class Screen:
         if not self.terms:
             return set()
         if self._whole is None or self._whole[0] is not fit:
-            w, (pieces, _) = 1.0 / fit.found.v, self._beside(fit, slice(None))
-            C = np.vstack([np.tensordot(w, one, 1) for one in pieces])
-            SC = fit.found.S @ C
-            self._whole = fit, SC, np.maximum(w @ self.squares - np.einsum("ij,ij->j", C, SC), 0.0)
-        _, SC, G = self._whole
+            w = 1.0 / fit.found.v
+            pieces, _ = self._beside(fit, slice(None))
+            C = np.hstack([w @ one for one in pieces])
+            CS = C @ fit.found.S
+            left = w @ self.squares - np.einsum("ij,ij->i", C, CS)
+            self._whole = fit, CS, np.maximum(left, 0.0)
+        _, CS, G = self._whole
         own = fit.slices[term.ident]
-        shared = SC[own] ** 2
+        shared = CS[:, own].T ** 2
         alike = shared >= RELATED**2 * (shared + np.outer(np.diag(fit.found.S)[own], G))
         return set(np.repeat(np.arange(len(self.terms)), self.sizes)[alike.any(axis=0)].tolist())
 
@@ -350,8 +362,9 @@ class Screen:
             return gains
         w, S = 1.0 / fit.found.v, fit.found.S
         pieces, left = self._beside(fit, self._columns(some))
-        C, b = np.vstack([np.tensordot(w, one, 1) for one in pieces]), w @ left
-        SC = S @ C
+        C = np.hstack([w @ one for one in pieces])
+        b = left @ w
+        CS = C @ S
         at = np.concatenate([[0], np.cumsum(self.sizes[some])])
         mean: dict[int, Array] = {}
         less = np.zeros((len(w), len(some)))  # without what moves with it
@@ -361,7 +374,7 @@ class Screen:
                 continue
             columns = at[here, None] + np.arange(k)
             G = np.einsum("b,tbij->tij", w, own[self.place[some[here]]], optimize=True)
-            G -= np.einsum("pti,ptj->tij", C[:, columns], SC[:, columns], optimize=True)
+            G -= C[columns] @ CS[columns].transpose(0, 2, 1)
             terms = [self.terms[t] for t in some[here]]
             gain, beta, sizes = (_first_order if k == 1 else _several)(
                 fit.model, terms, G, b[columns]
@@ -371,7 +384,7 @@ class Screen:
                 int(t): size for t, size in zip(some[here], sizes, strict=True) if size is not None
             }
             mean |= dict(zip(here.tolist(), beta, strict=True))
-            less[:, here] = 2.0 * np.einsum("bti,ti->bt", left[:, columns], beta)
+            less[:, here] = 2.0 * np.einsum("tib,ti->bt", left[columns], beta)
             less[:, here] -= np.einsum(
                 "tbij,ti,tj->bt", own[self.place[some[here]]], beta, beta, optimize=True
             )
@@ -383,9 +396,12 @@ class Screen:
         # What is there already moves with it.
         H, own_left = kept(fit.model.spreads, fit.terms, fit.spread, 1)
         changes = [(slice(at[t], at[t + 1]), mean[int(t)]) for t in short]
-        back = -np.stack([SC[:, own] @ beta for own, beta in changes], axis=1)
+        back = -np.stack([beta @ CS[own] for own, beta in changes], axis=1)
         X = np.concatenate(
-            [np.stack([one[:, :, own] @ beta for own, beta in changes], axis=2) for one in pieces],
+            [
+                np.stack([np.tensordot(beta, one[own], 1) for own, beta in changes], axis=2)
+                for one in pieces
+            ],
             axis=1,
         )
         moved = (
