@@ -126,6 +126,19 @@ def test_a_set_without_an_effect_has_no_share_of_it_in_the_numbers() -> None:
         assert gains[0] == pytest.approx(gains[1], abs=1e-6)
 
 
+def test_terms_without_a_share_are_screened_again() -> None:
+    """A second screen of a gain that lacks the share of an effect gives what the first one gave."""
+    share = ShareTerm(
+        term("friction", COLUMNS[:, 0]).key, COLUMNS[:, [1]], np.zeros(1), numbers=(1,)
+    )
+    data = model(quiet(RNG) + 0.5 * N[:, 1], N + COLUMNS[:, [1]] * [0.0, 1.0], shares=(share,))
+    moves = np.array([[0.0], [1.0]])
+    gain = NumberTerm(("gain", None, ()), data.N @ moves, np.array([3.0]), along=moves)
+    nothing = data.fit([])
+    gains = [Screen(data.grams, [gain]).gains(nothing)[0] for _ in range(3)]
+    assert gains[1:] == pytest.approx([gains[0]] * 2)
+
+
 def test_a_law_without_a_form_is_screened_over_its_sizes() -> None:
     """Its gain is that of the mean likelihood over the sizes it may have, the likeliest of which is
     proposed."""
