@@ -152,7 +152,8 @@ def _placed(
     def sizes_at(points: Array) -> tuple[Array, Array]:
         """Return the most probable size at each of several numbers (M, k), and the gains, nats."""
         m = monomials(points)
-        curvature = 1.0 + variance * np.einsum("pi,ij,pj->p", m, G, m)
+        energy = np.einsum("pi,ij,pj->p", m, G, m)
+        curvature = 1.0 + variance * np.maximum(energy, 0.0)
         slope = m @ b
         size = variance * slope / curvature
         gain = 0.5 * size * slope - 0.5 * np.log(curvature)
