@@ -87,7 +87,7 @@ def known_torques(
             load = load + link
             drive = drive + motor
             laws = laws + own
-            shares.append((link, motor))
+            shares.append((link.copy(), motor))  # without the rest of what it is a view of
             # A law that follows the load takes its part of what the drive carries by itself.
             spring = spring + (link if effect.feature.follows_load else wound)
         signals = signals.with_torques(load, drive)
