@@ -182,6 +182,13 @@ class Feature:
         """
         return self._compiled.follows_load
 
+    @property
+    def of_motion(self) -> bool:
+        """Whether its columns follow from the motion alone, whatever the numbers of the arm."""
+        if self.friction or self.read_torque is not None:
+            return False
+        return self._compiled.of_motion
+
     def columns(
         self, signals: Signals, searched: Sequence[float] = (), start: float = 0.0
     ) -> Array:
@@ -288,6 +295,11 @@ class OwnRegressor(Whole):
     @property
     def quadratic(self) -> bool:
         """False: nothing is known of its regressor."""
+        return False
+
+    @property
+    def of_motion(self) -> bool:
+        """False, for the same reason."""
         return False
 
     @property

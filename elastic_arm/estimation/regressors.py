@@ -35,6 +35,8 @@ INPUTS = (
     "friction_motor", "wound", "loaded", "r", "dr", "kp", "kd", "fed", "sign_link", "sign_motor",
 )  # fmt: skip
 SIGNS = ("sign_link", "sign_motor")
+# those that follow from the motion alone, whatever the numbers of the arm
+MOTION = ("x", "dx", "ddx", "progress", "elapsed", *SIGNS)
 
 
 @dataclass(frozen=True)
@@ -93,6 +95,10 @@ class Signals(MotionSignals):
             if name in values and np.array_equal(own, values[name])
         }
         return common | {name: self.values[name] for name in SIGNS}
+
+    def shares_motion(self, other: Signals) -> bool:
+        """Whether it has the same motion as other signals, in the same memory."""
+        return all(self.values[name] is other.values[name] for name in MOTION)
 
     def has_motion(self, values: Mapping[str, Array], standstill: tuple[Array, Array]) -> bool:
         """Whether the velocities of other signals, and those without a sign, are the same."""
@@ -308,6 +314,9 @@ class CompiledColumns:
         self._shape = (int(columns.shape[0]), int(columns.shape[1]))
         self._arguments = sum(p.size for p in searched)
         self.follows_load = ca.depends_on(columns, symbols["wound"])
+        others = [symbol for name, symbol in symbols.items() if name not in MOTION]
+        moved = ca.depends_on(columns, ca.vertcat(*others, equations.Psi))
+        self.of_motion = not states and not moved
         self._compile(columns, symbols, argument, state, engine)
 
     def at(self, equations: ArmEquations) -> CompiledColumns | None:

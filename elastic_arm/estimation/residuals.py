@@ -246,6 +246,14 @@ class FreeTorques:
             found.append(FreeTorque(row, instants, bases[one], beside, estimates[key]))
         return cls(tuple(found), len(stretch.t), bases, estimates)
 
+    def is_same_as(self, other: FreeTorques) -> bool:
+        """Whether it removes what other free torques remove; it has their arrays then."""
+        if self.length != other.length or len(self.found) != len(other.found):
+            return False
+        pairs = list(zip(self.found, other.found, strict=True))
+        places = all((a.row, a.instants) == (b.row, b.instants) for a, b in pairs)
+        return places and all(a.basis is b.basis and a.estimate is b.estimate for a, b in pairs)
+
     def remove(self, values: Array, *, in_place: bool = False) -> Array:
         """Return residuals or columns (N', R, …) without them, perhaps in the same array."""
         if not self.found:

@@ -380,6 +380,10 @@ class WhitenedData:
                 f"too little motion of {sources} remains after filtering",
                 "Record longer without gaps",
             )
+        # columns of each stretch that follow from the motion alone
+        self._of_motion: list[dict[object, Entries]] = [{} for _ in self.parts]
+        if near is not None:
+            self._take_columns_of(near)
         self.y = self.weighted([part.stretch.values for part in self.parts])
         self.white = self.whiten([y[:, :, None] for y in self.y])[:, 0]
 
@@ -403,11 +407,33 @@ class WhitenedData:
         """Duration of the rows."""
         return sum(len(part.stretch.t) / part.stretch.band.kept_rate for part in self.parts)
 
+    def _take_columns_of(self, other: WhitenedData) -> None:
+        """Take the columns of stretches of other data that have the same motion and the same free
+        torques, in the same memory."""
+        stretches = zip(self.parts, self._free, other.parts, other._free, strict=False)
+        for k, (part, free, near, near_free) in enumerate(stretches):
+            if part.signals.shares_motion(near.signals) and free.is_same_as(near_free):
+                self._of_motion[k] = other._of_motion[k]
+
     def plain(self, feature: Feature, searched: Sequence[float] = ()) -> list[Array]:
-        """Return a feature's columns (N', R, count) in the band, one array a stretch."""
-        return self.weighted(
-            [self._in_band_of(k, feature, searched) for k in range(len(self.parts))], in_place=True
-        )
+        """Return a feature's columns (N', R, count) in the band, one array a stretch.
+
+        What follows from the motion alone is made once for all numbers of the arm.
+        """
+        return [self._plain_of(k, feature, searched) for k in range(len(self.parts))]
+
+    def _plain_of(self, k: int, feature: Feature, searched: Sequence[float]) -> Array:
+        """Return a feature's columns (N', R, count) of stretch k without torques that no law
+        states."""
+        key = type(feature), feature.key, tuple(searched)
+        made = self._of_motion[k]
+        if key in made:
+            return made[key].dense()
+        columns = self._in_band_of(k, feature, searched)
+        columns = self._free[k].remove(columns, in_place=True)
+        if feature.of_motion:
+            made[key] = Entries.of(columns)
+        return columns
 
     def _in_band_of(self, k: int, feature: Feature, searched: Sequence[float]) -> Array:
         """Return a feature's columns (N', R, count) in stretch k."""

@@ -92,8 +92,8 @@ class Shared:
     """What searches at several linearisations share."""
 
     thetas: Thetas = field(default_factory=dict)  # where nonlinear numbers were most probable
-    # What may be added, and laws without a form, of the last linearisation: they take most of the
-    # memory.
+    # What may be added, of the last linearisations, and laws without a form, of the last: they take
+    # most of the memory.
     screens: dict[Linearisation, Screen] = field(default_factory=dict)
     laws: dict[Linearisation, Screen] = field(default_factory=dict)
     watch: Watch = field(default_factory=Watch)
@@ -109,6 +109,7 @@ def explain(problem: Problem, *, refit: bool, watch: Watch | None = None) -> Exp
     watch.say("fit of ordinary deviations")
     shared = Shared(watch=watch)
     starts = _begun(problem, refit, shared)
+    shared.screens.clear()
     log = [line for one in starts for line in one.log]
     frame = starts[0].best.frame
     starts.sort(key=lambda found: -found.best.compared_in(frame).score)
@@ -170,7 +171,11 @@ def explain(problem: Problem, *, refit: bool, watch: Watch | None = None) -> Exp
 
 
 def _about_itself(
-    linear: Linearisation, fit: Fit, start: Frame, least: float = -np.inf
+    linear: Linearisation,
+    fit: Fit,
+    start: Frame,
+    least: float = -np.inf,
+    settled: float = SETTLED,
 ) -> tuple[Linearisation, Fit]:
     """Return a set linearised about its own numbers, from those that it has at another
     linearisation.
@@ -179,13 +184,14 @@ def _about_itself(
     loses much was too long. A set that is further below a score than its last step moved it will
     not reach it.
 
-    start: in which frame scores are; least: the score.
+    start: in which frame scores are; least: the score; settled: steps of numbers that are none, in
+    their deviations.
     """
     assumed = fit.model.assumed
     before: Fit | None = None
     share = 1.0
     for _ in range(STEPS):
-        if share == 1.0 and _has_settled(linear, fit):
+        if share == 1.0 and _has_settled(linear, fit, settled):
             break
         there = _moved(linear, fit, share)
         own = linear_model(there, assumed).fit(_again(fit, there)).compared_in(start)
@@ -258,7 +264,7 @@ def _begun(problem: Problem, refit: bool, shared: Shared) -> list[Explanation]:
     # effect, however, such a fit moves them far.
     described = Linearisation(problem, np.zeros(len(problem.numbers)), _stated(problem))
     usual = linear_model(described, AS_BUILT).fit(_usual_terms(described))
-    built, fitted = _about_itself(described, usual, usual.frame)
+    built, fitted = _about_itself(described, usual, usual.frame, settled=1.0)
     terms = fitted.optional
     starts = [_explained(built, terms, AS_BUILT, refit, shared, moves=ADDED)]
     if refit:
@@ -309,14 +315,17 @@ def _moving(problem: Problem) -> NDArray[np.bool_]:
     return np.array([p.moves_model for p in problem.numbers], dtype=bool)
 
 
-def _has_settled(linear: Linearisation, fit: Fit) -> bool:
+def _has_settled(linear: Linearisation, fit: Fit, none: float) -> bool:
     """Whether a fit moves nothing by which its linearisation would be another: effects that act in
-    its torques, numbers, nonlinear numbers."""
+    its torques, numbers, nonlinear numbers.
+
+    none: steps of numbers that count as none, in their deviations.
+    """
     acting = {one.feature.key for one in linear.acting}
     if {one.feature.key for one in _acting(fit)} != acting:
         return False
     moves = [_steps(fit), *(t.steps(fit) for t in fit.optional if isinstance(t, EffectTerm))]
-    return bool(np.max(np.concatenate(moves), initial=0.0) < SETTLED)
+    return bool(np.max(np.concatenate(moves), initial=0.0) < none)
 
 
 def _far(fit: Fit) -> bool:
@@ -361,7 +370,7 @@ def _screens(
     linear: Linearisation, model: LinearModel, shared: Shared, *, laws: bool
 ) -> list[Screen]:
     """Return what may be added, laws without a form apart."""
-    found = [kept(shared.screens, linear, lambda: Screen(model.grams, pool_of(linear)), 1)]
+    found = [kept(shared.screens, linear, lambda: Screen(model.grams, pool_of(linear)), 2)]
     if laws:
         found.append(
             kept(
