@@ -140,8 +140,9 @@ class Observation:
         for i, own in self.made_by.items():
             stated = own if robot is None else robot.joints[i].controller or own
             now[i] = replace(stated.with_firmware_gain(own.firmware_gain), torque=own.torque)
-        pieces = tuple(self._moved(piece, lags, gains, now) for piece in self.pieces)
-        quiet = tuple(self._moved(piece, lags, gains, now) for piece in self.quiet)
+        both = list(zip(self.pieces, self.quiet, strict=True))
+        pieces = tuple(self._moved(piece, still, lags, gains, now) for piece, still in both)
+        quiet = tuple(self._moved(still, still, lags, gains, now) for _, still in both)
         found = replace(self, pieces=pieces, quiet=quiet, gains=gains, driven_by=now)
         noise: dict[str, Array] = {}
         for name, gain in gains.items():
@@ -156,17 +157,20 @@ class Observation:
     def _moved(
         self,
         motion: Motion,
+        quiet: Motion,
         lags: Mapping[str, Array],
         gains: Mapping[str, Array],
         now: Mapping[int, JointController],
     ) -> Motion:
         """Return a motion whose channels were moved by lags and divided by gains.
 
-        now: the controllers that make motor torques, by joint, in the place of `made_by`.
+        quiet: the quiet motion of the same samples; now: the controllers that make motor torques,
+        by joint, in the place of `made_by`.
         """
         changed: dict[str, Any] = {}
         if motion.before is not None:
-            changed["before"] = self._moved(motion.before, lags, gains, now)
+            before = motion.before if quiet.before is None else quiet.before
+            changed["before"] = self._moved(motion.before, before, lags, gains, now)
         for channel, lag in lags.items():
             sign = -1.0 if channel == "command" else 1.0
             for name in CHANNELS[channel]:
@@ -176,7 +180,8 @@ class Observation:
             later = replace(motion, r=changed.get("r", motion.r))
             torque = np.array(changed.get("tau_m", motion.tau_m))
             for i, controller in self.made_by.items():
-                torque[:, i] += _followed(now[i], later, i) - _followed(controller, motion, i)
+                made = _followed(now[i], later, i, stated=controller, quiet=quiet)
+                torque[:, i] += made - _followed(controller, motion, i)
             changed["tau_m"] = torque
         for name, gain in gains.items():
             torque = changed.get(name, getattr(motion, name))
@@ -328,19 +333,46 @@ def _first_gain(controller: JointController) -> float:
     return next((gain for gain in controller.gains if gain), 1.0)
 
 
-def _followed(controller: JointController, motion: Motion, i: int) -> Array:
+def _followed(
+    controller: JointController,
+    motion: Motion,
+    i: int,
+    *,
+    stated: JointController | None = None,
+    quiet: Motion | None = None,
+) -> Array:
     """Return the torque (N,) Nm that the controller of joint i makes of errors of angle and rate,
-    within its limit."""
-    angle, rate = (motion.q, motion.dq) if motion.theta is None else (motion.theta, motion.dtheta)
-    assert motion.r is not None and angle is not None and rate is not None
+    within its limit.
+
+    stated, quiet: the described controller, and the quiet motion of the same samples: what kd
+    deviates from its described ratio to kp is applied to the quiet motion. Friction that is
+    proportional to the speed acts alike, and of the noise of the speed the two would be told apart
+    by it (:meth:`Observation.impedance`).
+    """
+    angle, rate = _of_motor(motion)
+    assert motion.r is not None
     kp, kd, _ = controller.gains
     limit = np.inf if controller.torque is None else controller.torque
     r = motion.r[:, i]
-    of_rate = controller.follows_rate * rates_of(motion.t, r) - rate[:, i]
+    wanted = controller.follows_rate * rates_of(motion.t, r)
     error = r - angle[:, i]
     felt = error - np.clip(error, -controller.dead_band, controller.dead_band)
-    made = controller.supplied(kp * felt) + kd * of_rate
+    in_ratio = kd
+    if stated is not None:
+        in_ratio = stated.gains[1] * _first_gain(controller) / _first_gain(stated)
+    made = controller.supplied(kp * felt) + in_ratio * (wanted - rate[:, i])
+    if quiet is not None:
+        _, quiet_rate = _of_motor(quiet)
+        made = made + (kd - in_ratio) * (wanted - quiet_rate[:, i])
     return np.asarray(np.clip(made, -limit, limit))
+
+
+def _of_motor(motion: Motion) -> tuple[Array, Array]:
+    """Return angles and rates (N, n) that controllers follow: the motors', the links' without
+    these."""
+    angle, rate = (motion.q, motion.dq) if motion.theta is None else (motion.theta, motion.dtheta)
+    assert angle is not None and rate is not None
+    return angle, rate
 
 
 def _bridged(samples: Samples, clock: Clock) -> tuple[list[Grid], Array]:
