@@ -401,7 +401,8 @@ class Answer:
                     beyond = isinstance(term, NumberTerm | StatedTerm)
                     sized = beyond or has_size(answer.explanation.sized, term)
                     over = takes_over(answer._numbers[1], less._numbers[1])
-                    found[term.key] = Confirmation(nats, share, sized, over)
+                    alone = answer._share_alone(term)
+                    found[term.key] = Confirmation(nats, share, alone, sized, over)
             doubtful = [t for t in best.optional if t.key in found and not found[t.key].confirms]
             if not doubtful:
                 return replace(answer, confirmations=found)
@@ -430,6 +431,14 @@ class Answer:
         """Return the share of the gap at the places of a term that comes back without it."""
         own = Gap.of(self.judging.data, self.added[term.ident])
         return share_without(self.gaps[0], self.gaps[1], less.gaps[1], own)
+
+    def _left_by(self, term: Term | None) -> list[Array]:
+        """Return the residuals (N', R) of each stretch with one cause alone."""
+        return self.before if term is None else _minus(self.before, [self._added_alone(term)])
+
+    def _share_alone(self, term: Term | None) -> float | None:
+        """Return the share of the whole gap that goes when one cause alone is added."""
+        return shrink(self.gaps[0], Gap.of(self.judging.data, self._left_by(term))).share
 
     # -- what is said
 
@@ -646,8 +655,7 @@ class Answer:
             None,
         )
         here = self._here(name)
-        alone = self.before if here is None else _minus(self.before, [self._added_alone(here)])
-        share = shrink(self.gaps[0], Gap.of(self.judging.data, alone)).share
+        share = self._share_alone(here)
         confirmation = self._confirmation(name, here)
         cause = Cause(
             effect=name[0],
@@ -663,7 +671,7 @@ class Answer:
             stated=None if stated is None else dict(stated.numbers),
             is_number=isinstance(term, NumberTerm) and term.feature.effect.model_parameter,
         )
-        return cause, alone
+        return cause, self._left_by(here)
 
     def _confirmation(
         self, name: Name, here: Term | None

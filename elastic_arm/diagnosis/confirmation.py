@@ -5,10 +5,12 @@
 
 with y the rows that are fitted, y' those that judge, and e the power over the sensors' noise, in
 that noise, that a residual keeps on the recordings that judge with sizes of the fitted ones. A
-cause that gains no likelihood there is none: its law fits one recording. The share alone decides
-nothing: what ordinary numbers can take over, at the price of their priors, leaves as small a gap.
-Where numbers beyond their ordinary deviations take over, they predict as well as the cause: it
-stays unless it loses, as the description is wrong in either case and the prior has weighed both.
+cause that gains no likelihood there is none: its law fits one recording. What ordinary numbers can
+take over, at the price of their priors, leaves as small a gap: a share of none decides only where
+the cause alone removes none of the gap either. Such a cause explains what other laws do not get
+exactly right. Where numbers beyond their ordinary deviations take over, they predict as well as the
+cause: it stays unless it loses, as the description is wrong in either case and the prior has
+weighed both.
 """
 
 from dataclasses import dataclass
@@ -20,7 +22,7 @@ from scipy.stats import chi2, norm
 from elastic_arm.arrays import Array
 from elastic_arm.diagnosis.gap import Gap
 from elastic_arm.evidence.model import Fit
-from elastic_arm.evidence.priors import LEFT, ORDINARY, WORTH
+from elastic_arm.evidence.priors import LEFT, NOTHING, ORDINARY, WORTH
 from elastic_arm.evidence.terms.term import Term
 
 TWO = 2.0  # deviations within which a size is none (contract)
@@ -32,6 +34,7 @@ class Confirmation:
 
     nats: float  # of log-likelihood
     share: float | None  # of the gap at its places; None where no place has a gap
+    alone: float | None = None  # of the whole gap, that goes when it alone is added
     has_size: bool = True  # whether its size is beyond two deviations of none
     taken_over: bool = (
         False  # whether numbers beyond their ordinary deviations stand for it where it is taken out
@@ -39,9 +42,15 @@ class Confirmation:
 
     @property
     def confirms(self) -> bool:
-        """Whether it has a size and gains likelihood, or loses none where numbers that are far off
-        stand for it."""
-        return self.has_size and self.nats > (-WORTH if self.taken_over else 0.0)
+        """Whether it has a size, removes some of the gap, and gains likelihood, or loses none where
+        numbers that are far off stand for it."""
+        gains = self.nats > (-WORTH if self.taken_over else 0.0)
+        return self.has_size and gains and self._removes
+
+    @property
+    def _removes(self) -> bool:
+        """Whether it removes some of the gap where there is one."""
+        return self.share is None or max(self.share, self.alone or 0.0) > NOTHING
 
 
 @dataclass(frozen=True)

@@ -33,6 +33,15 @@ def test_a_law_that_fits_one_recording_loses_on_the_other() -> None:
     assert not Confirmation(gain, None).confirms
 
 
+def test_a_cause_removes_some_of_the_gap() -> None:
+    """A law that gains likelihood and leaves the gap as it is, alone and beside others, explains
+    what others do not get exactly right; one that others can replace removes it alone."""
+    assert not Confirmation(2000.0, 4e-5, -0.04).confirms
+    assert Confirmation(2000.0, 4e-5, 0.98).confirms
+    assert Confirmation(2000.0, 0.3, -0.04).confirms
+    assert Confirmation(2000.0, None).confirms
+
+
 def test_sizes_are_those_of_the_fitted_recordings() -> None:
     """The judging rows count in the choice of a set, and not in the size that is quoted."""
     with_it, _ = fits(1.0)
