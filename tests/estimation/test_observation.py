@@ -14,6 +14,7 @@ from elastic_arm.estimation.resampling import Grid
 from elastic_arm.estimation.torque_noise import torque_noise
 from elastic_arm.recording import Recording
 from elastic_arm.recording.made_torque import with_made_torque
+from elastic_arm.robot.mjcf import MjcfArm
 from elastic_arm.sensors import Sensors
 from tests.helpers.gap_recordings import motions, record
 from tests.helpers.servo_arms import recorded, servo_arm
@@ -131,15 +132,16 @@ def test_a_torque_that_was_low_passed_limits_the_band_and_has_the_noise_of_an_or
     np.testing.assert_allclose(in_band, 0.005 * np.sqrt(np.mean(smooth**2, axis=0)), rtol=0.25)
 
 
+def unlimited() -> MjcfArm:
+    """Return the servo arm without limits of its torques."""
+    limits = (f'joint="{name}" forcerange="-4 4"' for name in ("pan", "lift", "elbow"))
+    return servo_arm({limit: limit.split(" forcerange")[0] for limit in limits})
+
+
 def test_a_made_torque_follows_the_gains_of_its_controller() -> None:
     """With other gains of kp and kd it is the torque that these controllers make of the same
     recording."""
-    true = servo_arm(
-        {
-            f'joint="{name}" forcerange="-4 4"': f'joint="{name}"'
-            for name in ("pan", "lift", "elbow")
-        }
-    )
+    true = unlimited()
     other = arm = true.robot
     for joint in arm.joints:
         assert joint.controller is not None
@@ -156,3 +158,18 @@ def test_a_made_torque_follows_the_gains_of_its_controller() -> None:
     np.testing.assert_allclose(found.scale(3), 1.3)
     (same,) = seen.corrected({}, {}, arm).quiet
     np.testing.assert_array_equal(same.tau_m, seen.quiet[0].tau_m)
+
+
+def test_what_kd_deviates_acts_as_friction_does() -> None:
+    """Another kd changes the made torque by what viscous friction of that size is in columns: of
+    the quiet motion, whatever the noise of the speed."""
+    arm = unlimited()
+    seen = observe(with_made_torque(recorded(arm, 250.0, 12), arm.robot))
+    controller = arm.robot.joints[2].controller
+    assert controller is not None
+    other = arm.robot.with_joint(arm.robot.joint_names[2], controller=controller.scaled(kd=2.0))
+    found = seen.corrected({}, {}, other)
+    for before, after, quiet in zip(seen.pieces, found.pieces, seen.quiet, strict=True):
+        assert before.tau_m is not None and after.tau_m is not None and quiet.dq is not None
+        more = after.tau_m[:, 2] - before.tau_m[:, 2]
+        np.testing.assert_allclose(more, -controller.kd * quiet.dq[:, 2], atol=1e-12)
