@@ -111,8 +111,8 @@ def explain(problem: Problem, *, refit: bool, watch: Watch | None = None) -> Exp
     starts = _begun(problem, refit, shared)
     shared.screens.clear()
     log = [line for one in starts for line in one.log]
-    frame = starts[0].best.frame
-    starts.sort(key=lambda found: -found.best.compared_in(frame).score)
+    of_one = starts[0].best.frame
+    starts.sort(key=lambda found: -found.best.compared_in(of_one).score)
     first = starts[0]
     others = [Node(one.best, one.linear) for one in starts[1:]]
     frame = first.path[0].frame
