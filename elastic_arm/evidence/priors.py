@@ -109,7 +109,7 @@ FIRST = 4  # effects of an arm that is exactly as described, at the first look
 # nats behind the best up to which a set is expanded as well: what one more term is often worth
 OPEN = 10.0
 RUNNERS_UP = 2  # sets behind the best whose linearisations are kept; memory
-ELSEWHERE = 2  # other sets that are linearised for themselves, up to COMPARED nats behind
+ELSEWHERE = 2  # other sets that are linearised for themselves
 
 
 REFERENCE = "docs/diagnosis.md lists the priors"

@@ -303,8 +303,7 @@ def _elsewhere(found: Explanation, tried: Set[frozenset[Key]]) -> Fit | None:
     sets = (
         fit
         for keys, fit in found.search.met.items()
-        if fit.score > found.best.score - COMPARED
-        and keys not in tried
+        if keys not in tried
         and np.max(np.abs(fit.numbers - found.best.numbers)[moving], initial=0.0) > 1.0
     )
     return max(sets, key=lambda fit: fit.score, default=None)

@@ -18,6 +18,7 @@ from elastic_arm.evidence.model import Fit, LinearModel, Screen
 from elastic_arm.evidence.nonlinear import refined
 from elastic_arm.evidence.priors import (
     COMPARED,
+    ELSEWHERE,
     MOST,
     RELATED,
     SCALES,
@@ -191,11 +192,18 @@ class Search:
 
     def _let_go(self, best: Fit) -> None:
         """Drop sets that are next to impossible beside the best: each holds a covariance, or all
-        data of elsewhere."""
+        data of elsewhere.
+
+        The likeliest of those whose numbers lie elsewhere stay: their scores are no more than a
+        guess.
+        """
+        far = [fit for fit in self.met.values() if self.is_far(fit)]
+        far.sort(key=lambda fit: -fit.score)
+        stay = {fit.keys for fit in (best, *far[:ELSEWHERE])}
         self.met = {
             keys: fit
             for keys, fit in self.met.items()
-            if fit.score > best.score - COMPARED or fit is best
+            if fit.score > best.score - COMPARED or keys in stay
         }
 
     def _rescaled(self, fit: Fit) -> Iterator[Fit]:
