@@ -20,6 +20,7 @@ SHARING = (
     "tests/report/test_diagnosis.py",
     "tests/diagnosis/test_prediction.py",
     "tests/diagnosis/test_next_motion.py",
+    "tests/diagnosis/test_two_effects.py",
 )
 # Modules whose tests share no fixture of the module, so that each may run in any process.
 APART = ("tests/diagnosis/test_recordings.py",)
