@@ -1,6 +1,9 @@
 """What all tests share: which of them stay together when they are distributed over processes, and
 in which order."""
 
+import importlib
+from collections.abc import Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -92,3 +95,27 @@ def commanded(tmp_path_factory: pytest.TempPathFactory) -> "Commanded":
     from tests.helpers.shared_diagnoses import with_play
 
     return with_play(tmp_path_factory.mktemp("commanded"))
+
+
+@pytest.fixture(scope="module")
+def compiled_here() -> Iterator[None]:
+    """Models of the tests' own compiled in this process.
+
+    A process for each, which loads MuJoCo first, is for files of others: see
+    tests/robot/test_mjcf.py.
+    """
+    mujoco = pytest.importorskip("mujoco")
+    from elastic_arm.robot.mjcf import compiling_process
+
+    engine = importlib.import_module("elastic_arm.robot.mjcf.engine")  # a function has its name
+    apart = engine._processed
+
+    def processed(path: Path, what: str) -> tuple[list[str], bytes]:
+        try:
+            return compiling_process.compiled(path, what)
+        except (compiling_process.Refused, ValueError, mujoco.FatalError):
+            return apart(path, what)  # which gives the error of a user
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(engine, "_processed", processed)
+        yield

@@ -138,6 +138,7 @@ def test_friction_stated_ten_times_too_large_goes_from_its_number_to_the_true_on
     )
 
 
+@pytest.mark.nightly
 def test_friction_that_is_another_one_in_one_recording_is_a_change() -> None:
     """6 Nm in the first recording and 9 in the second: one change, with both sizes by recording."""
     sizes = {"before": 6.0, "after": 9.0}
@@ -159,6 +160,7 @@ def test_friction_that_is_another_one_in_one_recording_is_a_change() -> None:
     assert diagnose(alike, Question(ROBOT, effects=FEW), [recorded(FRICTION, seed=3)]).changes == ()
 
 
+@pytest.mark.nightly
 def test_an_effect_of_no_catalogue_is_unknown_at_its_place() -> None:
     """Without hysteresis among the candidates, what it leaves is unexplained at the drive on which
     it acts."""
