@@ -2,7 +2,6 @@
 in which order."""
 
 import importlib
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -97,8 +96,8 @@ def commanded(tmp_path_factory: pytest.TempPathFactory) -> "Commanded":
     return with_play(tmp_path_factory.mktemp("commanded"))
 
 
-@pytest.fixture(scope="module")
-def compiled_here() -> Iterator[None]:
+@pytest.fixture
+def compiled_here(monkeypatch: pytest.MonkeyPatch) -> None:
     """Models of the tests' own compiled in this process.
 
     A process for each, which loads MuJoCo first, is for files of others: see
@@ -116,6 +115,4 @@ def compiled_here() -> Iterator[None]:
         except (compiling_process.Refused, ValueError, mujoco.FatalError):
             return apart(path, what)  # which gives the error of a user
 
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(engine, "_processed", processed)
-        yield
+    monkeypatch.setattr(engine, "_processed", processed)

@@ -3,6 +3,6 @@
 import pytest
 
 
-@pytest.fixture(scope="module", autouse=True)
+@pytest.fixture(autouse=True)
 def _compiled_here(compiled_here: None) -> None:
-    """Every module compiles its models in the process of the tests."""
+    """Every test compiles its models in its own process."""
