@@ -175,6 +175,18 @@ def test_friction_by_load_sticks_in_a_played_model(base: Path) -> None:
     assert error(rubbing, run) < 2e-4 < error(arm, run)
 
 
+def test_every_servo_begins_with_friction_and_a_sag(base: Path) -> None:
+    """What no description states of a geared servo is among the numbers to be fitted."""
+    begun, numbers = servo_numbers(open_mjcf(base).robot)
+    frictions = {(one["effect"], one["joint"]) for one in begun.effects}
+    fitted = {(one.what, one.joint) for one in numbers}
+    for joint in begun.joints:
+        laws = {(law, joint.name) for law in ("coulomb_friction", "load_dependent_friction")}
+        assert laws <= frictions and laws <= fitted
+        assert {("scale", joint.name), ("kd", joint.name), ("sag", joint.name)} <= fitted
+        assert joint.controller is not None and joint.controller.sag > 0.0
+
+
 @pytest.mark.nightly
 @pytest.mark.slow(30)
 def test_the_numbers_of_every_servo_are_fitted_in_closed_loop(base: Path) -> None:
