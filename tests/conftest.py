@@ -17,12 +17,15 @@ if TYPE_CHECKING:
 GRAPHS = ("tests/nodes/test_graph.py", "tests/nodes/")
 # Seconds of a test that is marked slow without a number.
 SLOW = 3.0
-# Modules that share diagnoses, which are made once in a process.
+# Modules that share diagnoses, which are made once in a process, or parsed sources.
 SHARING = (
-    "tests/report/test_diagnosis.py",
-    "tests/diagnosis/test_prediction.py",
-    "tests/diagnosis/test_next_motion.py",
-    "tests/diagnosis/test_two_effects.py",
+    (
+        "tests/report/test_diagnosis.py",
+        "tests/diagnosis/test_prediction.py",
+        "tests/diagnosis/test_next_motion.py",
+        "tests/diagnosis/test_two_effects.py",
+    ),
+    ("tests/test_architecture.py", "tests/test_docstrings.py"),
 )
 # Modules whose tests share no fixture of the module, so that each may run in any process.
 APART = ("tests/diagnosis/test_recordings.py",)
@@ -40,8 +43,9 @@ def group_of(nodeid: str) -> str:
     for graph in GRAPHS:
         if nodeid.startswith(graph):
             return graph
-    if nodeid.startswith(SHARING):
-        return "sharing"
+    for modules in SHARING:
+        if nodeid.startswith(modules):
+            return modules[0]
     return nodeid if nodeid.startswith(APART) else nodeid.split("::")[0]
 
 

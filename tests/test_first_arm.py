@@ -14,7 +14,7 @@ from elastic_arm.robot import load_robot
 from tests.helpers import six_axes
 from tests.helpers.pages import run_page
 
-pytestmark = pytest.mark.slow(10)
+pytestmark = pytest.mark.slow(25)
 
 ROOT = Path(__file__).parents[1]
 MASS, CENTRE, INERTIA, FRICTION, GRAVITY = 2.0, 0.15, 0.02, 0.3, 9.81
