@@ -1,6 +1,8 @@
 """What all tests share: which of them stay together when they are distributed over processes, and
 in which order."""
 
+import importlib
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -15,11 +17,15 @@ if TYPE_CHECKING:
 GRAPHS = ("tests/nodes/test_graph.py", "tests/nodes/")
 # Seconds of a test that is marked slow without a number.
 SLOW = 3.0
-# Modules that share diagnoses, which are made once in a process.
+# Modules that share diagnoses, which are made once in a process, or parsed sources.
 SHARING = (
-    "tests/report/test_diagnosis.py",
-    "tests/diagnosis/test_prediction.py",
-    "tests/diagnosis/test_next_motion.py",
+    (
+        "tests/report/test_diagnosis.py",
+        "tests/diagnosis/test_prediction.py",
+        "tests/diagnosis/test_next_motion.py",
+        "tests/diagnosis/test_two_effects.py",
+    ),
+    ("tests/test_architecture.py", "tests/test_docstrings.py"),
 )
 # Modules whose tests share no fixture of the module, so that each may run in any process.
 APART = ("tests/diagnosis/test_recordings.py",)
@@ -37,8 +43,9 @@ def group_of(nodeid: str) -> str:
     for graph in GRAPHS:
         if nodeid.startswith(graph):
             return graph
-    if nodeid.startswith(SHARING):
-        return "sharing"
+    for modules in SHARING:
+        if nodeid.startswith(modules):
+            return modules[0]
     return nodeid if nodeid.startswith(APART) else nodeid.split("::")[0]
 
 
@@ -91,3 +98,25 @@ def commanded(tmp_path_factory: pytest.TempPathFactory) -> "Commanded":
     from tests.helpers.shared_diagnoses import with_play
 
     return with_play(tmp_path_factory.mktemp("commanded"))
+
+
+@pytest.fixture
+def compiled_here(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Models of the tests' own compiled in this process.
+
+    A process for each, which loads MuJoCo first, is for files of others: see
+    tests/robot/test_mjcf.py.
+    """
+    mujoco = pytest.importorskip("mujoco")
+    from elastic_arm.robot.mjcf import compiling_process
+
+    engine = importlib.import_module("elastic_arm.robot.mjcf.engine")  # a function has its name
+    apart = engine._processed
+
+    def processed(path: Path, what: str) -> tuple[list[str], bytes]:
+        try:
+            return compiling_process.compiled(path, what)
+        except (compiling_process.Refused, ValueError, mujoco.FatalError):
+            return apart(path, what)  # which gives the error of a user
+
+    monkeypatch.setattr(engine, "_processed", processed)

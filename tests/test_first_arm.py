@@ -14,7 +14,7 @@ from elastic_arm.robot import load_robot
 from tests.helpers import six_axes
 from tests.helpers.pages import run_page
 
-pytestmark = pytest.mark.slow(10)
+pytestmark = pytest.mark.slow(25)
 
 ROOT = Path(__file__).parents[1]
 MASS, CENTRE, INERTIA, FRICTION, GRAVITY = 2.0, 0.15, 0.02, 0.3, 9.81
@@ -66,22 +66,41 @@ def written_tables(folder: Path, arm: str) -> None:
         np.savetxt(path, rows(run), "%.7g", ",", header=header, comments="")
 
 
-@pytest.mark.parametrize("arm", ["six axes", "one joint"])
-def test_the_commands_of_the_page_lead_to_what_the_urdf_lacks(tmp_path: Path, arm: str) -> None:
-    """Friction, motors' inertia and tool are identified, nothing is left then, and the function for
-    a controller gives the torques of another motion."""
-    written_tables(tmp_path, arm)
-    printed = run_page((ROOT / "docs" / "first_arm.md").read_text(), tmp_path)
+def identified_by_the_page(folder: Path, arm: str) -> tuple[Identification, str]:
+    """Run the page; return what is identified, after which nothing is left, and what is printed."""
+    written_tables(folder, arm)
+    printed = run_page((ROOT / "docs" / "first_arm.md").read_text(), folder)
     assert printed.count("no faults found") == 1
-    found = json.loads((tmp_path / "diagnosis" / "diagnosis.json").read_text())
+    found = json.loads((folder / "diagnosis" / "diagnosis.json").read_text())
     assert (found["verdict"], found["causes"]) == ("none", [])
-    identified = Identification.load(tmp_path / "identified" / "identification.json")
+    return Identification.load(folder / "identified" / "identification.json"), printed
+
+
+@pytest.fixture(scope="module")
+def one_joint(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Identification]:
+    """The folder in which the page was run for an arm of one joint, and what is identified."""
+    folder = tmp_path_factory.mktemp("one_joint")
+    return folder, identified_by_the_page(folder, "one joint")[0]
+
+
+def test_the_commands_of_the_page_find_the_friction_of_a_joint(
+    one_joint: tuple[Path, Identification],
+) -> None:
+    """The friction that the URDF lacks is identified, nothing is left then, and no tool is seen."""
+    _, identified = one_joint
+    (friction,) = (
+        one for one in identified.estimates if one.name == "coulomb_friction:shoulder.torque"
+    )
+    assert friction.value == pytest.approx(FRICTION, abs=4 * friction.std)
+    assert identified.carried is None
+
+
+@pytest.mark.nightly
+def test_the_commands_of_the_page_lead_to_what_the_urdf_lacks(tmp_path: Path) -> None:
+    """Friction, motors' inertia and tool of six axes are identified, nothing is left then, and the
+    function for a controller gives the torques of another motion."""
+    identified, printed = identified_by_the_page(tmp_path, "six axes")
     estimates = {e.name: e for e in identified.estimates}
-    if arm == "one joint":
-        friction = estimates["coulomb_friction:shoulder.torque"]
-        assert friction.value == pytest.approx(FRICTION, abs=4 * friction.std)
-        assert identified.carried is None
-        return
     for name, dry in zip(six_axes.JOINTS, six_axes.DRY, strict=True):
         assert estimates[f"coulomb_friction:{name}.torque"].value == pytest.approx(dry, rel=0.05)
     assert "wrist_3_link carries 1.2" in printed or "wrist_3_link carries 1.19" in printed
@@ -102,41 +121,41 @@ def test_the_commands_of_the_page_lead_to_what_the_urdf_lacks(tmp_path: Path, ar
 
 
 def test_the_check_of_the_feed_forward_page_runs(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    one_joint: tuple[Path, Identification],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     """What docs/feed_forward.md shows runs as it stands, and its numbers are those of a function
     that fits: far below the torques."""
-    written_tables(tmp_path, "one joint")
-    first = (ROOT / "docs" / "first_arm.md").read_text()
-    # Up to the diagnosis, which the page does not need.
-    run_page(first[: first.index("## 4.")], tmp_path)
+    folder, _ = one_joint
     page = (ROOT / "docs" / "feed_forward.md").read_text()
     for name in ("arm_torque.py", "arm_torque.c"):
-        (tmp_path / name).unlink()
-    run_page(page, tmp_path)
+        (folder / name).unlink()
+    run_page(page, folder)
     (example,) = re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL)
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.chdir(folder)
+    monkeypatch.syspath_prepend(str(folder))
     made: dict[str, Any] = {}
     exec(compile(example, "feed_forward.md", "exec"), made)
     assert (made["miss"] < 0.3 * made["measured"].std(axis=0)).all()
     assert "feedback is left with" in capsys.readouterr().out
 
 
-def test_one_step_from_the_urdf_finds_the_friction(tmp_path: Path) -> None:
+def test_one_step_from_the_urdf_finds_the_friction(
+    one_joint: tuple[Path, Identification],
+) -> None:
     """`diagnose` against the plain URDF names the friction as the cause, and then nothing is
     left."""
-    written_tables(tmp_path, "one joint")
-    first = (ROOT / "docs" / "first_arm.md").read_text()
-    page = first[: first.index("## 3.")] + (
+    folder, _ = one_joint
+    commands = (
         "```sh\n"
-        "elastic-arm diagnose run_1 --validate run_2 --robot arm.urdf --out diagnosis\n"
-        "elastic-arm diagnose run_2 --robot diagnosis/robot.yaml --out again\n"
+        "elastic-arm diagnose run_1 --validate run_2 --robot arm.urdf --out plain\n"
+        "elastic-arm diagnose run_2 --robot plain/robot.yaml --out again\n"
         "```"
     )
-    run_page(page, tmp_path)
-    assert (tmp_path / "diagnosis" / "arm_corrected.urdf").exists()
-    found = json.loads((tmp_path / "diagnosis" / "diagnosis.json").read_text())
+    run_page(commands, folder)
+    assert (folder / "plain" / "arm_corrected.urdf").exists()
+    found = json.loads((folder / "plain" / "diagnosis.json").read_text())
     (cause,) = found["causes"]
     assert (found["verdict"], cause["effect"], cause["joint"]) == (
         "explained",
@@ -145,4 +164,4 @@ def test_one_step_from_the_urdf_finds_the_friction(tmp_path: Path) -> None:
     )
     size = cause["parameters"]["torque"]
     assert size["value"] == pytest.approx(FRICTION, abs=4 * size["std"])
-    assert json.loads((tmp_path / "again" / "diagnosis.json").read_text())["verdict"] == "none"
+    assert json.loads((folder / "again" / "diagnosis.json").read_text())["verdict"] == "none"

@@ -15,6 +15,8 @@ from elastic_arm.robot.mjcf import MjcfArm, open_mjcf
 from tests.helpers.nightly import nightly
 from tests.helpers.servo_arms import recorded, servo_arm
 
+pytestmark = pytest.mark.usefixtures("compiled_here")
+
 FAST, SLOW = (250.0, 17), (50.0, 12)  # Hz, bits of the encoders
 ELBOW = 'name="elbow" axis="0 1 0" armature="0.028" damping="0.05" frictionloss="0.05"'
 STATED = 'kp="17.8" kv="0.6" joint="lift"'
@@ -48,6 +50,7 @@ def test_a_clean_arm_has_no_cause(nominal: MjcfArm) -> None:
 DRY = {ELBOW: ELBOW.replace('loss="0.05"', 'loss="0.12"')}
 VISCOUS = {ELBOW: ELBOW.replace('ing="0.05', 'ing="0.15')}
 STIFFER = {STATED: STATED.replace("17.8", "23")}
+FASTER = {STATED: STATED.replace("0.6", "0.9")}
 WEAK = {LIMIT: LIMIT.replace("4", "1.2")}
 
 
@@ -166,7 +169,9 @@ def test_gains_that_are_off_together_are_a_scale_and_no_cause(nominal: MjcfArm) 
 def test_a_gain_of_speed_and_viscous_friction_are_alternatives(nominal: MjcfArm) -> None:
     """Of a controller that damps the motor's own speed, both are the same torque, and both are
     named."""
-    (cause,) = answer(nominal, *SLOW, {STATED: STATED.replace("0.6", "0.9")}).causes
+    runs = [recorded(servo_arm(FASTER), *SLOW, seed=seed) for seed in (0, 1)]
+    effects = ("viscous_friction", "velocity_gain", "coulomb_friction", "position_gain")
+    (cause,) = diagnose(runs[:1], Question(nominal.robot, effects=effects), runs[1:]).causes
     assert {cause.effect, *(a.effect for a in cause.alternatives)} == {
         "viscous_friction",
         "velocity_gain",

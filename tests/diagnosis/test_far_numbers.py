@@ -18,6 +18,7 @@ from elastic_arm.evidence.terms.known import KnownTerm
 from elastic_arm.evidence.terms.number import NumberTerm
 from tests.evidence.made_up import HARMONICS, model
 from tests.helpers.gap_recordings import ROBOT, motions, record
+from tests.helpers.nightly import nightly
 
 ROWS = 4 * HARMONICS
 MASS = Number("link_mass", "joint_1", "1", 0.06, 1.0)
@@ -77,7 +78,7 @@ def test_a_stated_size_is_beyond_in_either_direction(ratio: float, is_beyond: bo
     assert (p > 0.5) == is_beyond
 
 
-@pytest.mark.parametrize("factor", [10.0, 0.2])
+@pytest.mark.parametrize("factor", [10.0, *nightly([0.2])])
 def test_friction_that_is_stated_far_too_large_or_small_is_named_with_from_and_to(
     factor: float,
 ) -> None:

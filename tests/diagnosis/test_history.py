@@ -103,6 +103,13 @@ def test_friction_that_rises_is_a_change_and_other_friction_is_none(tmp_path: Pa
     whole = diagnose(
         [first, second], Question(ROBOT, effects=(EFFECTS["coulomb_friction"],)), [judge]
     )
+    (change,) = whole.changes
+    assert (change.effect, change.joint, change.parameter) == (
+        "coulomb_friction",
+        "joint_2",
+        "torque",
+    )
+    assert change.confidence > 0.9
     found = courses(whole)
     one, other = (
         next(c for c in found if c.sized.joint == joint) for joint in ("joint_2", "joint_1")

@@ -55,6 +55,7 @@ def test_friction_is_named_in_coloured_noise(kind):
     assert cause.parameters["torque"].value == pytest.approx(3.0, rel=0.1)
 
 
+@pytest.mark.nightly
 def test_an_effect_that_no_candidate_resembles_is_not_taken_for_noise():
     """Friction that the catalogue lacks is left as `unknown`, not explained by noise of its
     colour."""

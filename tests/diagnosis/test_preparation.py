@@ -16,6 +16,7 @@ from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.equation_sets import EquationSet
 from elastic_arm.recording import Recording, Side
 from tests.helpers.gap_recordings import MODEL, ROBOT, motions, record
+from tests.helpers.nightly import nightly
 
 FRICTION = EFFECTS["coulomb_friction"]
 STRIBECK = "stribeck_friction:joint_3:torque=4,speed=0.05"
@@ -95,19 +96,19 @@ def test_recordings_of_unequal_channels_are_refused() -> None:
         prepare([pair()[0]], [replace(whole, motor=None)], question())
 
 
-def test_recordings_of_unequal_rates_go_together() -> None:
+@pytest.mark.parametrize("step", [3, *nightly([2])])
+def test_recordings_of_unequal_rates_go_together(step: int) -> None:
     """The band is one for all; at half and at a third of its rate a recording tells the same size
     of friction."""
     effect = "coulomb_friction:joint_2:torque=4.0,side=motor"
     first, second, judge = (record(motions()[k > 0], effect, seed=k) for k in range(3))
-    for step in (2, 3):
-        slower = {name: side.at(slice(None, None, step)) for name, side in second.sides().items()}
-        thinned = replace(second, **slower)  # type: ignore[arg-type]
-        found = diagnose([first, thinned], question(), [judge])
-        (cause,) = found.causes
-        friction = cause.parameters["torque"]
-        assert (cause.effect, cause.joint) == ("coulomb_friction", "joint_2") and not found.changes
-        assert abs(friction.value - 4.0) < 4.0 * friction.std < 0.1 and found.verdict == "explained"
+    slower = {name: side.at(slice(None, None, step)) for name, side in second.sides().items()}
+    thinned = replace(second, **slower)  # type: ignore[arg-type]
+    found = diagnose([first, thinned], question(), [judge])
+    (cause,) = found.causes
+    friction = cause.parameters["torque"]
+    assert (cause.effect, cause.joint) == ("coulomb_friction", "joint_2") and not found.changes
+    assert abs(friction.value - 4.0) < 4.0 * friction.std < 0.1 and found.verdict == "explained"
 
 
 def test_a_recording_whose_rate_changes_is_taken_in_parts_of_one_rate() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from elastic_arm.diagnosis import Diagnosis, Question, diagnose
-from elastic_arm.effects import EFFECTS, parse
+from elastic_arm.effects import EFFECTS, Effect, parse
 from elastic_arm.effects.text import known_effects
 from elastic_arm.excitation import FourierTrajectory, Shape, random_trajectories
 from elastic_arm.recording import Recording
@@ -20,7 +20,7 @@ from tests.helpers.nightly import nightly
 
 pytestmark = pytest.mark.slow(8)
 
-SECONDS, RATE = 10.0, 500.0  # at 250 Hz the smoother takes a part of the residuals' band
+SECONDS, RATE = 6.0, 500.0  # at 250 Hz the smoother takes a part of the residuals' band
 FRICTION = "coulomb_friction:joint_2:torque=6"
 # Enough where not the choice among all is asked for.
 FEW = tuple(
@@ -110,6 +110,7 @@ def test_a_late_torque_of_an_arm_that_is_not_exactly_known_is_a_delay() -> None:
     assert "as measured" not in found.trust
 
 
+@pytest.mark.nightly
 def test_two_effects_at_once_are_told_apart() -> None:
     """Dry friction and a transmission error, each at its joint with its size."""
     found = diagnosed(FRICTION, "transmission_error:joint_1:amplitude=3e-5,phase=0.7")
@@ -137,6 +138,7 @@ def test_friction_stated_ten_times_too_large_goes_from_its_number_to_the_true_on
     )
 
 
+@pytest.mark.nightly
 def test_friction_that_is_another_one_in_one_recording_is_a_change() -> None:
     """6 Nm in the first recording and 9 in the second: one change, with both sizes by recording."""
     sizes = {"before": 6.0, "after": 9.0}
@@ -158,6 +160,7 @@ def test_friction_that_is_another_one_in_one_recording_is_a_change() -> None:
     assert diagnose(alike, Question(ROBOT, effects=FEW), [recorded(FRICTION, seed=3)]).changes == ()
 
 
+@pytest.mark.nightly
 def test_an_effect_of_no_catalogue_is_unknown_at_its_place() -> None:
     """Without hysteresis among the candidates, what it leaves is unexplained at the drive on which
     it acts."""
@@ -170,17 +173,22 @@ def test_what_is_known_counts_as_part_of_the_model() -> None:
     """With --with the friction that the user knows is fitted with its size, and nothing is left to
     explain."""
     known = known_effects(["coulomb_friction:joint_2"], ROBOT)
-    found = diagnosed(FRICTION, question=Question(ROBOT, given=known))
+    found = diagnosed(FRICTION, question=Question(ROBOT, given=known, effects=FEW))
     assert (found.verdict, found.causes) == ("none", ())
     (one,) = found.known
     size = one["parameters"]["torque"]
     assert abs(size["value"] - 6.0) < 4.0 * size["std"]
 
 
-def test_a_simpler_model_lacks_what_it_leaves_out() -> None:
+@pytest.mark.parametrize(
+    "effects",
+    [(*FEW, EFFECTS["inertia_coupling"]), *nightly([None])],
+    ids=["few", "all"],
+)
+def test_a_simpler_model_lacks_what_it_leaves_out(effects: tuple[Effect, ...] | None) -> None:
     """Against mod2 the plain arm shows the missing coupling of inertias, which has no size, and
     nothing else."""
-    found = diagnosed(question=Question(ROBOT, "mod2"))
+    found = diagnosed(question=Question(ROBOT, "mod2", effects=effects))
     assert names(found) == {("inertia_coupling", None)}
     assert found.causes[0].held_as == "variant"
 
@@ -193,6 +201,6 @@ def test_friction_is_found_with_the_motor_side_alone_and_no_motor_friction_with_
     equation."""
     without = {"motor": "link", "link": "motor"}[sides]
     pair = [replace(recorded(FRICTION, seed=k), **{without: None}) for k in (1, 2)]
-    found = diagnose(pair[:1], Question(ROBOT), pair[1:])
+    found = diagnose(pair[:1], Question(ROBOT, effects=FEW), pair[1:])
     expected = {("coulomb_friction", "joint_2")} if sides == "motor" else set()
     assert names(found) == expected

@@ -18,13 +18,14 @@ FRICTION = known_effects(("coulomb_friction", "viscous_friction"), ROBOT)
 
 def refitted(seed: int, fault: Fault) -> Diagnosis:
     """Diagnose an imprecise arm with ordinary friction and sensors, one of them or one joint's
-    friction at fault."""
+    friction at fault, with that effect to choose from."""
     rng = np.random.default_rng(seed)
     true, ordinary = imprecise(ROBOT, rng), ordinary_faults(ROBOT.n, rng)
     others = [one for one in ordinary if (one.effect, one.joint) != (fault.effect, fault.joint)]
     # The engine lets sensors' errors act in this order: a zero is in what is read.
     first, judge = record(true, [fault, *others], (16.0, 8.0), rng)
-    return diagnose([first], Question(ROBOT, refit=True, given=FRICTION), [judge])
+    question = Question(ROBOT, refit=True, given=FRICTION, effects=[fault.effect])
+    return diagnose([first], question, [judge])
 
 
 @pytest.mark.slow

@@ -11,6 +11,7 @@ from elastic_arm.recording import Recording
 from elastic_arm.recording.sides import Side
 from elastic_arm.robot.urdf import parse_urdf
 from tests.helpers import six_axes
+from tests.helpers.nightly import nightly
 
 pytestmark = pytest.mark.slow(10)
 FRICTION = ("coulomb_friction", "viscous_friction")
@@ -34,7 +35,7 @@ def identified(
     return identify(recording, robot, IdentificationSettings(effects=laws))
 
 
-@pytest.mark.parametrize("mass", [1.2, 3.5])
+@pytest.mark.parametrize("mass", [1.2, *nightly([3.5])])
 def test_a_tool_is_named_with_its_mass_and_place(mass: float) -> None:
     """A tool at the flange is said first, is in robot.yaml's last link, and no other link takes
     part of it."""
@@ -59,7 +60,7 @@ def test_what_another_link_carries_is_no_tool() -> None:
     assert found.mass == pytest.approx(2.0, abs=0.2)
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, *nightly([2])])
 def test_an_arm_without_a_tool_carries_none(seed: int) -> None:
     """Of an arm that is as described nothing is said."""
     result = identified(5, 0.0, seed=seed)
@@ -79,7 +80,7 @@ def test_a_carried_body_is_read_again(tmp_path) -> None:
     assert Identification.load(tmp_path / "identification.json").carried == result.carried
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, *nightly([2, 3])])
 def test_friction_that_is_not_asked_for_is_no_elastic_joint(seed: int) -> None:
     """Rigid joints whose friction nobody identifies get the advice to do so, and no resonance."""
     notes = [note for note in identified(5, 0.0, (), seed).notes if "the residual is" in note]

@@ -50,8 +50,8 @@ def test_laws_act_in_mujoco_as_in_the_simulator() -> None:
     """Transmission error, ripple and a stiffening drive move the arm in MuJoCo as in the simulator,
     to 1e-6 rad."""
     robot = with_effects(load_robot(), *SMOOTH)
-    assert apart(robot, 0.5, attached=True) < 1e-6
-    assert apart(robot, 0.5, attached=False) > 1e-4
+    assert apart(robot, 0.25, attached=True) < 1e-6
+    assert apart(robot, 0.25, attached=False) > 1e-4
 
 
 def test_internal_states_and_dry_friction_act_too() -> None:
@@ -62,7 +62,7 @@ def test_internal_states_and_dry_friction_act_too() -> None:
         "load_dependent_friction:joint_2:coefficient=0.1",
         "hysteresis:joint_3:torque=15,width=1e-4",
     )
-    with_laws, without = (apart(robot, 0.5, attached=on) for on in (True, False))
+    with_laws, without = (apart(robot, 0.25, attached=on) for on in (True, False))
     assert with_laws < 0.02 * without
 
 

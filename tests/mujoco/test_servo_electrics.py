@@ -149,7 +149,8 @@ def test_a_supply_that_sags_is_named_with_its_share(base: Path) -> None:
     arm = open_mjcf(base)
     true = changed(arm, "lift", sag=0.3)
     runs = [run_at(true, gain, seed) for seed, gain in enumerate((1.0, 0.4))]
-    found = diagnose(runs, Question(arm.robot), [run_at(true, 0.7, 3)])
+    effects = ("supply_sag", "coulomb_friction", "viscous_friction", "position_gain")
+    found = diagnose(runs, Question(arm.robot, effects=effects), [run_at(true, 0.7, 3)])
     assert [(one.effect, one.joint) for one in found.causes] == [("supply_sag", "lift")]
     share = found.causes[0].parameters["share"]
     assert float(share.value) == pytest.approx(0.3, rel=0.25)
@@ -174,6 +175,19 @@ def test_friction_by_load_sticks_in_a_played_model(base: Path) -> None:
     assert error(rubbing, run) < 2e-4 < error(arm, run)
 
 
+def test_every_servo_begins_with_friction_and_a_sag(base: Path) -> None:
+    """What no description states of a geared servo is among the numbers to be fitted."""
+    begun, numbers = servo_numbers(open_mjcf(base).robot)
+    frictions = {(one["effect"], one["joint"]) for one in begun.effects}
+    fitted = {(one.what, one.joint) for one in numbers}
+    for joint in begun.joints:
+        laws = {(law, joint.name) for law in ("coulomb_friction", "load_dependent_friction")}
+        assert laws <= frictions and laws <= fitted
+        assert {("scale", joint.name), ("kd", joint.name), ("sag", joint.name)} <= fitted
+        assert joint.controller is not None and joint.controller.sag > 0.0
+
+
+@pytest.mark.nightly
 @pytest.mark.slow(30)
 def test_the_numbers_of_every_servo_are_fitted_in_closed_loop(base: Path) -> None:
     """From the description alone, a torque constant that is a fifth smaller is found to a tenth."""

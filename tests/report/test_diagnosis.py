@@ -115,7 +115,8 @@ def test_gap_without_an_effect_for_it_is_drawn_as_unexplained(tmp_path: Path) ->
     recordings = [record(motion, FRICTION, seed=k) for k, motion in enumerate(motions())]
     found = diagnose([recordings[0]], Question(ROBOT, effects=()), [recordings[1]])
     page = write_gap_report(tmp_path / "report.html", found).read_text()
-    assert found.verdict == "unknown" and "Unexplained residuals" in page
+    assert found.verdict == "unknown" and {p.joint for p in found.unexplained} == {"joint_2"}
+    assert "Unexplained residuals" in page
     assert "joint_2, motor side: the place with the largest remaining residual" in page
     assert "The verdict is unknown because of" in page and "To record next: joint_2 alone" in page
     sizes = [place.rmse for place in found.unexplained]

@@ -94,6 +94,7 @@ RAIL = """<mujoco><worldbody><body name="carriage" pos="0.2 0.1 0.3" euler="10 2
 </body></body></body></body></worldbody></mujoco>"""
 
 
+@pytest.mark.usefixtures("compiled_here")
 def test_slides_within_the_arm_are_prismatic_joints(tmp_path: Path) -> None:
     """A rail, and a quill before the last hinge, are joints of the arm, as MuJoCo moves them; a
     finger is held."""
@@ -105,6 +106,7 @@ def test_slides_within_the_arm_are_prismatic_joints(tmp_path: Path) -> None:
     assert_same_torque(path)
 
 
+@pytest.mark.usefixtures("compiled_here")
 def test_where_all_joints_slide_they_are_the_arm(tmp_path: Path) -> None:
     """A gantry has no hinge: its slides are its joints."""
     path = tmp_path / "gantry.xml"
@@ -115,6 +117,7 @@ def test_where_all_joints_slide_they_are_the_arm(tmp_path: Path) -> None:
     assert_same_torque(path)
 
 
+@pytest.mark.usefixtures("compiled_here")
 def test_friction_loss_is_coulomb_friction() -> None:
     """Where the joints move fast, MuJoCo's friction loss is Coulomb friction of the stated size."""
     arm = open_mjcf(MODELS / "everything.xml")
@@ -125,6 +128,7 @@ def test_friction_loss_is_coulomb_friction() -> None:
     assert np.abs(ours - theirs).max() < 1e-9 * np.abs(theirs).max()
 
 
+@pytest.mark.usefixtures("compiled_here")
 def test_limits_come_from_ranges_and_actuators() -> None:
     """Ranges are position limits, the force range times the gear the torque limit."""
     joints = {joint.name: joint for joint in load_robot(MODELS / "arm.xml").joints}
@@ -135,6 +139,7 @@ def test_limits_come_from_ranges_and_actuators() -> None:
     assert roll.armature == pytest.approx(1e-4 * 30.0**2)
 
 
+@pytest.mark.usefixtures("compiled_here")
 def test_what_is_held_is_noted() -> None:
     """Fingers are held and named; a chain may begin and end anywhere."""
     robot = load_robot(MODELS / "arm.xml")
@@ -219,6 +224,7 @@ def test_what_no_serial_arm_has_is_refused_by_name(
     assert "\n" not in str(error.value) and str(path) in str(error.value)
 
 
+@pytest.mark.usefixtures("compiled_here")
 @pytest.mark.parametrize(
     ("chain", "at", "words"),
     [
@@ -245,6 +251,7 @@ def test_broken_models_are_refused_in_one_line(tmp_path: Path) -> None:
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.usefixtures("compiled_here")
 def test_an_arm_file_keeps_armatures_and_effects(tmp_path: Path) -> None:
     """A model saved as an arm file is the same arm."""
     from elastic_arm.robot import save_robot
@@ -364,6 +371,7 @@ def two_joints(
     return path
 
 
+@pytest.mark.usefixtures("compiled_here")
 def test_a_second_hinge_of_small_range_is_play(tmp_path: Path) -> None:
     """MuJoCo's backlash is no joint of the arm: it is held in its middle and named, the rest is as
     without it."""
@@ -384,6 +392,7 @@ def test_a_second_hinge_of_small_range_is_play(tmp_path: Path) -> None:
     assert_same_torque(path)
 
 
+@pytest.mark.usefixtures("compiled_here")
 @pytest.mark.parametrize(
     "play", ['<joint name="k" axis="1 0 0" range="-1 1"/>', '<joint name="k" axis="0 1 0"/>']
 )
@@ -392,6 +401,7 @@ def test_another_joint_of_one_body_is_a_joint(tmp_path: Path, play: str) -> None
     assert load_robot(two_joints(tmp_path, play=play)).joint_names == ("j1", "j2", "k")
 
 
+@pytest.mark.usefixtures("compiled_here")
 def test_motor_inertia_is_unknown_where_a_file_states_none(tmp_path: Path) -> None:
     """An armature that is 0 in the file is 0; one that the file does not speak of is not known."""
     assert [j.armature for j in load_robot(two_joints(tmp_path, armature="")).joints] == [
@@ -410,6 +420,7 @@ def test_motor_inertia_is_unknown_where_a_file_states_none(tmp_path: Path) -> No
     assert [j.armature for j in unknown.joints] == [0.1, 0.0]
 
 
+@pytest.mark.usefixtures("compiled_here")
 def test_friction_of_a_dc_motor_is_friction_of_its_joint(tmp_path: Path) -> None:
     """LuGre friction is Coulomb and Stribeck friction by the gear; what a rigid arm cannot hold is
     named."""
@@ -453,6 +464,7 @@ SERVOS = {
 }
 
 
+@pytest.mark.usefixtures("compiled_here")
 @pytest.mark.parametrize("actuator", SERVOS)
 def test_servos_are_controllers(tmp_path: Path, actuator: str) -> None:
     """Actuators that feed back angle and speed are the joints' controllers, at the joint's side of
@@ -461,6 +473,7 @@ def test_servos_are_controllers(tmp_path: Path, actuator: str) -> None:
     assert all(joint.controller == SERVOS[actuator] for joint in robot.joints)
 
 
+@pytest.mark.usefixtures("compiled_here")
 @pytest.mark.parametrize(
     "actuator", [a for a, drive in SERVOS.items() if not drive.delay and drive.mode == "position"]
 )
@@ -485,6 +498,7 @@ def test_a_servo_moves_the_arm_as_in_mujoco(tmp_path: Path, actuator: str) -> No
     assert np.abs(ours.q - theirs).max() < 4e-3 and np.ptp(ours.q, axis=0).min() > 0.1
 
 
+@pytest.mark.usefixtures("compiled_here")
 @pytest.mark.parametrize(
     "actuator",
     [

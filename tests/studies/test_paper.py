@@ -28,8 +28,6 @@ from elastic_arm.studies.paper.torques import line_over_ratio, studied_ratios
 from elastic_arm.studies.paper.virtual_prototype.motions import StepRamp
 from tests.helpers.command_line import refusal
 
-pytestmark = pytest.mark.slow(25)
-
 # A claim that flips is a failing test, whichever way it flips. "undecided" is what the noise of the
 # quick study (seeds of noise, searches and guesses) leaves open by the margins in claims/.
 VERDICTS = {
@@ -107,6 +105,7 @@ def test_claims_keep_their_verdicts(quick: StudyResult) -> None:
     assert not flipped and set(claims) == set(VERDICTS)
 
 
+@pytest.mark.nightly
 def test_verdicts_that_noise_does_not_move_are_those_of_the_shortest_study(
     claims: dict[str, Claim],
 ) -> None:
@@ -119,6 +118,7 @@ def test_verdicts_that_noise_does_not_move_are_those_of_the_shortest_study(
     assert not flipped and set(claims) == set(VERDICTS)
 
 
+@pytest.mark.nightly
 def test_verdicts_that_rest_on_a_choice_are_marked(claims: dict[str, Claim]) -> None:
     """Two name the number of the arm file chosen for them."""
     assert {key for key, claim in claims.items() if claim.by_choice} == CHOSEN
@@ -136,6 +136,7 @@ def test_verdicts_left_open_by_noise_are_undecided() -> None:
     )
 
 
+@pytest.mark.nightly
 def test_an_error_too_small_to_matter_does_not_grow(result: StudyResult) -> None:
     """Joint 1's error of mod3 lies on a line over r_tot, and is a ten-thousandth of the sensor's
     noise."""
@@ -145,6 +146,7 @@ def test_an_error_too_small_to_matter_does_not_grow(result: StudyResult) -> None
     assert next(c for c in judge(result) if c.key == "motor_mod3_linear").verdict != "holds"
 
 
+@pytest.mark.nightly
 def test_the_reading_of_mod1_without_splines_differs_by_the_splines(result: StudyResult) -> None:
     """The other true Psi moves mod1's errors, and mod2 and mod3 have no other reading."""
     found = result.estimate("mod1")
@@ -155,6 +157,7 @@ def test_the_reading_of_mod1_without_splines_differs_by_the_splines(result: Stud
     )
 
 
+@pytest.mark.nightly
 def test_least_tau_l_depends_on_the_bushings_translations(result: StudyResult) -> None:
     """The claim's text lists each stiffness tried, the assumed one among them."""
     assert 2e8 in [each.stiffness for each in result.translations]
@@ -174,12 +177,14 @@ def test_drawn_axes_are_those_of_the_urdf() -> None:
     assert [name for name, _ in table_i(robot)] == ["O_0", "O_1", "O_2", "O_3"]
 
 
+@pytest.mark.nightly
 def test_every_claim_has_a_deciding_number(claims: dict[str, Claim]) -> None:
     """No claim is judged without a figure beside it."""
     for claim in claims.values():
         assert re.search(r"\d", claim.finding), claim
 
 
+@pytest.mark.nightly
 def test_report_holds_every_claim_and_figure_and_needs_no_network(
     result: StudyResult, claims: dict[str, Claim], tmp_path: Path
 ) -> None:
@@ -195,6 +200,7 @@ def test_report_holds_every_claim_and_figure_and_needs_no_network(
     assert not re.search(r"""(?:src|href)=["']https?:""", page)
 
 
+@pytest.mark.nightly
 def test_numbers_are_written_beside_the_report_and_read_back(
     result: StudyResult, claims: dict[str, Claim], tmp_path: Path
 ) -> None:
@@ -227,6 +233,7 @@ def test_high_errors_belong_to_coefficients_that_move_little_torque(quick: Study
     assert all(smallness(estimate)[1] < -0.5 for estimate in quick.estimates)
 
 
+@pytest.mark.nightly
 def test_mod3_has_no_error_of_its_own(result: StudyResult) -> None:
     """With locked bushings and no noise its identified coefficients are the true ones; those of
     mod1 are not."""
