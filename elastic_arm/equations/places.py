@@ -9,7 +9,13 @@ import numpy as np
 from elastic_arm.effects.arm_equations import ArmEquations
 from elastic_arm.effects.effect import Effect, EffectInstance, SensorEffect
 from elastic_arm.effects.parameters import Parameter
-from elastic_arm.estimation.effect_columns import SENSED, Feature, OwnRegressor, has_columns
+from elastic_arm.estimation.effect_columns import (
+    SENSED,
+    Feature,
+    OwnRegressor,
+    compiled_of,
+    has_columns,
+)
 from elastic_arm.estimation.known_torques import ActingEffect
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.estimation.whitening import WhitenedData
@@ -82,7 +88,8 @@ def feature_of(instance: EffectInstance, equations: ArmEquations) -> Feature:
     effect = instance.effect
     chosen = {c.name: instance.parameters[c.name] for c in effect.choices}
     kind = OwnRegressor if effect.regressor is not None and not has_columns(effect) else Feature
-    return kind(effect, instance.joint, chosen, equations)
+    shared = compiled_of(equations.robot, equations.model_name)
+    return kind(effect, instance.joint, chosen, equations, shared=shared)
 
 
 def allowed_values(feature: Feature, parameter: Parameter, data: WhitenedData) -> Parameter:

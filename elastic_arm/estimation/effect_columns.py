@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -37,6 +37,16 @@ SENSED = {
 READINGS = ("1", "Nm", "Nm/s")
 
 
+Compiled = dict[tuple[type, Effect, Any], CompiledColumns]
+
+
+@lru_cache(maxsize=4)
+def compiled_of(robot: Robot, model: str) -> Compiled:
+    """Return what was compiled of the effects of an arm in a variant of the model; of the last arms
+    that were looked at."""
+    return {}
+
+
 @dataclass(frozen=True, eq=False)
 class Feature:
     """One effect at one place in one choice, ready to be evaluated."""
@@ -49,8 +59,8 @@ class Feature:
     # the friction that it scales, where it does: effects as their laws, and the values of all their
     # parameters
     friction: tuple[tuple[Feature, tuple[float, ...]], ...] = field(default=(), repr=False)
-    # what was compiled of this effect, also for the arm with other numbers
-    shared: dict[tuple[type, Any], CompiledColumns] = field(default_factory=dict, repr=False)
+    # what was compiled of effects, also for the arm with other numbers
+    shared: Compiled = field(default_factory=dict, repr=False)
 
     @cached_property
     def key(self) -> tuple[str, str | None, tuple[Any, ...]]:
@@ -115,7 +125,7 @@ class Feature:
 
     @cached_property
     def _compiled(self) -> CompiledColumns:
-        kind = type(self), self.key
+        kind = type(self), self.effect, self.key
         known = self.shared[kind].at(self.equations) if kind in self.shared else None
         if known is None:
             self.shared[kind] = known = self._compile()
