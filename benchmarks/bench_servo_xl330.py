@@ -105,7 +105,7 @@ def main() -> None:
             said = [f"{one.effect} ({one.confidence:.2f})" for one in found.causes]
             print(f"{found.verdict}: {', '.join(said) or 'no cause'}")
             done = correct(found, robot, base.parent, correction, judge, fit)
-            print(done.note())
+            print("\n".join(done.notes()))
             written = done.robot or robot
         else:
             written = fitted(base, robot, correction, fit)

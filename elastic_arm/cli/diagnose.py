@@ -203,8 +203,7 @@ def diagnose_command(
         if corrected.choice is not None:
             found = with_refined(found, corrected.refined)
             found = found.with_closed_loop(corrected.choice.errors, corrected.choice.taken_back)
-            refined = [words] if (words := corrected.note()) else []
-            found = replace(found, notes=(*found.notes, *refined))
+            found = replace(found, notes=(*found.notes, *corrected.notes()))
         replays = replay_both(correction, out_dir, (judges or recordings)[0]) if replayed else []
         comparison = (
             compare(found, simulated, question, difference) if simulated and difference else None

@@ -315,7 +315,13 @@ def closed_loop_sentence(found: Diagnosis) -> str:
     one = errors[joint]
     described = f"the description has an error of {_short(one.described, one.unit)} at {joint}"
     written = f"the written correction {_short(one.corrected, one.unit)}"
-    return f"Under the recorded commands {described}, {written}."
+    alone = ""
+    if one.alone is not None and one.alone != one.corrected:
+        alone = (
+            f"; the corrected MJCF alone, without the laws that only robot.yaml states,"
+            f" {_short(one.alone, one.unit)}"
+        )
+    return f"Under the recorded commands {described}, {written}{alone}."
 
 
 def summary(found: Diagnosis) -> list[str]:

@@ -163,12 +163,11 @@ def _closed_loop(found: Diagnosis) -> Table:
     """Return the errors of a commanded arm under the recorded commands."""
     rows: list[list[object]] = []
     for joint, one in found.closed_loop.items():
-        refused = "" if one.refused is None else f"{1e3 * one.refused:.4g}"
-        unit = f"m{one.unit}"
-        rows.append(
-            [joint, f"{1e3 * one.described:.4g}", f"{1e3 * one.corrected:.4g}", refused, unit]
-        )
-    header = ["joint", "description", "robot.yaml", "all corrections, rejected", "unit"]
+        sizes = (one.described, one.corrected, one.alone, one.refused)
+        cells = ["" if size is None else f"{1e3 * size:.4g}" for size in sizes]
+        rows.append([joint, *cells, f"m{one.unit}"])
+    models = ["description", "robot.yaml", "corrected MJCF alone", "all corrections, rejected"]
+    header = ["joint", *models, "unit"]
     return Table(
         header,
         rows,

@@ -1,10 +1,11 @@
 """The user's own file with the numbers that a diagnosis or an identification found, beside
 robot.yaml."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Self
 
 import numpy as np
 from rich.markup import escape
@@ -17,6 +18,7 @@ from elastic_arm.errors import MissingExtraError, RobotError
 from elastic_arm.mujoco import Exported, export_mjcf, export_urdf
 from elastic_arm.mujoco.changed_numbers import Deviations
 from elastic_arm.mujoco.closed_loop import with_controllers
+from elastic_arm.mujoco.file_alone import file_numbers, refined_words, unstated
 from elastic_arm.mujoco.judgement import Choice, Judging, chosen
 from elastic_arm.mujoco.left_out import Motion
 from elastic_arm.mujoco.new_model import playable
@@ -30,7 +32,10 @@ from elastic_arm.robot.mjcf import MjcfArm, open_mjcf
 
 SUFFIX = "_corrected"
 NAMED = 6  # numbers that a note names
-
+NO_FILE = (
+    "without the laws of robot.yaml that an MJCF does not state, every joint would move worse than"
+    " as described"
+)
 
 # What is taken back -> the corrected arm without it.
 Corrected = Callable[[frozenset[str]], Robot]
@@ -49,10 +54,24 @@ class Written:
     )
     refined: tuple[Moved, ...] = ()  # numbers of it that were refined in closed loop
     fitted: tuple[Moved, ...] = ()  # numbers of a servo that it holds in the place of all causes
+    # joints whose described numbers the file keeps, and how they would move without these
+    kept_in_file: tuple[str, ...] = ()
 
-    def note(self) -> str:
-        """Return in a sentence which numbers differ from those that were found; empty where none
-        does."""
+    def notes(self) -> tuple[str, ...]:
+        """Return in sentences what of the written numbers is not as it was found."""
+        found = self._refined_note(), self._file_note()
+        return tuple(words for words in found if words)
+
+    def _file_note(self) -> str:
+        if not self.kept_in_file:
+            return ""
+        return (
+            "An MJCF does not state all laws of robot.yaml. Without them, the corrected file would"
+            f" move {listed(self.kept_in_file)} worse than the description: there it keeps the"
+            " described numbers."
+        )
+
+    def _refined_note(self) -> str:
         if self.fitted:
             numbers = listed([by_words(one) for one in self.fitted])
             return (
@@ -71,6 +90,15 @@ class Written:
             " recordings, starting from the posterior. These change by more than their standard"
             f" deviation: {listed(told[:NAMED], more)}."
         )
+
+    def with_alone(self, errors: Mapping[str, ClosedLoopError]) -> Self:
+        """Return it with the errors of the file alone, by joint."""
+        assert self.choice is not None
+        both = {
+            name: replace(one, alone=errors[name].corrected)
+            for name, one in self.choice.errors.items()
+        }
+        return replace(self, choice=self.choice.with_errors(both))
 
 
 class Correction:
@@ -186,9 +214,9 @@ class Correction:
             self.write(None, folder)
             errors = {name: as_described(one) for name, one in choice.errors.items()}
             return Written(choice.reason or None, None, choice.with_errors(errors))
-        arm = arm_without(back)
         kept = _kept(moved, back)
-        return Written(self.write(arm, folder, None if kept else deviations), arm, choice, kept)
+        written = Written(None, arm_without(back), choice, kept)
+        return self._as_file(written, judging, fitted, folder, None if kept else deviations)
 
     def _fitted_numbers(
         self,
@@ -231,9 +259,64 @@ class Correction:
             for name, one in choice.errors.items()
         }
         both = replace(choice.with_errors(errors), worse=found.worse, taken_back=found.taken_back)
-        return Written(self.write(written, folder), written, both, fitted=kept)
+        return self._as_file(Written(None, written, both, fitted=kept), judging, fitted, folder)
 
-    def _exported(self, robot: Robot, file: Path, deviations: Deviations | None = None) -> Exported:
+    def _as_file(
+        self,
+        found: Written,
+        judging: Sequence[Judging],
+        fitted: Sequence[Judging],
+        folder: Path,
+        deviations: Deviations | None = None,
+    ) -> Written:
+        """Write the file of a corrected arm, judged as its users load it: without the laws that an
+        MJCF does not state.
+
+        At joints with such laws the numbers of the file are refined without them; a joint that
+        would move worse than described keeps the described numbers.
+        """
+        file, path = self.write(found.robot, folder, deviations), self.path(folder)
+        found = replace(found, file=file)
+        if not self.mjcf or not isinstance(file, Exported) or self.base is None or path is None:
+            return found
+        assert found.robot is not None and found.choice is not None
+        opened, base = self.open(path), self.open(self.base)
+        joints = unstated(opened, found.robot)
+        if not joints:
+            return found.with_alone(found.choice.errors)
+        numbers = file_numbers(opened.robot, joints)
+        moved = refine(opened, opened.robot, numbers, fitted, alone=True)
+        by = np.array([one.by for one in moved])
+        refined = robot_at(opened.robot, [one.number for one in moved], by)
+        with TemporaryDirectory() as temporary:
+
+            def build(back: frozenset[str]) -> MjcfArm:
+                kept = Path(temporary) / "kept.xml"
+                self._exported(with_joints_of(refined, base.robot, back), kept)
+                return self.open(kept)
+
+            alone = chosen(base, build, base.robot.joint_names, judging)
+        assert alone is not None  # as the arm with its laws was played
+        found = replace(found.with_alone(alone.errors), kept_in_file=alone.taken_back)
+        back = frozenset(alone.taken_back)
+        if back >= set(base.robot.joint_names):
+            path.unlink()
+            return replace(found, file=NO_FILE)
+        if moved or back:
+            last = self._exported(with_joints_of(refined, base.robot, back), path, alone=True)
+            stay = [one for one in moved if one.number.joint not in back]
+            told = refined_words(file.left, stay)
+            file = replace(file, changes=last.changes, stand_ins=told)
+        return replace(found, file=file)
+
+    def _exported(
+        self,
+        robot: Robot,
+        file: Path,
+        deviations: Deviations | None = None,
+        *,
+        alone: bool = False,
+    ) -> Exported:
         assert self.base is not None
         common = {
             "chain": self._ends,
@@ -242,7 +325,7 @@ class Correction:
             "motion": self.motion,
         }
         if self.mjcf:
-            return export_mjcf(robot, self.base, file, at=self._at, **common)  # type: ignore[arg-type]
+            return export_mjcf(robot, self.base, file, at=self._at, alone=alone, **common)  # type: ignore[arg-type]
         return export_urdf(robot, self.base, file, **common)  # type: ignore[arg-type]
 
     def _played(self, robot: Robot, file: Path) -> MjcfArm:

@@ -207,6 +207,7 @@ def print_closed_loop(errors: Mapping[str, ClosedLoopError], written: str = "as 
     rows: dict[str, list[float | None]] = {
         "description": [one.described for one in errors.values()],
         written: [one.corrected for one in errors.values()],
+        "corrected MJCF alone": [one.alone for one in errors.values()],
         "all corrections": [one.refused for one in errors.values()],
     }
     for name, values in rows.items():
