@@ -27,6 +27,7 @@ from elastic_arm.diagnosis.result import SEPARATING, Cause, Diagnosis, Proposal
 from elastic_arm.diagnosis.search_words import search_words
 from elastic_arm.diagnosis.words import (
     alone_text,
+    cause_name,
     cause_size,
     change_text,
     effect_at,
@@ -380,8 +381,10 @@ def _print_causes(causes: Sequence[Cause]) -> None:
             escape(cause_size(cause, between)),
             (alone_text(cause), probability_text(cause.confidence)),
         )
-        table.add_row(escape(cause.effect), *at, size, *shares)
+        table.add_row(escape(cause_name(cause)), *at, size, *shares)
     out.print(table)
+    if any(cause.rejected for cause in causes):
+        out.print("[dim]rejected: the arm moves worse with it in closed loop; it is not written[/]")
     out.print(
         "[dim]gap: share that this cause alone removes; probability: that the cause is present[/]"
     )

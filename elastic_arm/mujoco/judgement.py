@@ -121,6 +121,11 @@ class Choice:
     better: bool  # whether any joint moves nearer with what is written
     reason: str = ""  # why no simulator takes all that was found; empty where one does
 
+    @property
+    def size(self) -> float:
+        """Mean of the logarithms of the errors of what is written."""
+        return float(np.mean([np.log(one.corrected + 1e-12) for one in self.errors.values()]))
+
     def with_errors(self, errors: Mapping[str, ClosedLoopError]) -> "Choice":
         """Return it with other errors."""
         return replace(self, errors=errors)

@@ -13,6 +13,7 @@ from elastic_arm.diagnosis.result import SEPARATING, Cause, Diagnosis, Imperfect
 from elastic_arm.diagnosis.words import (
     REPEATED_MOTION,
     alone_text,
+    cause_name,
     cause_size,
     change_text,
     effect_at,
@@ -129,8 +130,8 @@ def _verdict(found: Diagnosis) -> list[Block]:
     blocks.append(Text("\n".join(summary(found)), TONES[found.verdict]))
     if found.causes:
         rows: list[list[object]] = [
-            [c.effect, c.joint or "whole arm", sides_text(c), cause_size(c), Written(alone_text(c)),
-             Written(probability_text(c.confidence))]
+            [cause_name(c), c.joint or "whole arm", sides_text(c), cause_size(c),
+             Written(alone_text(c)), Written(probability_text(c.confidence))]
             for c in found.causes
         ]  # fmt: skip
         header = ["cause", "where", "visible on", "size", "share of the gap", "probability"]

@@ -281,33 +281,41 @@ class Correction:
             return found
         assert found.robot is not None and found.choice is not None
         opened, base = self.open(path), self.open(self.base)
-        joints = unstated(opened, found.robot)
-        if not joints:
+        lacking = unstated(opened, found.robot)
+        if not lacking:
             return found.with_alone(found.choice.errors)
-        numbers = file_numbers(opened.robot, joints)
-        moved = refine(opened, opened.robot, numbers, fitted, alone=True)
+        numbers = file_numbers(opened.robot, lacking)
+        moved = refine(opened, opened.robot, numbers, fitted)
         by = np.array([one.by for one in moved])
         refined = robot_at(opened.robot, [one.number for one in moved], by)
-        with TemporaryDirectory() as temporary:
-
-            def build(back: frozenset[str]) -> MjcfArm:
-                kept = Path(temporary) / "kept.xml"
-                self._exported(with_joints_of(refined, base.robot, back), kept)
-                return self.open(kept)
-
-            alone = chosen(base, build, base.robot.joint_names, judging)
-        assert alone is not None  # as the arm with its laws was played
-        found = replace(found.with_alone(alone.errors), kept_in_file=alone.taken_back)
+        arms = [opened.robot, *([refined] if moved else [])]
+        choices = [(self._alone(base, arm, judging), arm) for arm in arms]
+        alone, arm = min(choices, key=lambda pair: pair[0].size)
         back = frozenset(alone.taken_back)
         if back >= set(base.robot.joint_names):
             path.unlink()
             return replace(found, file=NO_FILE)
-        if moved or back:
-            last = self._exported(with_joints_of(refined, base.robot, back), path, alone=True)
-            stay = [one for one in moved if one.number.joint not in back]
-            told = refined_words(file.left, stay)
-            file = replace(file, changes=last.changes, stand_ins=told)
+        found = replace(found.with_alone(alone.errors), kept_in_file=alone.taken_back)
+        if arm is not opened.robot or back:
+            last = self._exported(with_joints_of(arm, base.robot, back), path, alone=True)
+            file = replace(file, changes=last.changes)
+            if arm is not opened.robot:
+                stay = [one for one in moved if one.number.joint not in back]
+                file = replace(file, stand_ins=refined_words(lacking, stay))
         return replace(found, file=file)
+
+    def _alone(self, base: MjcfArm, robot: Robot, judging: Sequence[Judging]) -> Choice:
+        """Choose which joints of a file have the numbers of an arm, played without its laws."""
+        with TemporaryDirectory() as temporary:
+
+            def build(back: frozenset[str]) -> MjcfArm:
+                kept = Path(temporary) / "kept.xml"
+                self._exported(with_joints_of(robot, base.robot, back), kept)
+                return self.open(kept)
+
+            found = chosen(base, build, base.robot.joint_names, judging)
+        assert found is not None  # as the arm with its laws was played
+        return found
 
     def _exported(
         self,
