@@ -34,6 +34,7 @@ FITTED, JUDGED = ("sin_sin", "up_and_down"), "sin_time_square"
 TORQUE_PER_VOLT, BACK_EMF, SUPPLY = 0.0963, 0.4, 7.4  # Nm/V, V s/rad and V of the data sheet
 DUTY = 4096 / (2 * np.pi * 256 * 885)  # per rad and number of the register of the gain
 PENDULUM = """<mujoco model="pendulum"><option timestep="0.001"/>
+<custom><numeric name="firmware_gain" data="1"/></custom>
 <worldbody><body name="rod" pos="0 0 1">
 <joint name="servo" axis="0 1 0" armature="0.0018" frictionloss="0.03" solreffriction="0.002 1"/>
 <inertial pos="0 0 -0.09804" mass="0.51" diaginertia="1.2e-5 1.2e-5 1e-6"/>

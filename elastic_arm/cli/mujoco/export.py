@@ -23,6 +23,7 @@ from elastic_arm.mujoco.closed_loop import has_servos, latest, with_controllers
 from elastic_arm.mujoco.judgement import Judging, closed_loop
 from elastic_arm.mujoco.left_out import Left
 from elastic_arm.mujoco.torque_file import Language, export_torque
+from elastic_arm.recording.made_torque import at_common_gain
 from elastic_arm.results import ClosedLoopError
 from elastic_arm.robot import Robot
 from elastic_arm.robot.loading import is_mjcf, parse_chain
@@ -176,9 +177,9 @@ def _played(
     ends = None if chain is None else parse_chain(chain)
     before = open_mjcf(base, ends, at)
     after = with_controllers(open_mjcf(done.files[0], ends, at), robot)
-    judging = [
-        Judging(options.read_by_clock(bag, None, robot, options.ClockChoice.auto)) for bag in bags
-    ]
+    recordings = [options.read_by_clock(bag, None, robot, options.ClockChoice.auto) for bag in bags]
+    at_common_gain(before.robot, recordings)
+    judging = list(map(Judging, recordings))
     late = max((latest(one) for one in (before, after) if has_servos(one)), default=0.0)
     played = [closed_loop(one, judging, late) for one in (before, after)]
     if played[0] is None or played[1] is None:
