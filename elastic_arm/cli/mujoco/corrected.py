@@ -15,6 +15,7 @@ from elastic_arm.cli.mujoco.export import print_export
 from elastic_arm.diagnosis.words import listed
 from elastic_arm.effects import Catalogue
 from elastic_arm.errors import MissingExtraError, RobotError
+from elastic_arm.evidence.watch import Watch
 from elastic_arm.mujoco import Exported, export_mjcf, export_urdf
 from elastic_arm.mujoco.changed_numbers import Deviations
 from elastic_arm.mujoco.closed_loop import with_controllers
@@ -165,6 +166,7 @@ class Correction:
         caused: bool,
         numbers: Sequence[Refinable] = (),
         fitted: Sequence[Judging] = (),
+        watch: Watch | None = None,
     ) -> Written:
         """Write the part of a commanded arm's correction that makes it no worse.
 
@@ -172,8 +174,9 @@ class Correction:
 
         robot: as described; units: what can be taken back; caused: whether what is as near as
         described is written; numbers: those that are refined first, on the recordings that were
-        fitted.
+        fitted; watch: is told of the stages, and may end them with what is known.
         """
+        watch = watch or Watch()
         choice = None
         moved: tuple[Moved, ...] = ()
 
@@ -190,7 +193,7 @@ class Correction:
             try:
                 if fitted:
                     found = corrected(frozenset())
-                    moved = refine(build(frozenset()), found, numbers, fitted)
+                    moved = refine(build(frozenset()), found, numbers, fitted, watch=watch)
             except (RobotError, MissingExtraError):
                 pass  # numbers that no simulator takes: they are taken back below
             try:
@@ -200,7 +203,7 @@ class Correction:
                     else None
                 )
                 described = described or playable(robot, Path(temporary) / "described.xml")
-                choice = chosen(described, build, units, judging)
+                choice = chosen(described, build, units, judging, watch)
             except (RobotError, MissingExtraError):
                 pass  # a controller that MuJoCo has not: nothing is played
         if choice is None:
@@ -208,7 +211,7 @@ class Correction:
             return Written(self.write(arm, folder, deviations), arm)
         back = frozenset(choice.taken_back)
         if back >= set(units) or not (caused or choice.better):
-            fallback = self._fitted_numbers(robot, choice, judging, fitted, folder)
+            fallback = self._fitted_numbers(robot, choice, judging, fitted, folder, watch)
             if fallback is not None:
                 return fallback
             self.write(None, folder)
@@ -216,7 +219,8 @@ class Correction:
             return Written(choice.reason or None, None, choice.with_errors(errors))
         kept = _kept(moved, back)
         written = Written(None, arm_without(back), choice, kept)
-        return self._as_file(written, judging, fitted, folder, None if kept else deviations)
+        told = None if kept else deviations
+        return self._as_file(written, judging, fitted, folder, watch, told)
 
     def _fitted_numbers(
         self,
@@ -225,6 +229,7 @@ class Correction:
         judging: Sequence[Judging],
         fitted: Sequence[Judging],
         folder: Path,
+        watch: Watch,
     ) -> Written | None:
         """Write a servo arm with the numbers that every servo has, fitted in closed loop.
 
@@ -232,13 +237,13 @@ class Correction:
         nearer.
         """
         arm, numbers = servo_numbers(robot)
-        if not fitted or not numbers:
+        if not fitted or not numbers or watch.is_over():
             return None
         with TemporaryDirectory() as temporary:
             try:
                 described = self._played(robot, Path(temporary) / "described.xml")
                 played = self._played(arm, Path(temporary) / "arm.xml")
-                moved = refine(played, arm, numbers, fitted, alone=True)
+                moved = refine(played, arm, numbers, fitted, alone=True, watch=watch)
                 by = np.array([one.by for one in moved])
                 whole = robot_at(arm, [one.number for one in moved], by)
 
@@ -246,7 +251,9 @@ class Correction:
                     kept = with_joints_of(whole, robot, back)
                     return self._played(kept, Path(temporary) / "kept.xml")
 
-                choice = chosen(described, build, robot.joint_names, judging) if moved else None
+                choice = None
+                if moved:
+                    choice = chosen(described, build, robot.joint_names, judging, watch)
             except (RobotError, MissingExtraError):
                 return None
         if choice is None or not choice.better:
@@ -259,7 +266,8 @@ class Correction:
             for name, one in choice.errors.items()
         }
         both = replace(choice.with_errors(errors), worse=found.worse, taken_back=found.taken_back)
-        return self._as_file(Written(None, written, both, fitted=kept), judging, fitted, folder)
+        done = Written(None, written, both, fitted=kept)
+        return self._as_file(done, judging, fitted, folder, watch)
 
     def _as_file(
         self,
@@ -267,6 +275,7 @@ class Correction:
         judging: Sequence[Judging],
         fitted: Sequence[Judging],
         folder: Path,
+        watch: Watch,
         deviations: Deviations | None = None,
     ) -> Written:
         """Write the file of a corrected arm, judged as its users load it: without the laws that an
@@ -285,11 +294,11 @@ class Correction:
         if not lacking:
             return found.with_alone(found.choice.errors)
         numbers = file_numbers(opened.robot, lacking)
-        moved = refine(opened, opened.robot, numbers, fitted)
+        moved = refine(opened, opened.robot, numbers, fitted, watch=watch)
         by = np.array([one.by for one in moved])
         refined = robot_at(opened.robot, [one.number for one in moved], by)
         arms = [opened.robot, *([refined] if moved else [])]
-        choices = [(self._alone(base, arm, judging), arm) for arm in arms]
+        choices = [(self._alone(base, arm, judging, watch), arm) for arm in arms]
         alone, arm = min(choices, key=lambda pair: pair[0].size)
         back = frozenset(alone.taken_back)
         if back >= set(base.robot.joint_names):
@@ -304,7 +313,9 @@ class Correction:
                 file = replace(file, stand_ins=refined_words(lacking, stay))
         return replace(found, file=file)
 
-    def _alone(self, base: MjcfArm, robot: Robot, judging: Sequence[Judging]) -> Choice:
+    def _alone(
+        self, base: MjcfArm, robot: Robot, judging: Sequence[Judging], watch: Watch
+    ) -> Choice:
         """Choose which joints of a file have the numbers of an arm, played without its laws."""
         with TemporaryDirectory() as temporary:
 
@@ -313,7 +324,7 @@ class Correction:
                 self._exported(with_joints_of(robot, base.robot, back), kept)
                 return self.open(kept)
 
-            found = chosen(base, build, base.robot.joint_names, judging)
+            found = chosen(base, build, base.robot.joint_names, judging, watch)
         assert found is not None  # as the arm with its laws was played
         return found
 
