@@ -4,11 +4,11 @@
 
 Arms are those of :mod:`.bench_servo_correction`. `mujoco.sysid` starts from the description and
 fits kp, kv, armature, damping, friction loss, mass and centre of mass of every joint to the
-recorded positions, in windows that begin with the recorded state. Both are judged by the MJCF that
-each writes, loaded alone, in closed loop on the recording that judges: mrad of each joint,
-description → correction and sysid (true arm). Processor seconds are those of the whole process,
-threads included; those of the correction include the diagnosis. At the end: the ratio of the times,
-and at how many joints which of the two errs less.
+recorded positions, from the rest with which a recording begins, or in windows from the recorded
+state. Both are judged by the MJCF that each writes, loaded alone, in closed loop on the recording
+that judges: mrad of each joint, description → correction and sysid (true arm). Processor seconds
+are those of the whole process, threads included; those of the correction include the diagnosis. At
+the end: the ratio of the times, and at how many joints which of the two errs less.
 """
 
 import argparse
@@ -38,7 +38,6 @@ from elastic_arm.studies.blind_challenge.servo_arms import drawn, mjcf, opened
 
 WIDE = 5.0  # ratio within which sysid may move a number
 MOVED = 0.1  # m, by which it may move a centre of mass
-EDGE = 0.03  # s at either end of a recording, where its velocities are not known well
 
 
 @dataclass(frozen=True)
@@ -134,10 +133,10 @@ def _sequences(sysid: Any, spec: Any, recording: Recording, window: float) -> An
     t = (side.stamp_ns - side.stamp_ns[0]) * 1e-9
     given = (reference.stamp_ns - side.stamp_ns[0]) * 1e-9
     rates = np.gradient(side.position, t, axis=0, edge_order=2)
-    samples = round(window / float(np.median(np.diff(t))))
-    first = int(np.searchsorted(t, EDGE))
+    whole = len(t) - 1
+    samples = int(min(whole, window // float(np.median(np.diff(t)))))
     states, controls, sensors, names = [], [], [], []
-    for k in range(first, len(t) - samples, samples):
+    for k in range(0, len(t) - samples, samples):
         part = slice(k, k + samples + 1)
         angles = np.array(side.position[part])
         states.append(sysid.create_initial_state(model, angles[0], rates[k]))
@@ -182,7 +181,7 @@ def main() -> None:
     parser.add_argument("--level", choices=("servo", "position"), default="servo")
     parser.add_argument("--seed", type=int, default=626262)
     parser.add_argument("--only", action="append", help="an effect, or 'clean'; may be repeated")
-    parser.add_argument("--window", type=float, default=2.0, help="of sysid, s")
+    parser.add_argument("--window", type=float, default=np.inf, help="of sysid, s")
     parser.add_argument("--iterations", type=int, default=6, help="of sysid, at most")
     asked = parser.parse_args()
     kinds = asked.only or ["clean", *LEVELS[asked.level].effects]
