@@ -159,6 +159,8 @@ def _alike(one: JointController, other: JointController | None) -> bool:
     if other is None:
         return False
     numbers = ("kp", "kd", "ki", "delay", "torque", "stall", "sag")
+    if other.firmware_gain is None:  # the gains are those of the recordings' one
+        one = replace(one, firmware_gain=None)
     same = replace(one, **{name: getattr(other, name) for name in numbers}) == other
     pairs = [
         [np.inf if (v := getattr(drive, k)) is None else v for drive in (one, other)]

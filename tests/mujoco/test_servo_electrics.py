@@ -148,6 +148,8 @@ def test_an_mjcf_that_states_no_firmware_gain_is_played_as_it_is(tmp_path: Path)
         400.0
     ] * 3
     assert told.joints[0].controller.kp == arm.robot.joints[0].controller.kp  # type: ignore[union-attr]
+    done = export_mjcf(told, EXAMPLE / "arm.xml", tmp_path / "new.xml")
+    assert (done.changes, done.left) == ((), ())
     other = replace(run, firmware_gains={**gains, "lift": 100.0}, source="other")
     wanted = (
         r"firmware gains 100 and 400 at lift, and the description does not state(?s:.*)"

@@ -176,22 +176,21 @@ def _played(
         raise RobotError("--validate compares with an MJCF of yours", "Give it with --base.")
     ends = None if chain is None else parse_chain(chain)
     before = open_mjcf(base, ends, at)
-    after = with_controllers(open_mjcf(done.files[0], ends, at), robot)
+    alone = open_mjcf(done.files[0], ends, at)
+    after = with_controllers(alone, robot)
     recordings = [options.read_by_clock(bag, None, robot, options.ClockChoice.auto) for bag in bags]
     at_common_gain(before.robot, recordings)
     judging = list(map(Judging, recordings))
     late = max((latest(one) for one in (before, after) if has_servos(one)), default=0.0)
-    played = [closed_loop(one, judging, late) for one in (before, after)]
-    if played[0] is None or played[1] is None:
+    played = [closed_loop(one, judging, late) for one in (before, after, alone)]
+    errors = [one.errors.tolist() for one in played if one is not None]
+    if len(errors) < len(played):
         raise RobotError(
             "the bags contain no commands, or the model has no servos", "Omit --validate."
         )
-    pairs = zip(
-        robot.joint_names, played[0].errors.tolist(), played[1].errors.tolist(), strict=True
-    )
     return {
-        name: ClosedLoopError(first, last, robot.units.at(name, "rad"))
-        for name, first, last in pairs
+        name: ClosedLoopError(described, written, robot.units.at(name, "rad"), alone=by_file)
+        for name, described, written, by_file in zip(robot.joint_names, *errors, strict=True)
     }
 
 
