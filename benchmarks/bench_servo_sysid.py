@@ -87,6 +87,7 @@ def theirs(recording: Recording, base: Path, out: Path, window: float, iteration
     spec = mujoco.MjSpec.from_file(str(base))
     for joint, actuator in zip(spec.joints, spec.actuators, strict=True):
         actuator.name = f"servo_{joint.name}"
+        # sysid wants as many sensors as there are measured signals, which are states, see below.
         kind = mujoco.mjtSensor.mjSENS_JOINTPOS
         reads = mujoco.mjtObj.mjOBJ_JOINT
         spec.add_sensor(name=f"q_{joint.name}", type=kind, objtype=reads, objname=joint.name)
@@ -136,6 +137,9 @@ def _sequences(sysid: Any, spec: Any, recording: Recording, window: float) -> An
     whole = len(t) - 1
     samples = int(min(whole, window // float(np.median(np.diff(t)))))
     states, controls, sensors, names = [], [], [], []
+    # Not sensors: in a rollout those are of the state before a step, and sysid takes them as after.
+    kind = sysid.SignalType.MjStateQPos
+    measured = [(name, kind) for name in recording.joints]
     for k in range(0, len(t) - samples, samples):
         part = slice(k, k + samples + 1)
         angles = np.array(side.position[part])
@@ -143,7 +147,7 @@ def _sequences(sysid: Any, spec: Any, recording: Recording, window: float) -> An
         at = step * np.arange(round((t[k + samples] - t[k]) / step) + 1)
         last = np.searchsorted(given, t[k] + at + 1e-6, side="right") - 1
         controls.append(sysid.TimeSeries(at, reference.position[last]))
-        sensors.append(sysid.TimeSeries.from_names(t[part] - t[k], angles, model))
+        sensors.append(sysid.TimeSeries.from_names(t[part] - t[k], angles, model, measured))
         names.append(f"window_{k}")
     return sysid.ModelSequences("arm", spec, names, states, controls, sensors)
 
