@@ -284,12 +284,14 @@ class Correction:
         At joints with such laws the numbers of the file are refined without them; a joint that
         would move worse than described keeps the described numbers.
         """
-        file, path = self.write(found.robot, folder, deviations), self.path(folder)
+        file = self.write(found.robot, folder, deviations)
+        path = self.path(folder)
         found = replace(found, file=file)
         if not self.mjcf or not isinstance(file, Exported) or self.base is None or path is None:
             return found
         assert found.robot is not None and found.choice is not None
-        opened, base = self.open(path), self.open(self.base)
+        opened = self.open(path)
+        base = self.open(self.base)
         lacking = unstated(opened, found.robot)
         if not lacking:
             return found.with_alone(found.choice.errors)
@@ -298,7 +300,7 @@ class Correction:
         by = np.array([one.by for one in moved])
         refined = robot_at(opened.robot, [one.number for one in moved], by)
         arms = [opened.robot, *([refined] if moved else [])]
-        choices = [(self._alone(base, arm, judging, watch), arm) for arm in arms]
+        choices = [(self._alone(base, opened, arm, judging, watch), arm) for arm in arms]
         alone, arm = min(choices, key=lambda pair: pair[0].size)
         back = frozenset(alone.taken_back)
         if back >= set(base.robot.joint_names):
@@ -314,12 +316,22 @@ class Correction:
         return replace(found, file=file)
 
     def _alone(
-        self, base: MjcfArm, robot: Robot, judging: Sequence[Judging], watch: Watch
+        self,
+        base: MjcfArm,
+        opened: MjcfArm,
+        robot: Robot,
+        judging: Sequence[Judging],
+        watch: Watch,
     ) -> Choice:
-        """Choose which joints of a file have the numbers of an arm, played without its laws."""
+        """Choose which joints of a file have the numbers of an arm, played without its laws.
+
+        opened: the file as it was first written, which has its own arm's numbers.
+        """
         with TemporaryDirectory() as temporary:
 
             def build(back: frozenset[str]) -> MjcfArm:
+                if robot is opened.robot and not back:
+                    return opened
                 kept = Path(temporary) / "kept.xml"
                 self._exported(with_joints_of(robot, base.robot, back), kept)
                 return self.open(kept)
