@@ -3,9 +3,10 @@
     python -m benchmarks.bench_servo_correction --seed 515151 --level servo [--only payload]
 
 An arm of the challenge's level for each effect that it has, and one without. Printed of each: the
-closed-loop error of each joint on the recording that judges, mrad: described → found → written
-(true arm), where "found" are the causes and numbers of the diagnosis before they are refined in
-closed loop; processor seconds of diagnosis and correction; and what was said. At the end: at how
+closed-loop error of each joint on the recording that judges, mrad: described → found → written →
+alone (true arm), where "found" are the causes and numbers of the diagnosis before they are refined
+in closed loop, and "alone" is the written MJCF as it is loaded, or the description where none is
+written; processor seconds of diagnosis and correction; and what was said. At the end: at how
 many joints the written arm is nearer than the described one, its errors over those of the true arm,
 and z = (value - truth) / std of each joint's `torque_scale`.
 """
@@ -47,7 +48,7 @@ class Outcome:
 
     name: str
     said: str
-    errors: dict[str, Array]  # (n,) rad, of "described", "found", "written", "true"
+    errors: dict[str, Array]  # (n,) rad, of "described", "found", "written", "alone", "true"
     scales: Array  # (n, 3) value, deviation and truth of the scale of torque
     seconds: tuple[float, float]  # of the processor, of diagnosis and correction
 
@@ -83,11 +84,12 @@ def corrected(
     correction = Correction(base, None, None, EFFECTS)
     written = correct(found, robot, folder, correction, [judge], [fit])
     seconds = diagnosed - begin, time.process_time() - diagnosed
+    file = correction.path(folder)
+    alone = file if file is not None and file.exists() else base
+    errors = {"alone": played(open_mjcf(alone), judge), "true": played(true, judge)}
     arms = {"described": robot, "found": repaired_robot(robot, found), "written": written.robot}
     models = {kind: robot if arm is None else arm for kind, arm in arms.items()}
-    errors = {kind: error_of(correction, arm, folder, judge) for kind, arm in models.items()} | {
-        "true": played(true, judge)
-    }
+    errors |= {kind: error_of(correction, arm, folder, judge) for kind, arm in models.items()}
     causes = [f"{cause.effect}:{cause.joint or 'all'}" for cause in found.causes]
     said = f"{found.verdict}: {', '.join(causes) or 'no cause'}"
     back = () if written.choice is None else written.choice.taken_back
@@ -128,9 +130,10 @@ def lines(one: Outcome) -> Sequence[str]:
     """Return what is printed of an arm."""
     rows = [f"{one.name}  {one.said}  ({one.seconds[0]:.1f} + {one.seconds[1]:.1f} s)"]
     for k, (value, std, truth) in enumerate(one.scales):
-        four = [1e3 * one.errors[kind][k] for kind in ("described", "found", "written", "true")]
+        kinds = ("described", "found", "written", "alone")
+        sizes = " → ".join(f"{1e3 * one.errors[kind][k]:7.2f}" for kind in kinds)
         rows.append(
-            f"  joint_{k + 1}  {four[0]:7.2f} → {four[1]:7.2f} → {four[2]:7.2f} ({four[3]:5.2f})"
+            f"  joint_{k + 1}  {sizes} ({1e3 * one.errors['true'][k]:5.2f})"
             f"   scale {value:.3f} ± {std:.3f} ({truth:.3f}, z {(value - truth) / std:+.1f})"
         )
     return rows
@@ -138,9 +141,9 @@ def lines(one: Outcome) -> Sequence[str]:
 
 def summary(outcomes: Sequence[Outcome]) -> str:
     """Return the counts over all arms."""
-    described, written, true = (
+    described, written, alone, true = (
         np.concatenate([one.errors[kind] for one in outcomes])
-        for kind in ("described", "written", "true")
+        for kind in ("described", "written", "alone", "true")
     )
     ratio = written / true
     scales = np.concatenate([one.scales for one in outcomes])
@@ -150,6 +153,8 @@ def summary(outcomes: Sequence[Outcome]) -> str:
         f"{np.sum(written < described)} of {len(written)} joints nearer than described;"
         f" error over the true arm's: median {np.median(ratio):.2f}, 90 %"
         f" {np.quantile(ratio, 0.9):.2f}, largest {ratio.max():.2f}\n"
+        f"{np.sum(alone > described)} of {len(alone)} joints of the MJCF alone further than"
+        " described\n"
         f"torque_scale: |z| median {np.median(z):.2f}, 90 % {np.quantile(z, 0.9):.2f},"
         f" {np.sum(z > FAR)} of {len(z)} beyond {FAR:g}\n"
         f"processor seconds an arm: {seconds[:, 0].mean():.1f} + {seconds[:, 1].mean():.1f}"

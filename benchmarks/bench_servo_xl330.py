@@ -4,9 +4,10 @@
 
 FOLDER holds logs of the project BAM as CSV, kpGAIN_MOTION.csv, with goal_rad, position_rad and
 time_s. The first two motions are fitted at all gains together; printed are the numbers found with
-their deviations, and the error of each log in closed loop, mrad rms: described → written. With
---diagnose the causes are those of the whole diagnosis; without, the numbers that every servo has
-are fitted alone. The description is the data sheet's: kt / R 0.0963 Nm/V, 7.4 V, and no more.
+their deviations, and the error of each log in closed loop, mrad rms: described → written → the
+written MJCF alone, without friction by load and sag. With --diagnose the causes are those of the
+whole diagnosis; without, the numbers that every servo has are fitted alone. The description is the
+data sheet's: kt / R 0.0963 Nm/V, 7.4 V, and no more.
 """
 
 import argparse
@@ -21,11 +22,10 @@ from elastic_arm.cli.diagnose import correct
 from elastic_arm.cli.mujoco.corrected import Correction
 from elastic_arm.diagnosis import Question, diagnose
 from elastic_arm.effects import EFFECTS
+from elastic_arm.mujoco import Exported, export_mjcf
 from elastic_arm.mujoco.closed_loop import with_controllers
 from elastic_arm.mujoco.judgement import Judging, closed_loop
-from elastic_arm.mujoco.refinable import RATIOS, robot_at
-from elastic_arm.mujoco.refinement import refine
-from elastic_arm.mujoco.servo_numbers import servo_numbers
+from elastic_arm.mujoco.refinable import RATIOS, Moved
 from elastic_arm.recording import Recording, Side
 from elastic_arm.robot import Robot, load_robot
 from elastic_arm.robot.mjcf import open_mjcf
@@ -34,6 +34,7 @@ FITTED, JUDGED = ("sin_sin", "up_and_down"), "sin_time_square"
 TORQUE_PER_VOLT, BACK_EMF, SUPPLY = 0.0963, 0.4, 7.4  # Nm/V, V s/rad and V of the data sheet
 DUTY = 4096 / (2 * np.pi * 256 * 885)  # per rad and number of the register of the gain
 PENDULUM = """<mujoco model="pendulum"><option timestep="0.001"/>
+<custom><numeric name="firmware_gain" data="1"/></custom>
 <worldbody><body name="rod" pos="0 0 1">
 <joint name="servo" axis="0 1 0" armature="0.0018" frictionloss="0.03" solreffriction="0.002 1"/>
 <inertial pos="0 0 -0.09804" mass="0.51" diaginertia="1.2e-5 1.2e-5 1e-6"/>
@@ -70,18 +71,11 @@ def recorded(folder: Path, gain: int, motion: str) -> Recording:
     )
 
 
-def fitted(base: Path, robot: Robot, correction: Correction, fit: Sequence[Recording]) -> Robot:
-    """Return the arm with the numbers that every servo has, and print them."""
-    arm, numbers = servo_numbers(robot)
-    correction.write(arm, base.parent)
-    file = correction.path(base.parent)
-    assert file is not None
-    played = with_controllers(open_mjcf(file), arm)
-    moved = refine(played, arm, numbers, [Judging(one) for one in fit], alone=True)
+def told(moved: Sequence[Moved]) -> None:
+    """Print numbers that were fitted, with their deviations."""
     for one in moved:
         size = np.exp(one.by) if one.number.what in RATIOS.values() else one.by - one.number.stated
         print(f"{one.number.what:24} {size:8.4f} ± {one.std:.4f}")
-    return robot_at(arm, [one.number for one in moved], np.array([one.by for one in moved]))
 
 
 def main() -> None:
@@ -99,28 +93,40 @@ def main() -> None:
         base = Path(temporary) / "arm.xml"
         robot = described(base)
         correction = Correction(base, None, None, EFFECTS)
+        judge = [recorded(asked.folder, gain, JUDGED) for gain in gains]
         if asked.diagnose:
-            judge = [recorded(asked.folder, gain, JUDGED) for gain in gains]
             found = diagnose(fit, Question(robot, refit=True), judge)
             said = [f"{one.effect} ({one.confidence:.2f})" for one in found.causes]
             print(f"{found.verdict}: {', '.join(said) or 'no cause'}")
             done = correct(found, robot, base.parent, correction, judge, fit)
-            print(done.note())
-            written = done.robot or robot
         else:
-            written = fitted(base, robot, correction, fit)
-        correction.write(written, base.parent)
+            done = correction.judged(
+                robot,
+                lambda back: robot,
+                robot.joint_names,
+                list(map(Judging, judge)),
+                base.parent,
+                caused=False,
+                fitted=list(map(Judging, fit)),
+            )
+        told(done.fitted)
+        print("\n".join(done.notes()))
         file = correction.path(base.parent)
         assert file is not None
-        arms = [
-            with_controllers(open_mjcf(path), arm) for path, arm in ((base, robot), (file, written))
-        ]
+        arms = [open_mjcf(base)]
+        if done.robot is not None:
+            plain = base.parent / "with_laws.xml"
+            export_mjcf(done.robot, base, plain)
+            arms.append(with_controllers(open_mjcf(plain), done.robot))
+        if isinstance(done.file, Exported):
+            print("\n".join(done.file.stand_ins))
+            arms.append(open_mjcf(file))
         for stem in sorted(logs, key=lambda name: (JUDGED in name, int(name.split("_")[0][2:]))):
             gain, _, motion = stem[2:].partition("_")
             judging = [Judging(recorded(asked.folder, int(gain), motion))]
             plays = [closed_loop(arm, judging) for arm in arms]
-            before, after = (np.nan if one is None else 1e3 * one.errors[0] for one in plays)
-            print(f"{stem:24} {before:7.1f} → {after:7.1f}")
+            sizes = [np.nan if one is None else 1e3 * one.errors[0] for one in plays]
+            print(f"{stem:24} {' → '.join(f'{size:7.1f}' for size in sizes)}")
     print(f"{time.process_time() - begin:.0f} s of processor")
 
 

@@ -23,12 +23,17 @@ class ClosedLoopError:
     # with all that was found, where not all was written: this joint then moved worse than
     # described; None elsewhere
     refused: float | None = None
+    # by the written MJCF as it is loaded, without laws that only robot.yaml states; None where no
+    # MJCF is written
+    alone: float | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as in `diagnosis.json`; null where a model leaves the finite numbers."""
         numbers = {"described": self.described, "corrected": self.corrected}
-        if self.refused is not None:
-            numbers["refused"] = self.refused
+        for name in ("refused", "alone"):
+            value = getattr(self, name)
+            if value is not None:
+                numbers[name] = value
         rounded = {
             name: float(f"{v:.4g}") if v < float("inf") else None for name, v in numbers.items()
         }

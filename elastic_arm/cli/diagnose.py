@@ -27,6 +27,7 @@ from elastic_arm.diagnosis.result import SEPARATING, Cause, Diagnosis, Proposal
 from elastic_arm.diagnosis.search_words import search_words
 from elastic_arm.diagnosis.words import (
     alone_text,
+    cause_name,
     cause_size,
     change_text,
     effect_at,
@@ -47,6 +48,7 @@ from elastic_arm.effects.text import known_effects
 from elastic_arm.estimation.equation_sets import SIDES
 from elastic_arm.estimation.segments import DIAGNOSED
 from elastic_arm.evidence.priors import read_priors
+from elastic_arm.evidence.watch import Watch
 from elastic_arm.memory import keep_memory
 from elastic_arm.mujoco import Replay
 from elastic_arm.mujoco.judgement import Judging
@@ -62,6 +64,10 @@ ROBOT = "robot.yaml"
 COMPARISON = "comparison.json"
 TABLES = ("causes.csv", "gap.csv", "parameters.csv", "residuals.csv")
 RESULTS = ("diagnosis.json", "report.html", ROBOT, SEPARATING, COMPARISON)
+CUT_SHORT = (
+    "The closed loop ended early: numbers may not be refined to the end, and corrections that were"
+    " not found to move as well as the description are not written."
+)
 COLOURS = {"none": "green", "explained": "cyan", "unknown": "yellow"}
 
 Judges = Annotated[
@@ -195,16 +201,18 @@ def diagnose_command(
     keep_memory()  # what was read and left out would leave holes
     with working("diagnosing") as status, ended_early(seconds, status, quiet=quiet) as watch:
         found = diagnose(recordings, question, judges, watch=watch)
-    with working("predicting, comparing and proposing a motion"):
+        watch.say("predicting, comparing and proposing a motion")
         found = follow_up(found, rng=np.random.default_rng(0) if propose else None)
         corrected = Written(wrong)
         if wrong is None:
-            corrected = correct(found, robot, out_dir, correction, judges or recordings, recordings)
+            corrected = correct(
+                found, robot, out_dir, correction, judges or recordings, recordings, watch
+            )
         if corrected.choice is not None:
             found = with_refined(found, corrected.refined)
             found = found.with_closed_loop(corrected.choice.errors, corrected.choice.taken_back)
-            refined = [words] if (words := corrected.note()) else []
-            found = replace(found, notes=(*found.notes, *refined))
+            ended = (CUT_SHORT,) if watch.is_over() else ()
+            found = replace(found, notes=(*found.notes, *corrected.notes(), *ended))
         replays = replay_both(correction, out_dir, (judges or recordings)[0]) if replayed else []
         comparison = (
             compare(found, simulated, question, difference) if simulated and difference else None
@@ -250,6 +258,7 @@ def correct(
     correction: Correction,
     judges: Sequence[Recording] = (),
     fitted: Sequence[Recording] = (),
+    watch: Watch | None = None,
 ) -> Written:
     """Write the file that the arm came from with what was found.
 
@@ -290,6 +299,7 @@ def correct(
         caused=bool(found.causes),
         numbers=refinable(found, robot),
         fitted=before if held_back else whole,
+        watch=watch,
     )
 
 
@@ -381,8 +391,10 @@ def _print_causes(causes: Sequence[Cause]) -> None:
             escape(cause_size(cause, between)),
             (alone_text(cause), probability_text(cause.confidence)),
         )
-        table.add_row(escape(cause.effect), *at, size, *shares)
+        table.add_row(escape(cause_name(cause)), *at, size, *shares)
     out.print(table)
+    if any(cause.rejected for cause in causes):
+        out.print("[dim]rejected: the arm moves worse with it in closed loop; it is not written[/]")
     out.print(
         "[dim]gap: share that this cause alone removes; probability: that the cause is present[/]"
     )

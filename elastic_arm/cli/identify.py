@@ -165,7 +165,11 @@ def _judged(result: Identification, written: Written) -> Identification:
     if choice is None:
         return result
     errors = {name: one.to_dict() for name, one in choice.errors.items()}
-    result = result.with_(closed_loop=errors, identified=written.robot or result.identified)
+    result = result.with_(
+        closed_loop=errors,
+        identified=written.robot or result.identified,
+        notes=(*written.notes(), *result.notes),
+    )
     if not choice.worse:
         return result
     what = "the corrected file" if written.robot is not None else "no file"

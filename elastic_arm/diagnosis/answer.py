@@ -77,6 +77,7 @@ from elastic_arm.identification.batch.identify import resonances
 from elastic_arm.identification.batch.mounting import CHANCE, STEP
 from elastic_arm.identification.verdict import SURE
 from elastic_arm.recording import Recording
+from elastic_arm.recording.made_torque import at_common_gain
 from elastic_arm.recording.recording import recordings_of
 
 AGAIN = 3  # times that recordings are explained anew without the events that are found
@@ -117,6 +118,8 @@ def diagnose(
     """
     recordings, validate = recordings_of(recordings), recordings_of(validate, "validate")
     require_kind(question, Question, "question", DiagnosisError, "Give Question(robot).")
+    robot = at_common_gain(question.robot, [*recordings, *validate])
+    question = replace(question, robot=robot)
     watch = watch or Watch()
     prepared = prepare(recordings, validate, question)
     watch.say(f"diagnosed: {len(prepared.problem.sources)} recordings")

@@ -67,6 +67,8 @@ class Cause:
     # share of the gap at its places that comes back where it is taken out and the rest is refitted,
     # on the recordings that judge; None where no place has a gap
     shrink_without: float | None = None
+    # whether a commanded arm moves worse with its correction, which then is not written
+    rejected: bool = False
 
     @property
     def held_as(self) -> str:
@@ -118,6 +120,7 @@ class Cause:
             ),
             "to": None if self.stated is None else found,
             "held_as": self.held_as,
+            "rejected": self.rejected,
             "alternatives": [
                 {
                     "effect": a.effect,
@@ -402,8 +405,15 @@ class Diagnosis(Result):
         `explained`."""
         refused = any(one.refused is not None for one in errors.values())
         verdict = "unknown" if refused and self.verdict == "explained" else self.verdict
+        causes = tuple(
+            replace(one, rejected=(one.joint or one.effect) in taken_back) for one in self.causes
+        )
         return replace(
-            self, verdict=verdict, closed_loop=dict(errors), taken_back=tuple(taken_back)
+            self,
+            verdict=verdict,
+            causes=causes,
+            closed_loop=dict(errors),
+            taken_back=tuple(taken_back),
         )
 
     def tables(self) -> dict[str, Sequence[Row]]:
@@ -686,6 +696,7 @@ def _cause(one: Mapping[str, Any], catalogue: Catalogue) -> Cause:
         stated=one["from"],
         is_number=one["held_as"] == "number",
         shrink_without=one.get("shrink_without"),
+        rejected=one.get("rejected", False),
     )
 
 

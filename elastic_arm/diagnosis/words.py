@@ -167,6 +167,9 @@ def unseen_notes(instances: Sequence[EffectInstance], bare: Sequence[str]) -> li
     return found
 
 
+REJECTED = (
+    "The closed loop rejects its correction: neither robot.yaml nor the corrected file contains it."
+)
 UNFINISHED = (
     "The search ended early with the best answer so far. Exchanges of several causes and"
     " laws outside the catalogue may not have been tried."
@@ -241,7 +244,8 @@ def unknown_sentences(found: Diagnosis) -> list[str]:
     joints = [joint for joint in dict.fromkeys(p.joint for p in others) if joint != first.joint]
     less = f", and of less at {listed(joints[:NAMED], len(joints) - NAMED)}" if joints else ""
     sentences = [f"{left}{less}."]
-    if found.causes and found.shrink is not None and found.shrink > 0.0:
+    hold = bool(found.causes) and not any(cause.rejected for cause in found.causes)
+    if hold and found.shrink is not None and found.shrink > 0.0:
         sentences.append(
             f"The causes hold all the same: with them {percent(found.shrink)} of the gap is gone."
             f" Where {first.rmse:.2g} {unit} are nothing to you, they are the answer."
@@ -315,7 +319,13 @@ def closed_loop_sentence(found: Diagnosis) -> str:
     one = errors[joint]
     described = f"the description has an error of {_short(one.described, one.unit)} at {joint}"
     written = f"the written correction {_short(one.corrected, one.unit)}"
-    return f"Under the recorded commands {described}, {written}."
+    alone = ""
+    if one.alone is not None and one.alone != one.corrected:
+        alone = (
+            f"; the corrected MJCF alone, without the laws that only robot.yaml states,"
+            f" {_short(one.alone, one.unit)}"
+        )
+    return f"Under the recorded commands {described}, {written}{alone}."
 
 
 def summary(found: Diagnosis) -> list[str]:
@@ -379,6 +389,11 @@ def _verdict_sentence(found: Diagnosis, beside: str) -> str:
     )
 
 
+def cause_name(cause: Cause) -> str:
+    """Return what a table calls a cause; one that the closed loop rejects is marked."""
+    return f"{cause.effect} (rejected)" if cause.rejected else cause.effect
+
+
 def cause_sentence(cause: Cause, model: str) -> str:
     """Return in plain words what the arm or its recording has that the model lacks, and what it may
     be instead."""
@@ -409,6 +424,8 @@ def cause_sentence(cause: Cause, model: str) -> str:
             f" (or {effect_at(other.effect, other.joint)}: the recording does not separate them)"
         )
     subject = (cause.joint or "the arm").replace("_", " ")
+    if cause.rejected:
+        return f"By the torques alone, {subject} {what}. {REJECTED}"
     return f"{subject[:1].upper()}{subject[1:]} {what}."
 
 

@@ -21,7 +21,7 @@ from elastic_arm.effects.arm_equations import ArmEquations
 from elastic_arm.effects.effect_set import EffectSet
 from elastic_arm.errors import EffectError, RobotError
 from elastic_arm.mujoco.elements import DEFLECTION, Elements
-from elastic_arm.mujoco.stand_ins import MARK
+from elastic_arm.mujoco.stand_ins import ALONE, MARK
 from elastic_arm.mujoco.stated_arm import acts_by_law, stated_arm
 from elastic_arm.robot import Robot, load_robot
 from elastic_arm.robot.mjcf import engine
@@ -194,8 +194,15 @@ def attach(
     `diagnose` wrote with robot.yaml; the arm has its effects, as diagnosis/robot.yaml, and is read
     by `chain` where it is a URDF or MJCF. What is returned has `detach()`, and the effects that act
     as `instances`. Raises an EffectError if an effect is none that acts by a law, and a RobotError
-    if the model lacks a joint of the arm.
+    if the model lacks a joint of the arm, or its numbers were refined without the laws.
     """
+    mj = engine()
+    if mj.mj_name2id(model, mj.mjtObj.mjOBJ_NUMERIC, ALONE) >= 0:
+        raise RobotError(
+            "the numbers of this file were refined without the laws, which would act twice",
+            "Attach them to the file that `elastic-arm export diagnosis/robot.yaml --base YOUR.xml"
+            " --out FILE` writes.",
+        )
     arm = robot if isinstance(robot, Robot) else load_robot(robot, chain)
     if (again := _attached.get(model._address)) is not None:
         again.detach()
@@ -211,7 +218,6 @@ def attach(
     instances = [e for e in left if acts_by_law(e.effect)]
     attachment = Attachment(model, arm, instances, stated if instances else ())
     if not _attached:
-        mj = engine()
         earlier = mj.get_mjcb_passive()
         if earlier is not None:
             _before.append(earlier)

@@ -246,8 +246,14 @@ def _set_points(arm: MjcfArm) -> Callable[[Array, Array, Array], Array]:
 def plays_by_step(arm: MjcfArm) -> bool:
     """Whether something acts between time steps that MuJoCo does not do itself."""
     others = np.setdiff1d(np.arange(arm.model.nv), arm.dofs)
-    beside = bool(_dead_bands(arm).any() or _beside(arm).any() or _sags(arm) or arm.laws)
+    beside = bool(beside_actuators(arm).any() or arm.laws)
     return bool(len(others)) or beside or engine().get_mjcb_passive() is not None
+
+
+def beside_actuators(arm: MjcfArm) -> NDArray[np.bool_]:
+    """Return the joints (n,) whose set-points hold what their actuators have not: a dead band, an
+    integral, a supply that sags."""
+    return np.asarray((_dead_bands(arm) > 0.0) | (_beside(arm) > 0.0) | _sagging(arm))
 
 
 def held(arm: MjcfArm) -> Callable[[Any], None]:
@@ -335,16 +341,15 @@ def _beside(arm: MjcfArm) -> Array:
     )
 
 
-def _sags(arm: MjcfArm) -> bool:
-    """Return whether the set-points of a joint hold its supply: one that sags, or the limit of a
-    duty that its actuator has not."""
-    for joint, place in zip(arm.robot.joints, arm.chain.joints, strict=True):
+def _sagging(arm: MjcfArm) -> NDArray[np.bool_]:
+    """Return the joints (n,) whose set-points hold their supply: one that sags, or the limit of a
+    duty that the actuator has not."""
+    found = np.zeros(arm.robot.n, dtype=bool)
+    for i, (joint, place) in enumerate(zip(arm.robot.joints, arm.chain.joints, strict=True)):
         drive, own = joint.controller, controller_of(arm.model, place)
-        if drive is None or drive.stall is None:
-            continue
-        if drive.sag or own is None or own.stall is None:
-            return True
-    return False
+        if drive is not None and drive.stall is not None:
+            found[i] = bool(drive.sag) or own is None or own.stall is None
+    return found
 
 
 def _integrating(arm: MjcfArm) -> NDArray[np.bool_]:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from elastic_arm.arrays import Array
 from elastic_arm.errors import RobotError
+from elastic_arm.evidence.watch import Watch
 from elastic_arm.mujoco.closed_loop import Span, latest, play
 from elastic_arm.recording import Recording
 from elastic_arm.results import ClosedLoopError
@@ -121,20 +122,31 @@ class Choice:
     better: bool  # whether any joint moves nearer with what is written
     reason: str = ""  # why no simulator takes all that was found; empty where one does
 
+    @property
+    def size(self) -> float:
+        """Mean of the logarithms of the errors of what is written."""
+        return float(np.mean([np.log(one.corrected + 1e-12) for one in self.errors.values()]))
+
     def with_errors(self, errors: Mapping[str, ClosedLoopError]) -> "Choice":
         """Return it with other errors."""
         return replace(self, errors=errors)
 
 
 def chosen(
-    described: MjcfArm, build: Build, units: Sequence[str], judging: Sequence[Judging]
+    described: MjcfArm,
+    build: Build,
+    units: Sequence[str],
+    judging: Sequence[Judging],
+    watch: Watch | None = None,
 ) -> Choice | None:
     """Choose what is written of a correction; None where nothing can be played.
 
     described: the model as it is; units: joints, and causes of the whole arm, each of which can be
-    taken back.
+    taken back; watch: is told of what is played, and may end the choice, which then takes all back
+    that is not known to move as well.
     """
-    search = _Search(described, build, judging)
+    watch = watch or Watch()
+    search = _Search(described, build, judging, watch)
     first = search.described
     if first is None:
         return None
@@ -142,13 +154,18 @@ def chosen(
     whole = search.of(frozenset())
     reason = search.reasons.get(frozenset(), "")
     back = frozenset[str]()
-    if whole is None:
+    if whole is None and watch.is_over():
+        back = everything
+    elif whole is None:
         back = frozenset(one for one in units if search.of(everything - {one}) is None)
         back = back if search.of(back) is not None else everything
     while back != everything:
         here = search.of(back)
         assert here is not None
         if not here.worse_than(first).any():
+            break
+        if watch.is_over():
+            back = everything
             break
         found = [back | {one} for one in units if one not in back]
         back = min(found, key=lambda one: search.loss(one))
@@ -178,8 +195,10 @@ def _worse(whole: ClosedLoop | None, first: ClosedLoop) -> Iterable[Any]:
 class _Search:
     """Models with some corrections taken back, each played once."""
 
-    def __init__(self, described: MjcfArm, build: Build, judging: Sequence[Judging]) -> None:
-        self._build, self._judging = build, judging
+    def __init__(
+        self, described: MjcfArm, build: Build, judging: Sequence[Judging], watch: Watch
+    ) -> None:
+        self._build, self._judging, self._watch = build, judging, watch
         self._met: dict[frozenset[str], ClosedLoop | None] = {}
         self._models: dict[frozenset[str], MjcfArm] = {}
         self.reasons: dict[frozenset[str], str] = {}
@@ -200,6 +219,8 @@ class _Search:
     def of(self, back: frozenset[str]) -> ClosedLoop | None:
         """Return how the arm moves without some corrections; None where no simulator takes it."""
         if back not in self._met:
+            without = f" without {', '.join(sorted(back))}" if back else ""
+            self._watch.say(f"closed loop: judging the correction{without}")
             model = self._model(back)
             self._met[back] = (
                 None if model is None else closed_loop(model, self._judging, self._late)

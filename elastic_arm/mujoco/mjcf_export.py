@@ -1,7 +1,7 @@
 """A user's own MJCF with the numbers of a corrected arm in it: everything else stays as they wrote
 it."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -25,7 +25,7 @@ from elastic_arm.mujoco.changed_numbers import (
 from elastic_arm.mujoco.elements import RIGID, delayed, motor_attributes, sharp
 from elastic_arm.mujoco.left_out import Left, Motion, left_effects, left_numbers
 from elastic_arm.mujoco.mjcf_file import ShapedMjcf
-from elastic_arm.mujoco.stand_ins import MARK, StandIn, explained, stood_in
+from elastic_arm.mujoco.stand_ins import ALONE, MARK, explained, stood_in
 from elastic_arm.mujoco.stated_arm import StatedArm, stated_arm
 from elastic_arm.robot import Inertia, Joint, JointController, Robot
 from elastic_arm.robot.kinematics import moved
@@ -90,6 +90,7 @@ def export_mjcf(
     deviations: Deviations | None = None,
     catalogue: Catalogue | None = None,
     motion: Motion | None = None,
+    alone: bool = False,
 ) -> Exported:
     """Write an MJCF with the numbers of an arm: inertials, armature, damping, friction loss,
     gravity, sensor delays.
@@ -97,7 +98,8 @@ def export_mjcf(
     The corrected arm, with its effects, has the joints and frames of the user's file `base`, from
     which it was read by `chain` and `at`; `deviations` of estimates go into the table. Friction
     laws that no number states have friction loss and damping in their place, nearest over `motion`,
-    the recording's, or over a swing. Raises a RobotError if the arm is another one, its numbers are
+    the recording's, or over a swing. `alone` marks a file whose numbers were refined without laws,
+    on which none act. Raises a RobotError if the arm is another one, its numbers are
     of no physical body, or the file's elements cannot be found.
     """
     arm = open_mjcf(base, chain, at)
@@ -117,7 +119,8 @@ def export_mjcf(
             file = ShapedMjcf(base, saved(base))
         document = _Document(arm, file, before, after)
         changes = [*document.change(deviations), *document.controllers(robot)]
-        document.mark(stand_ins)
+        marks = [one.numeric for one in stand_ins]
+        document.mark([*marks, {"name": ALONE, "data": "1"}] if alone else marks)
         files = document.file.write(out)
         _check(out, chain, at, after)
         written = read_mjcf(out, chain, at)
@@ -156,6 +159,8 @@ def _alike(one: JointController, other: JointController | None) -> bool:
     if other is None:
         return False
     numbers = ("kp", "kd", "ki", "delay", "torque", "stall", "sag")
+    if other.firmware_gain is None:  # the gains are those of the recordings' one
+        one = replace(one, firmware_gain=None)
     same = replace(one, **{name: getattr(other, name) for name in numbers}) == other
     pairs = [
         [np.inf if (v := getattr(drive, k)) is None else v for drive in (one, other)]
@@ -232,15 +237,15 @@ class _Document:
                 changes += self._sharp(element, change.element)
         return changes
 
-    def mark(self, stand_ins: Sequence[StandIn]) -> None:
+    def mark(self, marks: Sequence[Mapping[str, str]]) -> None:
         """Note which numbers stand for laws, in the place of earlier notes."""
         for element in list(self.file.elements("numeric")):
-            if (element.get("name") or "").startswith(MARK):
+            if (element.get("name") or "").startswith((MARK, ALONE)):
                 self.file.remove(element)
-        if stand_ins:
+        if marks:
             custom = self.file.insert_first(self.file.root, "custom")
-            for one in stand_ins:
-                self.file.set(self.file.insert_first(custom, "numeric"), **one.numeric)
+            for one in marks:
+                self.file.set(self.file.insert_first(custom, "numeric"), **one)
 
     def controllers(self, robot: Robot) -> Iterator[Change]:
         """Change gains, delays and limits of <position> elements; other actuators stay as they

@@ -8,6 +8,7 @@ the links. The coupling S of mod3 by spinning rotors is no number of an MJCF.
 """
 
 import xml.etree.ElementTree as ET
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -34,6 +35,7 @@ from elastic_arm.output_files import write_result
 from elastic_arm.robot import Inertia, JointController, Robot
 from elastic_arm.robot.kinematics import link_radius
 from elastic_arm.robot.mjcf import MjcfArm, open_mjcf
+from elastic_arm.robot.mjcf.drives import FIRMWARE_GAIN
 from elastic_arm.robot.urdf_export import bodies_with_components, words_of
 
 TIMESTEP = 1e-3
@@ -122,10 +124,11 @@ def _written(
         parent, place = body, np.eye(4)
     _drives(root, arm, robot, timestep)
     _elements(root, elements)
-    if stand_ins:
+    numerics = [*(one.numeric for one in stand_ins), *_firmware_gains(robot)]
+    if numerics:
         custom = ET.SubElement(root, "custom")
-        for one in stand_ins:
-            ET.SubElement(custom, "numeric", one.numeric)
+        for numeric in numerics:
+            ET.SubElement(custom, "numeric", numeric)
     ET.indent(root)
     left = tuple(explained(elements.left, stand_ins))
     return ET.tostring(root, encoding="unicode") + "\n", left, stand_ins
@@ -218,6 +221,16 @@ def _servo_element(drive: JointController, limit: float | None) -> tuple[str, di
         return "position", {"kp": text_of(drive.kp), "kv": text_of(drive.kd), **limited}
     limited = {} if limit is None else {"saturation": text_of(limit, 0.0, 0.0)}
     return "dcmotor", {"input": "pos", **motor_attributes(drive, 1.0), **limited}
+
+
+def _firmware_gains(robot: Robot) -> Iterator[dict[str, str]]:
+    """Yield the attributes of the <numeric> elements that state for which number in a servo's
+    register its gains hold."""
+    for joint in robot.joints:
+        drive = servo(joint.controller)
+        if drive is not None and drive.firmware_gain is not None:
+            name = f"{FIRMWARE_GAIN}:{joint.name}"
+            yield {"name": name, "data": text_of(drive.firmware_gain)}
 
 
 def _elements(root: ET.Element, elements: Elements) -> None:

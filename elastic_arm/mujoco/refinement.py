@@ -27,6 +27,7 @@ from scipy.optimize import lsq_linear
 
 from elastic_arm.arrays import Array
 from elastic_arm.errors import RobotError
+from elastic_arm.evidence.watch import Watch
 from elastic_arm.mujoco.changed_numbers import body_after, differs
 from elastic_arm.mujoco.closed_loop import (
     Play,
@@ -65,18 +66,22 @@ def refine(
     fitted: Sequence[Judging],
     *,
     alone: bool = False,
+    watch: Watch | None = None,
 ) -> tuple[Moved, ...]:
     """Return by how much to change numbers of a corrected arm; none where nothing can be played.
 
     arm: the model of `robot`, as it is played; numbers: what may change; fitted: recordings that
     were fitted; alone: whether these few numbers are fitted where more may be lacking: with
     derivatives by simulations, as many as there are numbers, and once more with the samples that
-    are independent.
+    are independent; watch: is told of the rounds, and may end the search, which then returns the
+    best numbers so far: none before it begins.
     """
+    watch = watch or Watch()
     spans = list(_spans(fitted))
-    if not numbers or not spans or engine().get_mjcb_passive() is not None:
+    none = not numbers or not spans or engine().get_mjcb_passive() is not None
+    if none or watch.is_over():
         return ()
-    return _Search(arm, robot, tuple(numbers), spans).best(alone=alone)
+    return _Search(arm, robot, tuple(numbers), spans, watch).best(alone=alone)
 
 
 def _spans(fitted: Sequence[Judging]) -> Sequence[Judging]:
@@ -107,6 +112,11 @@ class _Point:
         """Errors of all recordings, (N, n) rad."""
         return np.concatenate([one.errors for one in self.plays])
 
+    @property
+    def words(self) -> str:
+        """The root mean square of the errors of all joints, in words."""
+        return f"{1e3 * float(np.sqrt(np.mean(self.errors**2))):.3g} mrad"
+
     def apart(self) -> Array:
         """Return the share of samples (n,) that are independent of one another."""
         times = np.array([_correlated(one.errors) for one in self.plays])
@@ -133,9 +143,15 @@ class _Search:
     """Levenberg's and Marquardt's steps over simulations."""
 
     def __init__(
-        self, arm: MjcfArm, robot: Robot, numbers: Sequence[Refinable], spans: Sequence[Judging]
+        self,
+        arm: MjcfArm,
+        robot: Robot,
+        numbers: Sequence[Refinable],
+        spans: Sequence[Judging],
+        watch: Watch,
     ) -> None:
         self.arm, self.robot, self.numbers, self.spans = arm, robot, numbers, spans
+        self.watch = watch
         self.stds = np.array([one.std for one in numbers])
         self.least = np.array([one.least for one in numbers])
         self.stated = np.array([one.stated for one in numbers])
@@ -154,7 +170,7 @@ class _Search:
             return ()
         here = min(found, key=lambda one: one.value)
         here = self.descended(here, self.slopes, ROUNDS)
-        if alone:
+        if alone and not self.watch.is_over():
             here = self.descended(here, self.differences, BY_DIFFERENCES)
             self.apart = here.apart()
             again = [point for x in (here.x, *starts) if (point := self.at(x)) is not None]
@@ -169,8 +185,14 @@ class _Search:
     def descended(self, here: _Point, slopes: Slopes, rounds: int) -> _Point:
         """Return the point to which steps by some derivatives lead."""
         damping = DAMPING
-        for _ in range(rounds):
+        for k in range(rounds):
+            self.watch.say(
+                f"closed loop: {len(self.numbers)} numbers refined, round {k + 1} of at most"
+                f" {rounds}, error {here.words}"
+            )
             normal, gradient = self.linear(here, slopes)
+            if self.watch.is_over():
+                break
             gained = 0.0
             while damping < FIRMEST:
                 there = self.at(here.x + self.step(here.x, normal, gradient, damping))
@@ -220,7 +242,7 @@ class _Search:
         each: a joint that sticks under friction by its load has others than its linear equation."""
         found = []
         for move in np.diag(FINITE * self.stds):
-            there = self.at(here.x + move)
+            there = None if self.watch.is_over() else self.at(here.x + move)
             change = np.zeros_like(here.errors) if there is None else there.errors - here.errors
             found.append(change / move.sum())
         return np.array(found)

@@ -48,24 +48,25 @@ def _numbers(robot: Robot, arm: Robot) -> Iterator[Refinable]:
     for joint, begun in zip(robot.joints, arm.joints, strict=True):
         if joint.controller is None or begun.controller is None:
             continue
-        yield _number("scale", joint.name, priors.controller)
+        yield within_prior("scale", joint.name, priors.controller)
         if joint.controller.kd:
-            yield _number("kd", joint.name, priors.gain_ratio)
+            yield within_prior("kd", joint.name, priors.gain_ratio)
         if joint.armature:
-            yield _number("armature", joint.name, priors.rotor)
+            yield within_prior("armature", joint.name, priors.rotor)
         for law in (DRY, LOADED):
             own = of_friction.get((law, joint.name))
             at = START * _largest(law) if own is None else float(own[FRICTION[law]])
             prior = _largest(law) if own is None else STATED * at
             stated = -at if own is None else 0.0
-            yield _number(law, joint.name, prior, least=-at, stated=stated)
+            yield within_prior(law, joint.name, prior, least=-at, stated=stated)
         if begun.controller.stall is not None:
             own_sag = joint.controller.sag
             at = begun.controller.sag
-            yield _number("sag", joint.name, _largest(SAG), least=-at, stated=own_sag - at)
+            yield within_prior("sag", joint.name, _largest(SAG), least=-at, stated=own_sag - at)
 
 
-def _number(what: str, joint: str, prior: float, **more: Any) -> Refinable:
+def within_prior(what: str, joint: str, prior: float, **more: Any) -> Refinable:
+    """Return a number of a joint that is ordinarily as far off as its prior."""
     return Refinable(what, joint, SCALED * prior, prior=prior, **more)
 
 

@@ -23,6 +23,9 @@ from elastic_arm.robot import Robot
 
 # Name of the <numeric> that holds a joint's: attach takes them away where the laws themselves act.
 MARK = "in_place_of_friction_laws:"
+# Name of the <numeric> of a file whose numbers were refined without the laws: these do not act
+# beside them.
+ALONE = "refined_without_laws"
 # A share of a law that numbers stand for, below which they stand for nothing: rounding.
 NOTHING = 1e-6
 

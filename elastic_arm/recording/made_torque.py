@@ -9,12 +9,14 @@ splines. A held command is the mean, over the last interval of commands, of the 
 are samples of: within the band, that is what holding does.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from scipy.interpolate import CubicSpline, PPoly
 
 from elastic_arm.dynamics import build_model
+from elastic_arm.errors import RobotError
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Array, Side, joints_with, listed
 from elastic_arm.robot import JointController, Robot
@@ -35,6 +37,31 @@ def is_commanded(recording: Recording) -> bool:
         return False
     moved = any(side.position is not None and len(side) >= FEWEST for side in measured)
     return moved and all(side.effort is None for side in measured)
+
+
+def at_common_gain(robot: Robot, recordings: Sequence[Recording]) -> Robot:
+    """Return an arm whose servos state the firmware gain for which their kp holds: the one of all
+    recordings, where the description states none.
+
+    Raises a RobotError if the recordings of such a servo have different gains.
+    """
+    for joint in robot.joints:
+        stated = joint.controller
+        own = [one.firmware_gains for one in recordings if joint.name in one.firmware_gains]
+        gains = sorted({gains[joint.name] for gains in own})
+        if stated is None or stated.firmware_gain is not None or not gains:
+            continue
+        if len(gains) > 1:
+            listed_gains = " and ".join(f"{gain:g}" for gain in gains)
+            raise RobotError(
+                f"the recordings have the firmware gains {listed_gains} at {joint.name}, and the"
+                " description does not state the one for which its kp holds",
+                "State it: `firmware_gain` of the controller in an arm file, or <numeric"
+                f' name="firmware_gain:{joint.name}" data="{gains[0]:g}"/> in <custom> of an MJCF',
+            )
+        known = replace(stated, firmware_gain=gains[0])
+        robot = robot.with_joint(joint.name, controller=known)
+    return robot
 
 
 def with_made_torque(recording: Recording, robot: Robot) -> Recording:

@@ -13,6 +13,7 @@ from elastic_arm.diagnosis.result import SEPARATING, Cause, Diagnosis, Imperfect
 from elastic_arm.diagnosis.words import (
     REPEATED_MOTION,
     alone_text,
+    cause_name,
     cause_size,
     change_text,
     effect_at,
@@ -129,8 +130,8 @@ def _verdict(found: Diagnosis) -> list[Block]:
     blocks.append(Text("\n".join(summary(found)), TONES[found.verdict]))
     if found.causes:
         rows: list[list[object]] = [
-            [c.effect, c.joint or "whole arm", sides_text(c), cause_size(c), Written(alone_text(c)),
-             Written(probability_text(c.confidence))]
+            [cause_name(c), c.joint or "whole arm", sides_text(c), cause_size(c),
+             Written(alone_text(c)), Written(probability_text(c.confidence))]
             for c in found.causes
         ]  # fmt: skip
         header = ["cause", "where", "visible on", "size", "share of the gap", "probability"]
@@ -163,12 +164,11 @@ def _closed_loop(found: Diagnosis) -> Table:
     """Return the errors of a commanded arm under the recorded commands."""
     rows: list[list[object]] = []
     for joint, one in found.closed_loop.items():
-        refused = "" if one.refused is None else f"{1e3 * one.refused:.4g}"
-        unit = f"m{one.unit}"
-        rows.append(
-            [joint, f"{1e3 * one.described:.4g}", f"{1e3 * one.corrected:.4g}", refused, unit]
-        )
-    header = ["joint", "description", "robot.yaml", "all corrections, rejected", "unit"]
+        sizes = (one.described, one.corrected, one.alone, one.refused)
+        cells = ["" if size is None else f"{1e3 * size:.4g}" for size in sizes]
+        rows.append([joint, *cells, f"m{one.unit}"])
+    models = ["description", "robot.yaml", "corrected MJCF alone", "all corrections, rejected"]
+    header = ["joint", *models, "unit"]
     return Table(
         header,
         rows,

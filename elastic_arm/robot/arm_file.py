@@ -127,7 +127,7 @@ class ControllerEntry(_Entry):
     stall: Number | None = None
     sag: Number = 0.0
     supply: Number | None = None
-    firmware_gain: Number = 1.0
+    firmware_gain: Number | None = None
     motor: MotorEntry | None = None
 
     @model_validator(mode="after")

@@ -356,7 +356,9 @@ class JointController:
     sag: float = 0.0  # share of the supply that full duty takes away
     # V, of which stall and kd are made; only a file that states a motor's constants needs it
     supply: float | None = None
-    firmware_gain: float = 1.0  # number in the servo's register for which kp and ki hold
+    # number in the servo's register for which kp and ki hold; None where it is not stated: they
+    # then hold for that of the recordings
+    firmware_gain: float | None = None
 
     def __post_init__(self) -> None:
         choices = {
@@ -375,8 +377,7 @@ class JointController:
             check_number(getattr(self, what), what)
         if self.torque is not None:
             check_number(self.torque, "torque", positive=True)
-        check_number(self.firmware_gain, "firmware_gain", positive=True)
-        for what in ("stall", "supply"):
+        for what in ("stall", "supply", "firmware_gain"):
             if getattr(self, what) is not None:
                 check_number(getattr(self, what), what, positive=True)
         require(
@@ -414,8 +415,11 @@ class JointController:
         return replace(self, **{own: kp * getattr(self, own), "kd": kd * self.kd, "stall": stall})
 
     def with_firmware_gain(self, gain: float | None) -> Self:
-        """Return it with another number in the servo's register; as it is for None."""
-        if gain is None or gain == self.firmware_gain:
+        """Return it with another number in the servo's register.
+
+        As it is for None, and where it does not state the number for which its gains hold.
+        """
+        if gain is None or self.firmware_gain in (gain, None):
             return self
         ratio = gain / self.firmware_gain
         return replace(self, kp=ratio * self.kp, ki=ratio * self.ki, firmware_gain=gain)

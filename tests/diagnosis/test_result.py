@@ -129,7 +129,7 @@ def test_the_file_is_the_contracts(tmp_path: Path) -> None:
     (one,) = data["causes"]
     assert set(one) == {
         "effect", "joint", "sides", "regime", "parameters", "shrink", "confidence", "from", "to",
-        "held_as", "alternatives", "shrink_without",
+        "held_as", "rejected", "alternatives", "shrink_without",
     }  # fmt: skip
     assert (
         one["parameters"]["torque"]["std"] == pytest.approx(0.1234568, abs=1e-9)
@@ -435,7 +435,7 @@ def test_a_joint_that_moves_worse_is_said_first_and_not_explained(tmp_path: Path
     """What is refused is the first sentence, the verdict is unknown, and both errors are in the
     file that is read."""
     errors = {
-        "joint_1": ClosedLoopError(0.03, 0.003, "rad"),
+        "joint_1": ClosedLoopError(0.03, 0.003, "rad", alone=0.004),
         "joint_2": ClosedLoopError(0.0308, 0.0308, "rad", 0.1015),
         "joint_3": ClosedLoopError(0.002, 0.002, "rad", float("inf")),
     }
@@ -449,17 +449,22 @@ def test_a_joint_that_moves_worse_is_said_first_and_not_explained(tmp_path: Path
     assert "joint_2 to 102 mrad (30.8 mrad with the description)" in first
     assert "joint_3 without limit (no simulator accepts these numbers)" in first
     assert "The correction of joint_2 and joint_3 is not written" in first
-    assert second.startswith("Joint 2 has dry friction of 6 Nm, which the model lacks")
+    assert second.startswith(
+        "By the torques alone, joint 2 has dry friction of 6 Nm, which the model lacks"
+    )
+    assert second.endswith("neither robot.yaml nor the corrected file contains it.")
     written = found.to_dict()
     assert written["closed_loop"]["joint_1"] == {
         "described": 0.03,
         "corrected": 0.003,
+        "alone": 0.004,
         "unit": "rad",
     }
     assert written["closed_loop"]["joint_3"]["refused"] is None
     assert written["torque_scale"] == {"joint_1": {"value": 1.12, "std": 0.04}}
     read = Diagnosis.load(found.save(tmp_path / "diagnosis.json"))
     assert (read.closed_loop, read.taken_back) == (found.closed_loop, found.taken_back)
+    assert [one.rejected for one in read.causes] == [True]
     assert read.torque_scale == found.torque_scale and read.made == found.made
 
 
@@ -484,13 +489,27 @@ def test_errors_that_no_joint_has_are_no_reason() -> None:
         "joint_2": ClosedLoopError(0.01, 0.001, "rad"),
     }
     found = diagnosis(cause()).with_closed_loop(errors, ())
-    *_, last = summary(found)
+    first, *_, last = summary(found)
+    assert first.startswith("explained: Joint 2 has dry friction") and "rejects" not in first
     assert found.verdict == "explained"
     assert (
         last
         == "Under the recorded commands the description has an error of 30 mrad at joint_1, the"
         " written correction 3 mrad."
     )
+    errors["joint_1"] = replace(errors["joint_1"], alone=0.012)
+    *_, last = summary(found.with_closed_loop(errors, ()))
+    assert last.endswith(
+        "3 mrad; the corrected MJCF alone, without the laws that only robot.yaml states, 12 mrad."
+    )
+
+
+def test_causes_that_the_closed_loop_rejects_do_not_hold_all_the_same() -> None:
+    """An unknown with a rejected cause does not call the causes the answer."""
+    place = UnexplainedResidual("joint_3", "motor", "load", 0.004)
+    errors = {"joint_2": ClosedLoopError(0.0308, 0.0308, "rad", 0.1015)}
+    found = unknown(place).with_closed_loop(errors, ("joint_2",))
+    assert not any("hold all the same" in words for words in unknown_sentences(found))
 
 
 def unknown(*places: UnexplainedResidual, share: float = 0.961, causes: int = 1) -> Diagnosis:

@@ -660,6 +660,16 @@ def test_an_export_is_played_beside_its_base(tmp_path: Path) -> None:
     assert done.exit_code == 0, done.output
     lift = json.loads(done.output)["closed_loop"]["lift"]
     assert lift["described"] > 5e-3 and lift["corrected"] < 5e-4
+    assert lift["alone"] == lift["corrected"]
+    law = {
+        "effect": "load_dependent_friction",
+        "joint": "lift",
+        "parameters": {"coefficient": 0.3},
+    }
+    save_robot(true.robot.with_(effects=(*true.robot.effects, law)), tmp_path / "robot.yaml")
+    done = CliRunner().invoke(app, [*map(str, words), "--force"])
+    lift = json.loads(done.output)["closed_loop"]["lift"]
+    assert abs(lift["alone"] - lift["corrected"]) > 1e-3
     refused = CliRunner().invoke(
         app, [*map(str, words[:1]), "--out", str(tmp_path / "o.xml"), *map(str, words[5:7])]
     )

@@ -11,6 +11,7 @@ import pytest
 from elastic_arm.cli.mujoco.corrected import Correction
 from elastic_arm.diagnosis.result import Imperfection
 from elastic_arm.effects import Catalogue
+from elastic_arm.evidence.watch import Watch
 from elastic_arm.mujoco.judgement import Choice, Judging, chosen, closed_loop
 from elastic_arm.mujoco.refinable import Moved, Refinable, robot_at, with_refined
 from elastic_arm.mujoco.refinement import refine
@@ -197,3 +198,51 @@ def test_a_correction_of_an_arm_file_is_judged_by_a_newmodel_of(judging: list[Ju
         caused=True,
     )
     assert written.choice is not None and written.choice.better and not written.choice.worse
+
+
+class Stopped:
+    """A watch that ends the work after some questions whether it is over."""
+
+    def __init__(self, after: int) -> None:
+        self.left = after
+        self.said: list[str] = []
+
+    @property
+    def watch(self) -> Watch:
+        """What is handed over."""
+        return Watch(self.said.append, self.is_over)
+
+    def is_over(self) -> bool:
+        """Count a question."""
+        self.left -= 1
+        return self.left < 0
+
+
+def test_a_refinement_tells_its_rounds_and_ends_with_the_best_so_far() -> None:
+    """Stopped in its second round, it has the gain of the first; stopped before, it has none."""
+    true = servo_arm(ROUGH)
+    number = Refinable("coulomb_friction", "elbow", 0.02, -0.15)
+    wrong = robot_at(true.robot, [number], np.array([0.03]))
+    run = [Judging(recorded(true, 100.0, 17, seconds=6.0))]
+    stopped = Stopped(after=2)
+    (moved,) = refine(model_of(wrong), wrong, [number], run, watch=stopped.watch)
+    assert -0.04 < moved.by < -0.01
+    first, second = stopped.said
+    assert first.startswith("closed loop: 1 numbers refined, round 1 of at most 30, error")
+    assert "round 2" in second
+    assert refine(model_of(wrong), wrong, [number], run, watch=Stopped(after=0).watch) == ()
+
+
+def test_a_judgement_that_is_ended_takes_back_what_is_not_known_to_move_as_well(
+    judging: list[Judging],
+) -> None:
+    """After the whole correction, which moves worse, nothing else is played."""
+    corrected = servo_arm({**ROUGH, **WRONG})
+    stopped = Stopped(after=0)
+    names = corrected.robot.joint_names
+    found = chosen(servo_arm(), lambda back: corrected, names, judging, stopped.watch)
+    assert found is not None and found.taken_back == names and not found.better
+    assert stopped.said == ["closed loop: judging the correction"]
+    right = servo_arm(ROUGH)
+    found = chosen(servo_arm(), lambda back: right, names, judging, Stopped(after=0).watch)
+    assert found is not None and found.taken_back == () and found.better

@@ -9,16 +9,18 @@ import pytest
 
 from elastic_arm.diagnosis import Question, diagnose
 from elastic_arm.errors import RobotError
-from elastic_arm.mujoco import export_mjcf
+from elastic_arm.identification import identify
+from elastic_arm.mujoco import export_mjcf, export_new_mjcf
 from elastic_arm.mujoco.closed_loop import at_gains, play, with_controllers
 from elastic_arm.mujoco.judgement import Judging
 from elastic_arm.mujoco.refinable import robot_at
 from elastic_arm.mujoco.refinement import refine
 from elastic_arm.mujoco.servo_numbers import servo_numbers
 from elastic_arm.recording import Recording, read_recording, write_recording
+from elastic_arm.recording.made_torque import at_common_gain
 from elastic_arm.robot import JointController, Robot, load_robot, save_robot
 from elastic_arm.robot.mjcf import MjcfArm, open_mjcf
-from tests.helpers.servo_arms import EXAMPLE, recorded
+from tests.helpers.servo_arms import EXAMPLE, recorded, servo_arm
 
 PER_VOLT, BACK_EMF, SUPPLY, DUTY = 0.5, 1.2, 8.0, 4.45  # Nm/V, V s/rad, V, 1/rad
 KP, KD, STALL = DUTY * SUPPLY * PER_VOLT, PER_VOLT * BACK_EMF, SUPPLY * PER_VOLT
@@ -37,7 +39,8 @@ def base(tmp_path: Path) -> Path:
         f'<dcmotor name="{joint}" joint="{joint}" {MOTOR}/>' for joint in ("pan", "lift", "elbow")
     )
     file = tmp_path / "arm.xml"
-    file.write_text(f"{text[:begin]}<actuator>{motors}{text[end:]}")
+    stated = '<custom><numeric name="firmware_gain" data="1"/></custom>'
+    file.write_text(f"{text[:begin]}{stated}<actuator>{motors}{text[end:]}")
     return file
 
 
@@ -132,6 +135,51 @@ def test_one_arm_is_played_at_the_firmware_gain_of_each_recording(base: Path) ->
         run = run_at(arm, gain, 0)
         assert error(arm, run) < 2e-4
         assert error(arm, replace(run, firmware_gains={})) > 5e-3
+
+
+def test_an_mjcf_that_states_no_firmware_gain_is_played_as_it_is(tmp_path: Path) -> None:
+    """Its kp is that of the one gain of the recordings; of several, one has to be stated."""
+    arm = servo_arm()
+    gains = dict.fromkeys(arm.robot.joint_names, 400.0)
+    run = replace(recorded(arm, 250.0, 17), firmware_gains=gains)
+    assert error(arm, run) < 2e-4
+    told = at_common_gain(arm.robot, [run, replace(run, firmware_gains={})])
+    assert [joint.controller.firmware_gain for joint in told.joints if joint.controller] == [
+        400.0
+    ] * 3
+    assert told.joints[0].controller.kp == arm.robot.joints[0].controller.kp  # type: ignore[union-attr]
+    done = export_mjcf(told, EXAMPLE / "arm.xml", tmp_path / "new.xml")
+    assert (done.changes, done.left) == ((), ())
+    other = replace(run, firmware_gains={**gains, "lift": 100.0}, source="other")
+    wanted = (
+        r"firmware gains 100 and 400 at lift, and the description does not state(?s:.*)"
+        r'<numeric name="firmware_gain:lift" data="100"/>'
+    )
+    for asked in (
+        lambda: diagnose([run, other], Question(arm.robot)),
+        lambda: identify([run, other], arm.robot),
+    ):
+        with pytest.raises(RobotError, match=wanted):
+            asked()
+
+
+def test_a_stated_firmware_gain_is_read_and_written(base: Path, tmp_path: Path) -> None:
+    """A <numeric> of one joint goes before that of all; a new MJCF and an arm file state it."""
+    text = base.read_text()
+    own = '<numeric name="firmware_gain:lift" data="400"/></custom>'
+    base.write_text(text.replace("</custom>", own))
+    robot = load_robot(base)
+
+    def gains(arm: Robot) -> list[float | None]:
+        return [joint.controller.firmware_gain for joint in arm.joints if joint.controller]
+
+    assert gains(robot) == [1.0, 400.0, 1.0]
+    export_new_mjcf(robot, None, tmp_path / "new.xml")
+    save_robot(robot, tmp_path / "arm.yaml")
+    for name in ("new.xml", "arm.yaml"):
+        assert gains(load_robot(tmp_path / name)) == [1.0, 400.0, 1.0]
+    save_robot(servo_arm().robot, tmp_path / "plain.yaml")
+    assert gains(load_robot(tmp_path / "plain.yaml")) == [None] * 3
 
 
 def test_the_firmware_gain_of_a_recording_is_kept_in_its_bag(base: Path, tmp_path: Path) -> None:

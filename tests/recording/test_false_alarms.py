@@ -131,6 +131,20 @@ def test_commands_cross_a_seam_as_positions_do(unwound: str) -> None:
     assert not said(recording)
 
 
+def test_commands_whole_turns_away_throughout_are_at_the_turn_of_the_angle() -> None:
+    """A goal from 0 to 2 pi beside positions from -pi to pi is a turn away and never jumps; a
+    command that is far from its joint for a while is left alone."""
+    q = -1.5 + 0.8 * np.sin(2.0 * TIMES[:, None] + np.array([0.0, 1.0]))
+    command = q + 0.05 + np.array([2 * np.pi, 0.0])
+    recording = Recording(NAMES, Side(TIME_NS, q), reference=Side(TIME_NS, command))
+    whole, found = cleared(recording)
+    assert [one.code for one in found] == ["wrapped"]
+    np.testing.assert_allclose(whole.reference.position - whole.link.position, 0.05)
+    for_a_while = q + np.where(TIMES[:, None] < 2.0, 2 * np.pi, 0.05)
+    held = Recording(NAMES, Side(TIME_NS, q), reference=Side(TIME_NS, for_a_while))
+    assert cleared(held)[0].reference.position[0, 0] != pytest.approx(q[0, 0], abs=0.1)
+
+
 @needs_data
 def test_commands_of_the_reports_cross_their_seam() -> None:
     """A servo whose angle and commands cross 4095/0 together followed them."""

@@ -1,10 +1,11 @@
 """The user's own file with the numbers that a diagnosis or an identification found, beside
 robot.yaml."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Self
 
 import numpy as np
 from rich.markup import escape
@@ -14,9 +15,11 @@ from elastic_arm.cli.mujoco.export import print_export
 from elastic_arm.diagnosis.words import listed
 from elastic_arm.effects import Catalogue
 from elastic_arm.errors import MissingExtraError, RobotError
+from elastic_arm.evidence.watch import Watch
 from elastic_arm.mujoco import Exported, export_mjcf, export_urdf
 from elastic_arm.mujoco.changed_numbers import Deviations
 from elastic_arm.mujoco.closed_loop import with_controllers
+from elastic_arm.mujoco.file_alone import file_numbers, refined_words, unstated
 from elastic_arm.mujoco.judgement import Choice, Judging, chosen
 from elastic_arm.mujoco.left_out import Motion
 from elastic_arm.mujoco.new_model import playable
@@ -30,7 +33,10 @@ from elastic_arm.robot.mjcf import MjcfArm, open_mjcf
 
 SUFFIX = "_corrected"
 NAMED = 6  # numbers that a note names
-
+NO_FILE = (
+    "without the laws of robot.yaml that an MJCF does not state, every joint would move worse than"
+    " as described"
+)
 
 # What is taken back -> the corrected arm without it.
 Corrected = Callable[[frozenset[str]], Robot]
@@ -49,10 +55,24 @@ class Written:
     )
     refined: tuple[Moved, ...] = ()  # numbers of it that were refined in closed loop
     fitted: tuple[Moved, ...] = ()  # numbers of a servo that it holds in the place of all causes
+    # joints whose described numbers the file keeps, and how they would move without these
+    kept_in_file: tuple[str, ...] = ()
 
-    def note(self) -> str:
-        """Return in a sentence which numbers differ from those that were found; empty where none
-        does."""
+    def notes(self) -> tuple[str, ...]:
+        """Return in sentences what of the written numbers is not as it was found."""
+        found = self._refined_note(), self._file_note()
+        return tuple(words for words in found if words)
+
+    def _file_note(self) -> str:
+        if not self.kept_in_file:
+            return ""
+        return (
+            "An MJCF does not state all laws of robot.yaml. Without them, the corrected file would"
+            f" move {listed(self.kept_in_file)} worse than the description: there it keeps the"
+            " described numbers."
+        )
+
+    def _refined_note(self) -> str:
         if self.fitted:
             numbers = listed([by_words(one) for one in self.fitted])
             return (
@@ -71,6 +91,15 @@ class Written:
             " recordings, starting from the posterior. These change by more than their standard"
             f" deviation: {listed(told[:NAMED], more)}."
         )
+
+    def with_alone(self, errors: Mapping[str, ClosedLoopError]) -> Self:
+        """Return it with the errors of the file alone, by joint."""
+        assert self.choice is not None
+        both = {
+            name: replace(one, alone=errors[name].corrected)
+            for name, one in self.choice.errors.items()
+        }
+        return replace(self, choice=self.choice.with_errors(both))
 
 
 class Correction:
@@ -137,6 +166,7 @@ class Correction:
         caused: bool,
         numbers: Sequence[Refinable] = (),
         fitted: Sequence[Judging] = (),
+        watch: Watch | None = None,
     ) -> Written:
         """Write the part of a commanded arm's correction that makes it no worse.
 
@@ -144,8 +174,9 @@ class Correction:
 
         robot: as described; units: what can be taken back; caused: whether what is as near as
         described is written; numbers: those that are refined first, on the recordings that were
-        fitted.
+        fitted; watch: is told of the stages, and may end them with what is known.
         """
+        watch = watch or Watch()
         choice = None
         moved: tuple[Moved, ...] = ()
 
@@ -162,7 +193,7 @@ class Correction:
             try:
                 if fitted:
                     found = corrected(frozenset())
-                    moved = refine(build(frozenset()), found, numbers, fitted)
+                    moved = refine(build(frozenset()), found, numbers, fitted, watch=watch)
             except (RobotError, MissingExtraError):
                 pass  # numbers that no simulator takes: they are taken back below
             try:
@@ -172,7 +203,7 @@ class Correction:
                     else None
                 )
                 described = described or playable(robot, Path(temporary) / "described.xml")
-                choice = chosen(described, build, units, judging)
+                choice = chosen(described, build, units, judging, watch)
             except (RobotError, MissingExtraError):
                 pass  # a controller that MuJoCo has not: nothing is played
         if choice is None:
@@ -180,15 +211,16 @@ class Correction:
             return Written(self.write(arm, folder, deviations), arm)
         back = frozenset(choice.taken_back)
         if back >= set(units) or not (caused or choice.better):
-            fallback = self._fitted_numbers(robot, choice, judging, fitted, folder)
+            fallback = self._fitted_numbers(robot, choice, judging, fitted, folder, watch)
             if fallback is not None:
                 return fallback
             self.write(None, folder)
             errors = {name: as_described(one) for name, one in choice.errors.items()}
             return Written(choice.reason or None, None, choice.with_errors(errors))
-        arm = arm_without(back)
         kept = _kept(moved, back)
-        return Written(self.write(arm, folder, None if kept else deviations), arm, choice, kept)
+        written = Written(None, arm_without(back), choice, kept)
+        told = None if kept else deviations
+        return self._as_file(written, judging, fitted, folder, watch, told)
 
     def _fitted_numbers(
         self,
@@ -197,6 +229,7 @@ class Correction:
         judging: Sequence[Judging],
         fitted: Sequence[Judging],
         folder: Path,
+        watch: Watch,
     ) -> Written | None:
         """Write a servo arm with the numbers that every servo has, fitted in closed loop.
 
@@ -204,13 +237,13 @@ class Correction:
         nearer.
         """
         arm, numbers = servo_numbers(robot)
-        if not fitted or not numbers:
+        if not fitted or not numbers or watch.is_over():
             return None
         with TemporaryDirectory() as temporary:
             try:
                 described = self._played(robot, Path(temporary) / "described.xml")
                 played = self._played(arm, Path(temporary) / "arm.xml")
-                moved = refine(played, arm, numbers, fitted, alone=True)
+                moved = refine(played, arm, numbers, fitted, alone=True, watch=watch)
                 by = np.array([one.by for one in moved])
                 whole = robot_at(arm, [one.number for one in moved], by)
 
@@ -218,7 +251,9 @@ class Correction:
                     kept = with_joints_of(whole, robot, back)
                     return self._played(kept, Path(temporary) / "kept.xml")
 
-                choice = chosen(described, build, robot.joint_names, judging) if moved else None
+                choice = None
+                if moved:
+                    choice = chosen(described, build, robot.joint_names, judging, watch)
             except (RobotError, MissingExtraError):
                 return None
         if choice is None or not choice.better:
@@ -231,9 +266,88 @@ class Correction:
             for name, one in choice.errors.items()
         }
         both = replace(choice.with_errors(errors), worse=found.worse, taken_back=found.taken_back)
-        return Written(self.write(written, folder), written, both, fitted=kept)
+        done = Written(None, written, both, fitted=kept)
+        return self._as_file(done, judging, fitted, folder, watch)
 
-    def _exported(self, robot: Robot, file: Path, deviations: Deviations | None = None) -> Exported:
+    def _as_file(
+        self,
+        found: Written,
+        judging: Sequence[Judging],
+        fitted: Sequence[Judging],
+        folder: Path,
+        watch: Watch,
+        deviations: Deviations | None = None,
+    ) -> Written:
+        """Write the file of a corrected arm, judged as its users load it: without the laws that an
+        MJCF does not state.
+
+        At joints with such laws the numbers of the file are refined without them; a joint that
+        would move worse than described keeps the described numbers.
+        """
+        file = self.write(found.robot, folder, deviations)
+        path = self.path(folder)
+        found = replace(found, file=file)
+        if not self.mjcf or not isinstance(file, Exported) or self.base is None or path is None:
+            return found
+        assert found.robot is not None and found.choice is not None
+        opened = self.open(path)
+        base = self.open(self.base)
+        lacking = unstated(opened, found.robot)
+        if not lacking:
+            return found.with_alone(found.choice.errors)
+        numbers = file_numbers(opened.robot, lacking)
+        moved = refine(opened, opened.robot, numbers, fitted, watch=watch)
+        by = np.array([one.by for one in moved])
+        refined = robot_at(opened.robot, [one.number for one in moved], by)
+        arms = [opened.robot, *([refined] if moved else [])]
+        choices = [(self._alone(base, opened, arm, judging, watch), arm) for arm in arms]
+        alone, arm = min(choices, key=lambda pair: pair[0].size)
+        back = frozenset(alone.taken_back)
+        if back >= set(base.robot.joint_names):
+            path.unlink()
+            return replace(found, file=NO_FILE)
+        found = replace(found.with_alone(alone.errors), kept_in_file=alone.taken_back)
+        if arm is not opened.robot or back:
+            last = self._exported(with_joints_of(arm, base.robot, back), path, alone=True)
+            file = replace(file, changes=last.changes)
+            if arm is not opened.robot:
+                stay = [one for one in moved if one.number.joint not in back]
+                file = replace(file, stand_ins=refined_words(lacking, stay))
+        return replace(found, file=file)
+
+    def _alone(
+        self,
+        base: MjcfArm,
+        opened: MjcfArm,
+        robot: Robot,
+        judging: Sequence[Judging],
+        watch: Watch,
+    ) -> Choice:
+        """Choose which joints of a file have the numbers of an arm, played without its laws.
+
+        opened: the file as it was first written, which has its own arm's numbers.
+        """
+        with TemporaryDirectory() as temporary:
+
+            def build(back: frozenset[str]) -> MjcfArm:
+                if robot is opened.robot and not back:
+                    return opened
+                kept = Path(temporary) / "kept.xml"
+                self._exported(with_joints_of(robot, base.robot, back), kept)
+                return self.open(kept)
+
+            found = chosen(base, build, base.robot.joint_names, judging, watch)
+        assert found is not None  # as the arm with its laws was played
+        return found
+
+    def _exported(
+        self,
+        robot: Robot,
+        file: Path,
+        deviations: Deviations | None = None,
+        *,
+        alone: bool = False,
+    ) -> Exported:
         assert self.base is not None
         common = {
             "chain": self._ends,
@@ -242,7 +356,7 @@ class Correction:
             "motion": self.motion,
         }
         if self.mjcf:
-            return export_mjcf(robot, self.base, file, at=self._at, **common)  # type: ignore[arg-type]
+            return export_mjcf(robot, self.base, file, at=self._at, alone=alone, **common)  # type: ignore[arg-type]
         return export_urdf(robot, self.base, file, **common)  # type: ignore[arg-type]
 
     def _played(self, robot: Robot, file: Path) -> MjcfArm:

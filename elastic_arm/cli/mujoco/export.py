@@ -23,6 +23,7 @@ from elastic_arm.mujoco.closed_loop import has_servos, latest, with_controllers
 from elastic_arm.mujoco.judgement import Judging, closed_loop
 from elastic_arm.mujoco.left_out import Left
 from elastic_arm.mujoco.torque_file import Language, export_torque
+from elastic_arm.recording.made_torque import at_common_gain
 from elastic_arm.results import ClosedLoopError
 from elastic_arm.robot import Robot
 from elastic_arm.robot.loading import is_mjcf, parse_chain
@@ -175,22 +176,21 @@ def _played(
         raise RobotError("--validate compares with an MJCF of yours", "Give it with --base.")
     ends = None if chain is None else parse_chain(chain)
     before = open_mjcf(base, ends, at)
-    after = with_controllers(open_mjcf(done.files[0], ends, at), robot)
-    judging = [
-        Judging(options.read_by_clock(bag, None, robot, options.ClockChoice.auto)) for bag in bags
-    ]
+    alone = open_mjcf(done.files[0], ends, at)
+    after = with_controllers(alone, robot)
+    recordings = [options.read_by_clock(bag, None, robot, options.ClockChoice.auto) for bag in bags]
+    at_common_gain(before.robot, recordings)
+    judging = list(map(Judging, recordings))
     late = max((latest(one) for one in (before, after) if has_servos(one)), default=0.0)
-    played = [closed_loop(one, judging, late) for one in (before, after)]
-    if played[0] is None or played[1] is None:
+    played = [closed_loop(one, judging, late) for one in (before, after, alone)]
+    errors = [one.errors.tolist() for one in played if one is not None]
+    if len(errors) < len(played):
         raise RobotError(
             "the bags contain no commands, or the model has no servos", "Omit --validate."
         )
-    pairs = zip(
-        robot.joint_names, played[0].errors.tolist(), played[1].errors.tolist(), strict=True
-    )
     return {
-        name: ClosedLoopError(first, last, robot.units.at(name, "rad"))
-        for name, first, last in pairs
+        name: ClosedLoopError(described, written, robot.units.at(name, "rad"), alone=by_file)
+        for name, described, written, by_file in zip(robot.joint_names, *errors, strict=True)
     }
 
 
@@ -207,6 +207,7 @@ def print_closed_loop(errors: Mapping[str, ClosedLoopError], written: str = "as 
     rows: dict[str, list[float | None]] = {
         "description": [one.described for one in errors.values()],
         written: [one.corrected for one in errors.values()],
+        "corrected MJCF alone": [one.alone for one in errors.values()],
         "all corrections": [one.refused for one in errors.values()],
     }
     for name, values in rows.items():

@@ -48,7 +48,7 @@ from elastic_arm.identification.validation import HeldOut, validated
 from elastic_arm.recording import Recording, Samples
 from elastic_arm.recording.inspection.outliers import without_outliers
 from elastic_arm.recording.inspection.two_encoders import by_motor_encoders
-from elastic_arm.recording.made_torque import with_made_torque
+from elastic_arm.recording.made_torque import at_common_gain, with_made_torque
 from elastic_arm.recording.recording import recordings_of
 from elastic_arm.recording.standstill import without_standstill
 from elastic_arm.robot import Robot, require_robot
@@ -122,6 +122,7 @@ def identify_with(
     if not chosen:
         raise IdentificationError("no recording was given", "Give at least one.")
     report = progress or (lambda what, share: None)
+    robot = at_common_gain(robot, [*chosen, *validate])
     chosen = [_cleared(one, robot) for one in chosen]
     prepared = [recording.samples() for recording in chosen]
     held_out = _held_out(validate, prepared[0], robot, settings.model)

@@ -285,7 +285,7 @@ def _commands_unwound(
     any is by another.
 
     Of joints whose angle was unwound by a turn, rad, and of those whose command alone is given
-    within a turn.
+    within a turn, or whole turns away from the angle throughout.
     """
     given = recording.reference
     position = side.position
@@ -296,11 +296,13 @@ def _commands_unwound(
     t = given.stamp_ns - side.stamp_ns[0]
     for j in np.flatnonzero(joints_with(given.position) & joints_with(position)).tolist():
         command = given.position[:, j]
+        angle = np.interp(t, side.stamp_ns - side.stamp_ns[0], position[:, j])
         within = np.ptp(command) < _RANGE * 2 * np.pi and np.abs(np.diff(command)).max() > np.pi
-        turn = turned.get(recording.joints[j], 2 * np.pi if within else 0.0)
+        away = np.unique(np.rint((angle - command) / (2 * np.pi)))
+        throughout = len(away) == 1 and away[0] != 0.0
+        turn = turned.get(recording.joints[j], 2 * np.pi if within or throughout else 0.0)
         if not turn:
             continue
-        angle = np.interp(t, side.stamp_ns - side.stamp_ns[0], position[:, j])
         by_turns = command + turn * np.rint((angle - command) / turn)
         # A step that a joint was told to make is none of the angle's turns: then nothing comes
         # nearer.

@@ -1,7 +1,7 @@
 """What drives the joints of a compiled MuJoCo model: motor inertia, friction in motors, delays,
 limits, controllers."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,8 @@ from elastic_arm.robot.description import JointController, Limits
 from elastic_arm.robot.mjcf.chain import MjcfChain, name_of
 from elastic_arm.robot.mjcf.engine import engine
 
+# <numeric> of an MJCF, of all joints, or with ":" and a joint's name of one.
+FIRMWARE_GAIN = "firmware_gain"
 WRITTEN = 1e-6  # relative, to which files state numbers that belong together
 
 
@@ -91,8 +93,23 @@ def controller_of(model: Any, joint: int) -> JointController | None:
     tau = kp (r - q) + kd (dr - dq) + ki int(r - q)
 
     An actuator of gain g and bias b1 q + b2 dq follows angles where g = -b1, and speeds where g =
-    -b2.
+    -b2. The number in the servo's register for which its gains hold is that of a <numeric>.
     """
+    found = _controller(model, joint)
+    gain = _firmware_gain(model, joint)
+    return found if found is None or gain is None else replace(found, firmware_gain=gain)
+
+
+def _firmware_gain(model: Any, joint: int) -> float | None:
+    mj = engine()
+    for name in (f"{FIRMWARE_GAIN}:{name_of(model, 'joint', joint)}", FIRMWARE_GAIN):
+        numeric = mj.mj_name2id(model, mj.mjtObj.mjOBJ_NUMERIC, name)
+        if numeric >= 0:
+            return float(model.numeric_data[int(model.numeric_adr[numeric])])
+    return None
+
+
+def _controller(model: Any, joint: int) -> JointController | None:
     kind = _servo(model, joint)
     if kind is None:
         return _motor_with_firmware(model, joint)
