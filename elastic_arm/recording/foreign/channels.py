@@ -65,7 +65,8 @@ _IN_NAME = re.compile(
     r"|\(\s*([^()\d][^()]*?)\s*\)|\s(?:/|in)\s+(\S.*?)\s*$"
 )
 _OF_A_RANGE = re.compile(r"%|‰|per ?cent|per ?mille?", re.I)
-NANOSECONDS = {"s": 10**9, "ms": 10**6, "us": 1000, "ns": 1}
+DAY = "d"  # of MATLAB's datenum and of Excel
+NANOSECONDS = {"s": 10**9, "ms": 10**6, "us": 1000, "ns": 1, DAY: 86_400 * 10**9}
 DEFAULT_UNIT: dict[ChannelName, Unit] = {
     "position": "rad",
     "velocity": "rad/s",
