@@ -220,9 +220,21 @@ SHOWN_BY = {
 }
 
 
+def motion_that_shows(regime: str) -> str:
+    """Return the motion of a joint in which a residual of a regime shows its law."""
+    return SHOWN_BY.get(regime, SHOWN_BY["always"])
+
+
+def regime_text(regime: str) -> str:
+    """Return when a residual is large, as the predicate of a sentence."""
+    if regime == "always":
+        return "is as large in any motion"
+    return f"depends on {regime.replace('_', ' ')}"
+
+
 def unknown_sentences(found: Diagnosis) -> list[str]:
-    """Return what an `unknown` is owed to, what the causes are worth all the same, and what to
-    record next; nothing of another verdict."""
+    """Return the reason of an `unknown`, the share of the gap that the causes explain, and the next
+    recording; nothing for another verdict."""
     if found.verdict != "unknown" or not found.unexplained:
         return []
     first, *others = found.unexplained
@@ -236,18 +248,20 @@ def unknown_sentences(found: Diagnosis) -> list[str]:
     sizes = f" ({', '.join(beside)})" if beside else ""
     left = (
         f"The verdict is unknown because of {first.rmse:.2g} {unit}{sizes} at {first.joint},"
-        f" {first.side} side, where the residual follows {first.regime.replace('_', ' ')}"
+        f" {first.side} side: no cause explains this residual, which {regime_text(first.regime)}"
     )
     joints = [joint for joint in dict.fromkeys(p.joint for p in others) if joint != first.joint]
-    less = f", and of less at {listed(joints[:NAMED], len(joints) - NAMED)}" if joints else ""
+    rest = listed(joints[:NAMED], len(joints) - NAMED) if joints else ""
+    less = f"; smaller unexplained residuals remain at {rest}" if rest else ""
     sentences = [f"{left}{less}."]
     if found.causes and found.shrink is not None and found.shrink > 0.0:
         sentences.append(
-            f"The causes hold all the same: with them {percent(found.shrink)} of the gap is gone."
-            f" Where {first.rmse:.2g} {unit} are nothing to you, they are the answer."
+            f"The causes remain valid: they explain {percent(found.shrink)} of the gap. If"
+            f" {first.rmse:.2g} {unit} is negligible for your application, they are the answer."
         )
-    shown = SHOWN_BY.get(first.regime, SHOWN_BY["always"])
-    sentences.append(f"To record next: {first.joint} alone, {shown}. See docs/unknown.md.")
+    sentences.append(
+        f"Record next: {first.joint} alone, {motion_that_shows(first.regime)}. See docs/unknown.md."
+    )
     return sentences
 
 

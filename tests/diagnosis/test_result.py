@@ -504,8 +504,8 @@ def test_an_unknown_says_what_it_is_owed_to_and_what_to_record() -> None:
     and the motion fits what the residual follows."""
     place = UnexplainedResidual("joint_3", "motor", "load", 0.004)
     owed, worth, then = unknown_sentences(unknown(place))
-    assert "because of 0.004 Nm at joint_3, motor side" in owed and "follows load" in owed
-    assert "96.1 % of the gap is gone" in worth and "0.004 Nm" in worth
+    assert "because of 0.004 Nm at joint_3, motor side" in owed and "depends on load" in owed
+    assert "explain 96.1 % of the gap" in worth and "0.004 Nm" in worth
     assert "joint_3 alone" in then and "weight at the flange" in then
 
 
@@ -517,7 +517,9 @@ def test_an_unknown_of_several_places_begins_with_the_largest() -> None:
         UnexplainedResidual("joint_1", "motor", "drift", 0.1),
     ]
     owed, then = unknown_sentences(unknown(*places, causes=0))
-    assert "0.5 Nm (noise 0.1) at joint_2" in owed and owed.endswith("and of less at joint_1.")
+    assert "0.5 Nm (noise 0.1) at joint_2" in owed and owed.endswith(
+        "smaller unexplained residuals remain at joint_1."
+    )
     assert "reversals" in then
     assert unknown_sentences(diagnosis(cause())) == []
 

@@ -24,7 +24,7 @@ from elastic_arm.errors import MissingExtraError, RecordingError
 from elastic_arm.recording import limits
 from elastic_arm.recording.foreign.compiled_readers import load_compiled
 from elastic_arm.recording.foreign.text_layouts import arrays_of, is_long, records
-from elastic_arm.recording.storage.bag import ARRAY_FILES, RECORD_FILES
+from elastic_arm.recording.storage.bag import ARRAY_FILES, METADATA, RECORD_FILES
 
 TABLES = (".csv", ".txt", ".dat")
 LEARNERS = (".parquet", ".h5", ".hdf5")
@@ -37,6 +37,12 @@ _PICKLED = (
     ),
 )
 _ELSEWHERE = dict.fromkeys((".pkl", ".pickle", ".p", ".joblib"), _PICKLED)
+_A_BAG = (
+    "is a bag, which needs no import",
+    "Give it to `bag check`, `identify` or `diagnose`; with --channels FILE if its topics or units"
+    " differ (docs/channel_maps.md).",
+)
+_ELSEWHERE |= dict.fromkeys((".mcap", ".db3"), _A_BAG)
 _ELSEWHERE[".feather"] = (
     "is a Feather file",
     "Save it as Parquet: pandas.read_feather('{0}').to_parquet('t.parquet').",
@@ -113,6 +119,8 @@ def load_arrays(path: Path, decimal: str | None = ".") -> Arrays:
         raise RecordingError(
             f"{path} cannot be read: {error.strerror}", "Check its permissions."
         ) from None
+    if not files and not learned and (path / METADATA).is_file():
+        raise RecordingError(f"{path} {_A_BAG[0]}", _A_BAG[1])
     if not files and not learned:
         raise RecordingError(
             f"{path} contains no arrays", f"Give a folder of files {', '.join(KINDS)}."

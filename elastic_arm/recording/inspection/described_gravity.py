@@ -356,11 +356,15 @@ def _told(motion: SideMotion, side: str, fit: GravityFit, robot: Robot) -> Itera
     # outweighs what is compared.
     several = len(motion.measured) > 1 and float(np.sqrt(np.mean(motion.dq**2))) > CREEP
     confused = _size(fit, side)
+    arm = _arm(robot, side)
+    if several and confused and _compensated(few, fit, arm):
+        confused = []
     if several and not confused:
-        arm = _arm(robot, side)
         confused = _arranged(few, side, robot, arm, _shown(fit))
     yield confused
-    judged = [] if confused else _judged(fit, side, robot)
+    # None where a single joint, or too little motion, leaves it open.
+    upside = _upside_down(few, side, robot, arm) if several and not confused else None
+    judged = [] if confused else _judged(fit, side, robot, upside)
     if several and not confused and not judged:
         judged = _sized(few, side, robot, arm)
     yield judged
@@ -575,6 +579,37 @@ def _sized(motion: SideMotion, side: str, robot: Robot, arm: _Arm) -> list[Findi
     if said.startswith("the zero"):
         return _named(tried, "other_zero", side, "measure it, or state it (joint_zero)")
     return _named(tried, MISSING, side, TAKEN) if said else []
+
+
+def _upside_down(motion: SideMotion, side: str, robot: Robot, arm: _Arm) -> bool | None:
+    """Return whether an arm upside down is likelier than torques that all have the wrong sign, of
+    which inertia is reversed as well; None where neither is by far."""
+    unit = np.eye(robot.n)
+    still = np.zeros_like(motion.q)
+    own = _owns(motion)
+    as_given = _products(motion, arm, own, still)
+    given, free = _given(as_given)
+    signs = _likelihood(as_given, as_given.coefficients(-unit), free, given).likelihood
+    turned = _products(motion, _along(robot, side, -robot.gravity), own, still)
+    mounted = _likelihood(turned, turned.coefficients(unit), free, given).likelihood
+    return mounted > signs if abs(mounted - signs) > CERTAIN else None
+
+
+def _compensated(motion: SideMotion, fit: GravityFit, arm: _Arm) -> bool:
+    """Return whether torques without the described gravity, which may hold that of a load, are
+    likelier than torques in another unit."""
+    unit = np.eye(motion.q.shape[1])
+    still = np.zeros_like(motion.q)
+    weight = arm.regressor(motion.q, still, still) @ arm.mean
+    products = _products(motion, arm, _owns(motion), weight)
+    _, free = _given(products)
+    without = products.coefficients(unit, unit[motion.measured].sum(axis=0))
+    lacking = _likelihood(products, without, free, None).likelihood
+    scaled = products.coefficients(unit / fit.factor)
+    # Of the torques as they were given, in the other unit.
+    other_unit = _likelihood(products, scaled, free, None).likelihood
+    other_unit -= float(np.log(fit.factor) * free.sum())
+    return lacking - other_unit > CERTAIN  # masses that are slightly off make a small unit, too
 
 
 class _Reading(NamedTuple):
@@ -798,9 +833,12 @@ def _shown(fit: GravityFit) -> Array:
     return np.asarray(found, dtype=np.float64)
 
 
-def _judged(fit: GravityFit, side: str, robot: Robot) -> list[Finding]:
+def _judged(fit: GravityFit, side: str, robot: Robot, upside: bool | None) -> list[Finding]:
     """Return what the torques of a side show: another direction or sign of gravity, none of it, or
-    nothing."""
+    nothing.
+
+    upside: whether inertia has its sign where gravity is reversed; None where that is open.
+    """
     columns = fit.pull.reshape(-1, 3)
     target = fit.torque.ravel()
     shown = _shown(fit)
@@ -822,17 +860,14 @@ def _judged(fit: GravityFit, side: str, robot: Robot) -> list[Finding]:
     times = f"{fit.factor:.3g} times the described one, correlation {fit.correlation:.3g}"
     if fit.certain and FACTOR[0] < -fit.factor < FACTOR[1]:
         message = f"{side} effort has the opposite sign of the predicted gravity ({times})"
-        remedy = (
-            "either all torques have the wrong sign (sign: -1 in the map), or the arm is"
-            " mounted upside down (base in "
-        )
-        return [
-            warning(
-                "gravity_sign",
-                message,
-                f"{remedy}its arm file); gravity cannot separate the two",
-            )
-        ]
+        signs = "all torques have the wrong sign (sign: -1 in the map)"
+        mounted = "the arm is mounted upside down (base in its arm file)"
+        if upside is None:
+            remedy = f"either {signs}, or {mounted}; gravity cannot separate the two"
+            return [warning("gravity_sign", message, remedy)]
+        if upside:
+            return [warning("mounting", f"{message}, but inertia has the right sign", mounted)]
+        return [warning("gravity_sign", f"{message}, as has inertia", signs)]
     if fit.missing:
         part = "no" if abs(fit.factor) < FAR[0] else "only part of the"
         message = f"{side} effort contains {part} gravity predicted by the description ({times})"
