@@ -39,8 +39,10 @@ _PICKLED = (
 _ELSEWHERE = dict.fromkeys((".pkl", ".pickle", ".p", ".joblib"), _PICKLED)
 _A_BAG = (
     "is a bag, which needs no import",
-    "Give it to `bag check`, `identify` or `diagnose`; with --channels FILE if its topics or units"
-    " differ (docs/channel_maps.md).",
+    (
+        "Give it to `bag check`, `identify` or `diagnose`; with --channels FILE if its topics or"
+        " units differ (docs/channel_maps.md)."
+    ),
 )
 _ELSEWHERE |= dict.fromkeys((".mcap", ".db3"), _A_BAG)
 _ELSEWHERE[".feather"] = (
