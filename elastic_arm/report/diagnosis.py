@@ -234,7 +234,7 @@ def _unexplained(found: Diagnosis, context: DiagnosisContext) -> list[Block]:
     added = "all causes together" if found.causes else None
     caption = f"{first.joint}, {first.side} side: the place with the largest remaining residual."
     return [
-        Text("No effect of the catalogue explains what is left here, the largest first.", "warn"),
+        Text("Residuals that no effect of the catalogue explains, the largest first.", "warn"),
         *map(Text, unknown_sentences(found)),
         Table(["joint", "side", "follows", f"left, {found.units.over('Nm')}"], rows, digits=3),
         *map(Text, event_notes(found.events)),

@@ -407,6 +407,23 @@ def test_commands_that_are_positions_are_left_out(later: int, words: str) -> Non
     assert guessed(q=Q, action=Q + 1e-3)["command", "position"] == ("action", "rad")
 
 
+def test_commands_followed_closely_beside_torques_are_taken() -> None:
+    """A drive with computed torque errs by its encoder alone; beside torques only the same digits
+    were copied."""
+    noise = 1e-5 * np.random.default_rng(1).normal(size=Q.shape)
+    arrays = {"q": np.roll(Q, 2, axis=0)[2:] + noise[2:], "target_q": Q[2:], "time": T[2:]}
+    torques = {"tau": 5.0 * np.cos(Q[2:])}
+    drafted = guess_mapping(Arrays(arrays | torques), NAMES)
+    assert ("command", "position") in {(one.side, one.channel) for one in drafted.channels}
+
+
+def test_units_of_other_quantities_are_no_torque() -> None:
+    """Volts and degrees Celsius, by the end of a name or in brackets."""
+    for name in ("supply_V", "bus [V]", "motor_C", "board_degC", "x_mV", "battery"):
+        assert guessed(q=Q, **{name: 7.0 + 0.1 * Q}) == {("link", "position"): ("q", "rad")}, name
+    assert guessed(q=Q, x=7.0 * np.cos(Q))["motor", "effort"] == ("x", "Nm")
+
+
 def test_commands_have_the_unit_of_the_positions() -> None:
     """Per cent of ranges show in the encoders' steps alone; commands beside them are no degrees."""
     ranges = np.array([220.0, 190.0])

@@ -28,6 +28,7 @@ from elastic_arm.recording.foreign.tables import (
     TimeArray,
     find_tables,
 )
+from elastic_arm.recording.inspection.commands import COPIED, DIGITS, SHIFTED
 from elastic_arm.recording.inspection.percent import ranges_by_steps
 
 # Above this correlation one array counts as the derivative of another.
@@ -41,15 +42,14 @@ LARGEST_ANGLE = 4 * np.pi
 # Travels in metres, and speeds in metres a second, stay below this.
 LARGEST_TRAVEL = 20.0
 # Unit and words of a channel in counts of a register, by which its number has to be multiplied.
+# The unit of a quantity that no channel has, at the end of a name or in brackets.
+_OTHER_UNIT = re.compile(r"(?:_|\[|\()(?:m?V|°?C|degC|K|m?W|Hz|Pa|bar)[\])]?$")
 # What a servo's controller puts on its motor is a voltage; the torque falls with the speed.
 _SHARE = re.compile(r"pwm|duty", re.I)
 _NO_TORQUE = (
     "{} is a share of the supply voltage, not a torque; with commands, a `controller:` in the arm"
     " file computes the torque"
 )
-# Relative to its spread: a command that deviates by less from later positions was made of them.
-_MADE = 1e-4
-_LATER = 3  # samples
 COUNTED = {"position": ("turns", "turns (1/4096 of a 12-bit encoder)"), "effort": ("Nm", "Nm")}
 CONSTANT = "column"  # begin of a reason
 DEAD = "constant while its joint moves: no sensor, not mapped"
@@ -64,7 +64,7 @@ _ANGLE_WORDS = r"deg|rad|turn|rev"
 _SPEEDS = {unit: TO_SI["velocity"][unit] for unit in ("rad/s", "deg/s", "turns/s", "rpm")}
 _WORDS = {
     "other": (
-        r"temp|volt|cmpt|error|status|mode(?!l?led)|noise|friction|grav|model|predict|simul|init"
+        r"temp|volt|supply|batter|cmpt|error|status|mode(?!l?led)|noise|friction|grav|model|predict|simul|init"
         r"|(?<!e)ff(?=_|\d|$)"
     ),
     "acceleration": r"acc|ddq|qdd|d2",
@@ -260,8 +260,8 @@ class _Reader:
             for t in self.tables
             if len(t.keys) == 1 < len(table.keys) and np.array_equal(t.values, table.values)
         ]
-        if quantity == "other":
-            return table, "not a sensor according to its name"
+        if quantity == "other" or _OTHER_UNIT.search(table.keys[0]):
+            return table, "neither position, velocity nor torque according to its name"
         if quantity == "acceleration":
             return table, "derived, not a measurement"
         if same:
@@ -312,12 +312,15 @@ class _Reader:
     def _made(self, table: JointTable) -> str:
         """Return of which positions a command was made, in words; empty of commands that were
         sent."""
+        # Computed torque follows as closely as its model is right.
+        torques = any(_quantity(one)[0] == "effort" for one in self.tables)
+        least = DIGITS if torques else COPIED
         for position in self.positions:
             spread = np.maximum(position.values.std(axis=0), 1e-300)
-            for later in range(_LATER + 1):
+            for later in range(SHIFTED + 1):
                 count = len(position.values) - later
                 apart = np.abs(table.values[:count] - position.values[later:])
-                if np.all(apart.mean(axis=0) < _MADE * spread):
+                if np.all(apart.mean(axis=0) < least * spread):
                     when = f" {later} sample{'s' if later > 1 else ''} later" if later else ""
                     return f"the numbers of {position.name}{when}: not commands that were sent"
         return ""
