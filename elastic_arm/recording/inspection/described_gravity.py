@@ -28,6 +28,7 @@ autocorrelations say (M. S. Bartlett, Journal of the Royal Statistical Society 9
 """
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from itertools import chain, combinations
 from typing import Any, NamedTuple, Self
@@ -357,7 +358,8 @@ def _told(motion: SideMotion, side: str, fit: GravityFit, robot: Robot) -> Itera
     several = len(motion.measured) > 1 and float(np.sqrt(np.mean(motion.dq**2))) > CREEP
     confused = _size(fit, side)
     arm = _arm(robot, side)
-    if several and confused and _compensated(few, fit, arm):
+    load = _load_alone(few, arm) if several and not robot.elastic else None
+    if confused and load is not None:
         confused = []
     if several and not confused:
         confused = _arranged(few, side, robot, arm, _shown(fit))
@@ -367,6 +369,12 @@ def _told(motion: SideMotion, side: str, fit: GravityFit, robot: Robot) -> Itera
     judged = [] if confused else _judged(fit, side, robot, upside)
     if several and not confused and not judged:
         judged = _sized(few, side, robot, arm)
+    if load is not None:
+        carried = f". What remains is the gravity of about {load:.2g} kg on the last link"
+        judged = [
+            replace(one, message=one.message + carried) if one.code == MISSING else one
+            for one in judged
+        ]
     yield judged
 
 
@@ -595,21 +603,29 @@ def _upside_down(motion: SideMotion, side: str, robot: Robot, arm: _Arm) -> bool
     return mounted > signs if abs(mounted - signs) > CERTAIN else None
 
 
-def _compensated(motion: SideMotion, fit: GravityFit, arm: _Arm) -> bool:
-    """Return whether torques without the described gravity, which may hold that of a load, are
-    likelier than torques in another unit."""
-    unit = np.eye(motion.q.shape[1])
+def _load_alone(motion: SideMotion, arm: _Arm) -> float | None:
+    """Return the mass of a load on the last link, kg, whose gravity explains the torques better
+    than any multiple of the described gravity; None where it does not.
+
+    That is left where the gravity of the bare arm was subtracted.
+    """
     still = np.zeros_like(motion.q)
-    weight = arm.regressor(motion.q, still, still) @ arm.mean
-    products = _products(motion, arm, _owns(motion), weight)
-    _, free = _given(products)
-    without = products.coefficients(unit, unit[motion.measured].sum(axis=0))
-    lacking = _likelihood(products, without, free, None).likelihood
-    scaled = products.coefficients(unit / fit.factor)
-    # Of the torques as they were given, in the other unit.
-    other_unit = _likelihood(products, scaled, free, None).likelihood
-    other_unit -= float(np.log(fit.factor) * free.sum())
-    return lacking - other_unit > CERTAIN  # masses that are slightly off make a small unit, too
+    Y = arm.regressor(motion.q, still, still)
+    weight = Y @ arm.mean
+    moved = arm.regressor(*motion[:3]) @ arm.mean - weight
+    of_load = Y[:, :, arm.body == arm.body[-1]]
+    parts = []
+    for j in motion.measured:
+        basis = _own(motion, j, moved[:, j])
+        part = np.column_stack([motion.torque[:, j], weight[:, j], of_load[:, j]])
+        parts.append(part - basis @ (basis.T @ part))
+    rows = np.vstack(parts)
+    torque, described, load = rows[:, 0], rows[:, 1:2], rows[:, 2:]
+    left = []
+    for columns in (described, load):
+        size = np.linalg.lstsq(columns, torque, rcond=RANK)[0]
+        left.append(float(np.sum((torque - columns @ size) ** 2)))
+    return float(size[0]) if left[1] < left[0] and size[0] > 0.0 else None
 
 
 class _Reading(NamedTuple):
