@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -189,12 +189,18 @@ def shape_note(joint: str, side: str) -> str:
     )
 
 
-def ringing_note(joint: str, frequency: float) -> str:
-    """Return the note on a joint that is described as rigid and has a resonance."""
-    return (
+def ringing_notes(found: Mapping[str, float], made: Collection[str]) -> list[str]:
+    """Return notes on joints that are described as rigid and have a resonance.
+
+    found: its frequency, Hz, by joint; made: joints whose torques were computed from commands. They
+    swing on the gain of their controller, which says nothing of the joint.
+    """
+    return [
         f"{joint} has a resonance near {frequency:.2g} Hz but is described as rigid: it may be"
         " elastic."
-    )
+        for joint, frequency in found.items()
+        if joint not in made
+    ]
 
 
 def no_separation(effect: str, other: str) -> str:

@@ -34,6 +34,7 @@ from elastic_arm.diagnosis.words import (
     instance_text,
     percent,
     probability_text,
+    ringing_notes,
     scale_sentence,
     summary,
     trust_text,
@@ -527,3 +528,9 @@ def test_an_unknown_of_several_places_begins_with_the_largest() -> None:
 def test_every_regime_has_a_motion_that_shows_it() -> None:
     """Whatever a residual follows, something is said of what to record."""
     assert set(SHOWN_BY) == {*REGIMES, "event"}
+
+
+def test_a_servo_that_swings_on_its_gain_is_not_called_elastic() -> None:
+    """Torques that were computed from commands have the spring of the controller."""
+    (note,) = ringing_notes({"joint_1": 3.0, "joint_2": 12.0}, made=["joint_1"])
+    assert "joint_2 has a resonance near 12 Hz" in note
