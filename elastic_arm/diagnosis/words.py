@@ -110,6 +110,17 @@ def _pair(value: float, std: float | None) -> tuple[str, str]:
     return (f"{value:.4g}", "?") if std is None else rounded(value, std)
 
 
+def merged_notes(notes: Sequence[str]) -> list[str]:
+    """Return notes, those that several recordings or joints share as one, behind all their
+    names."""
+    names: dict[str, list[str]] = {}
+    for note in notes:
+        name, colon, rest = note.partition(": ")
+        of_a_name = bool(colon) and " " not in name
+        names.setdefault(rest if of_a_name else note, []).append(name if of_a_name else "")
+    return [f"{listed(of)}: {rest}" if of[0] else rest for rest, of in names.items()]
+
+
 def standing_note(joint: str) -> str:
     """Return the note on a joint that does not move."""
     return f"{joint} does not move: effects that need its motion cannot be diagnosed."

@@ -19,6 +19,7 @@ from elastic_arm.diagnosis.words import (
     event_notes,
     listed_alternatives,
     log_likelihood_text,
+    merged_notes,
     percent,
     prediction_sentence,
     probability_text,
@@ -403,7 +404,10 @@ def _grounds(found: Diagnosis) -> list[Block]:
     return [
         Text(text),
         Text(f"Trust in the description: {trust_text(found.trust)}."),
-        *(Text(note, "warn" if note == REPEATED_MOTION else "plain") for note in found.notes),
+        *(
+            Text(note, "warn" if note == REPEATED_MOTION else "plain")
+            for note in merged_notes(found.notes)
+        ),
     ]
 
 

@@ -32,6 +32,7 @@ from elastic_arm.diagnosis.words import (
     change_text,
     estimates_text,
     instance_text,
+    merged_notes,
     percent,
     probability_text,
     ringing_notes,
@@ -534,3 +535,13 @@ def test_a_servo_that_swings_on_its_gain_is_not_called_elastic() -> None:
     """Torques that were computed from commands have the spring of the controller."""
     (note,) = ringing_notes({"joint_1": 3.0, "joint_2": 12.0}, made=["joint_1"])
     assert "joint_2 has a resonance near 12 Hz" in note
+
+
+def test_notes_of_several_recordings_are_one() -> None:
+    """Where they differ by the name alone; sentences with a colon stay as they are."""
+    notes = ["run_1: no torque.", "a note: with a colon", "run_2: no torque.", "run_3: other."]
+    assert merged_notes(notes) == [
+        "run_1 and run_2: no torque.",
+        "a note: with a colon",
+        "run_3: other.",
+    ]
