@@ -32,6 +32,7 @@ LIBRARIES = (
     "platformdirs>=4.2",
     "pydantic>=2.6",
     "PyNomadBBO>=4.5",
+    "python-dateutil>=2.8.2",
     "pyyaml>=6.0.1",
     "rich>=13.8",
     "rosbags>=0.11",

@@ -250,10 +250,20 @@ def replay(
     wait: Annotated[
         bool, typer.Option("--wait/--no-wait", help="Wait for a subscriber before starting.")
     ] = True,
+    topic: Annotated[
+        list[str] | None,
+        typer.Option(
+            autocompletion=options.topics, help="Topic to play, may be repeated; all by default."
+        ),
+    ] = None,
 ) -> None:
     """Publish a bag in the ROS 2 graph with /clock, like `ros2 run elastic_arm replayer`.
 
-    Example: elastic-arm bag replay bags/excitation --rate 2
+    Examples:
+
+        elastic-arm bag replay bags/excitation --rate 2
+
+        elastic-arm bag replay bags/excitation --topic /joint_states --topic /motor_states
     """
     require_ros("`bag replay` starts a node, which needs")
     try:
@@ -269,6 +279,8 @@ def replay(
         "loop": str(loop).lower(),
         "wait": str(wait).lower(),
     }
+    if topic:
+        given["topics"] = json_text(topic)
     arguments = [word for name, value in given.items() for word in ("-p", f"{name}:={value}")]
     # The process becomes the node: Ctrl-C and exit code are the node's own.
     os.execv(

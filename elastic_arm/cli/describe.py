@@ -14,8 +14,7 @@ from elastic_arm.dynamics import build_model
 from elastic_arm.formatting import linear_unit
 from elastic_arm.identification.base_parameters import BaseParameters
 from elastic_arm.identification.base_regression import BaseRegression
-from elastic_arm.output_files import write_result
-from elastic_arm.robot import Robot, robot_to_dict, to_urdf
+from elastic_arm.robot import Joint, Robot, robot_to_dict
 from elastic_arm.robot.plausible import doubtful
 
 GAINS = {"kp": "Nm/rad", "kd": "Nm s/rad", "ki": "Nm/(rad s)"}
@@ -55,7 +54,11 @@ def describe(
     told = build_model(robot, model)
     parameters = base_of(told)
     if urdf is not None:
-        write_result(urdf, to_urdf(robot), remedy="Choose another file with --urdf.")
+        # MuJoCo and lxml take a second to load.
+        from elastic_arm.cli.mujoco.export import print_export
+        from elastic_arm.mujoco import export_urdf
+
+        written = export_urdf(robot, None, urdf)
     if json:
         print_json(_content(robot, model, len(told.parameters), parameters))
         return
@@ -71,7 +74,7 @@ def describe(
         for name, unit in zip(parameters.names, parameters.units, strict=True):
             out.print(f"  {escape(name)} [dim]{escape(f'[{unit}]')}[/]")
     if urdf is not None:
-        out.print(f"URDF written to {escape(str(urdf))}")
+        print_export(written, new=True)
 
 
 def base_of(model: Any) -> BaseParameters:
@@ -159,10 +162,27 @@ def _controllers(robot: Robot) -> list[str]:
             )
             late = [f"delay {1e3 * drive.delay:.4g} ms"] if drive.delay else []
             fed = [] if drive.feedforward == "none" else [f"feed-forward: {drive.feedforward}"]
-            found.append(
-                f"controller of {joint.name}: {drive.mode},"
-                f" {', '.join([*gains, *limit, *late, *fed])}"
-            )
+            numbers = [*gains, *limit, *late, *fed, *_electrics(joint)]
+            found.append(f"controller of {joint.name}: {drive.mode}, {', '.join(numbers)}")
+    return found
+
+
+def _electrics(joint: Joint) -> list[str]:
+    """Return what a servo's motor and firmware have beside the gains."""
+    drive = joint.controller
+    if drive is None:
+        return []
+    found = []
+    if drive.dead_band:
+        found.append(f"dead band {drive.dead_band:.4g} {joint.unit('rad')}")
+    if drive.stall is not None:
+        found.append(f"stall torque {drive.stall:.4g} {joint.unit('Nm')} at full duty")
+    if drive.supply is not None:
+        found.append(f"supply {drive.supply:.4g} V")
+    if drive.sag:
+        found.append(f"sag of the supply {drive.sag:.4g} at full torque")
+    if drive.firmware_gain != 1.0:
+        found.append(f"gain register {drive.firmware_gain:g}")
     return found
 
 

@@ -35,6 +35,7 @@ from elastic_arm.diagnosis.words import (
     listed,
     listed_alternatives,
     log_likelihood_text,
+    merged_notes,
     prediction_sentence,
     probability_text,
     scale_sentence,
@@ -369,7 +370,7 @@ def print_diagnosis(found: Diagnosis, folder: Path) -> None:
     if found.proposal is not None:
         _print_proposal(found.proposal)
     out.print(f"trust in the description: {escape(trust_text(found.trust))}")
-    for note in found.notes:
+    for note in merged_notes(found.notes):
         out.print(f"note: {escape(note)}")
     further = [name for name in (ROBOT, SEPARATING) if (folder / name).exists()]
     out.print(

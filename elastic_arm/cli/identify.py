@@ -38,6 +38,8 @@ from elastic_arm.robot import Robot, with_joints_of
 
 TABLES = ("parameters.csv", "residuals.csv")
 RESULTS = ("identification.json", "report.html", "robot.yaml")
+# Arms of the validation, where a file has them.
+ROWS = {"consistent": "robot.yaml"}
 COLOURS = {"well": "green", "poorly": "yellow", "not": "red"}
 
 
@@ -241,7 +243,9 @@ def _print_estimates(estimates: Sequence[Estimate]) -> None:
     headings = ("parameter", "identified", "± std", "nominal", "unit", "determined")
     table = new_table(*headings, right=headings[1:4])
     for e in estimates:
-        numbers = (*rounded(e.value, e.std), f"{e.nominal:.6g}", e.unit)
+        # Sums of products leave rounding errors where nothing is described.
+        nominal = e.nominal if abs(e.nominal) > 1e-9 * e.std else 0.0
+        numbers = (*rounded(e.value, e.std), f"{nominal:.6g}", e.unit)
         table.add_row(escape(e.short), *numbers, f"[{COLOURS[e.verdict]}]{e.verdict}[/]")
     out.print(table)
 
@@ -260,7 +264,7 @@ def _residual_rows(
             (arm, side, values) for arm, by_side in arms.items() for side, values in by_side.items()
         ]
         rows = [
-            (f"{arm}, {COMPARED[side]}", [*map(values.get, result.joints)])
+            (f"{ROWS.get(arm, arm)}, {COMPARED[side]}", [*map(values.get, result.joints)])
             for arm, side, values in sides
         ]
         tables.append((f"validation on {recording}, {unit}", rows))

@@ -56,20 +56,26 @@ Clock = Annotated[
 ]
 
 
-def namespaces(ctx: typer.Context, incomplete: str) -> list[str]:
-    """Return what a shell offers for a namespace: those of the topics of the bags before it."""
+def topics(ctx: typer.Context, incomplete: str) -> list[str]:
+    """Return what a shell offers for a topic: those of the bags before it."""
     from elastic_arm.recording.storage.messages import read_topics
-    from elastic_arm.recording.topics import JOINT_STATES
 
     offered: set[str] = set()
     # Arguments stay unread where the line ends with an option that has no value yet.
     for bag in ctx.args:
         try:
-            names = [topic.name for topic in read_topics(bag)]
+            offered |= {topic.name for topic in read_topics(bag)}
         except ElasticArmError:
             continue  # a bag that is refused is so when the command runs
-        own = [name for name in names if name.endswith(JOINT_STATES)]
-        offered |= {name.removesuffix(JOINT_STATES).strip("/") for name in own}
+    return sorted(name for name in offered if name.startswith(incomplete))
+
+
+def namespaces(ctx: typer.Context, incomplete: str) -> list[str]:
+    """Return what a shell offers for a namespace: those of the topics of the bags before it."""
+    from elastic_arm.recording.topics import JOINT_STATES
+
+    own = [name for name in topics(ctx, "") if name.endswith(JOINT_STATES)]
+    offered = {name.removesuffix(JOINT_STATES).strip("/") for name in own}
     return sorted(name for name in offered if name and name.startswith(incomplete))
 
 

@@ -53,7 +53,7 @@ from elastic_arm.diagnosis.words import (
     event_notes,
     law_note,
     no_separation,
-    ringing_note,
+    ringing_notes,
     shape_note,
 )
 from elastic_arm.effects import EFFECTS, EffectInstance
@@ -927,11 +927,8 @@ class Answer:
             found = resonances(
                 problem.robot, problem.model, [o.pieces for o in problem.observed[0]]
             )
-            yield from (
-                ringing_note(joint, frequency)
-                for joint, frequency in found.items()
-                if joint in left
-            )
+            of_left = {joint: frequency for joint, frequency in found.items() if joint in left}
+            yield from ringing_notes(of_left, prepared.made)
         yield from prepared.notes
         if not prepared.independent_motion:
             yield REPEATED_MOTION

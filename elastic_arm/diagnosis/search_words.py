@@ -16,9 +16,9 @@ NOTHING = "no term"
 def search_words(explanation: Explanation) -> list[str]:
     """Return lines on the sets, the terms that would gain most, and the moves of a search."""
     return [
-        "sets of terms, by probability, and how far each is behind the best:",
+        "sets of terms, by probability, with the difference of each from the best:",
         *_sets(explanation),
-        "terms that the best set lacks, by what each would gain (negative: less than its prior):",
+        "terms outside the best set, by gain (negative: the prior outweighs it):",
         *_lacking(explanation),
         "moves:",
         *(f"  {line}" for line in explanation.log),

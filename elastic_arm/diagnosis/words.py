@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -110,6 +110,17 @@ def _pair(value: float, std: float | None) -> tuple[str, str]:
     return (f"{value:.4g}", "?") if std is None else rounded(value, std)
 
 
+def merged_notes(notes: Sequence[str]) -> list[str]:
+    """Return notes, those that several recordings or joints share as one, behind all their
+    names."""
+    names: dict[str, list[str]] = {}
+    for note in notes:
+        name, colon, rest = note.partition(": ")
+        of_a_name = bool(colon) and " " not in name
+        names.setdefault(rest if of_a_name else note, []).append(name if of_a_name else "")
+    return [f"{listed(of)}: {rest}" if of[0] else rest for rest, of in names.items()]
+
+
 def standing_note(joint: str) -> str:
     """Return the note on a joint that does not move."""
     return f"{joint} does not move: effects that need its motion cannot be diagnosed."
@@ -192,12 +203,18 @@ def shape_note(joint: str, side: str) -> str:
     )
 
 
-def ringing_note(joint: str, frequency: float) -> str:
-    """Return the note on a joint that is described as rigid and has a resonance."""
-    return (
+def ringing_notes(found: Mapping[str, float], made: Collection[str]) -> list[str]:
+    """Return notes on joints that are described as rigid and have a resonance.
+
+    found: its frequency, Hz, by joint; made: joints whose torques were computed from commands. They
+    swing on the gain of their controller, which says nothing of the joint.
+    """
+    return [
         f"{joint} has a resonance near {frequency:.2g} Hz but is described as rigid: it may be"
         " elastic."
-    )
+        for joint, frequency in found.items()
+        if joint not in made
+    ]
 
 
 def no_separation(effect: str, other: str) -> str:
@@ -223,9 +240,21 @@ SHOWN_BY = {
 }
 
 
+def motion_that_shows(regime: str) -> str:
+    """Return the motion of a joint in which a residual of a regime shows its law."""
+    return SHOWN_BY.get(regime, SHOWN_BY["always"])
+
+
+def regime_text(regime: str) -> str:
+    """Return when a residual is large, as the predicate of a sentence."""
+    if regime == "always":
+        return "is as large in any motion"
+    return f"depends on {regime.replace('_', ' ')}"
+
+
 def unknown_sentences(found: Diagnosis) -> list[str]:
-    """Return what an `unknown` is owed to, what the causes are worth all the same, and what to
-    record next; nothing of another verdict."""
+    """Return the reason of an `unknown`, the share of the gap that the causes explain, and the next
+    recording; nothing for another verdict."""
     if found.verdict != "unknown" or not found.unexplained:
         return []
     first, *others = found.unexplained
@@ -239,19 +268,21 @@ def unknown_sentences(found: Diagnosis) -> list[str]:
     sizes = f" ({', '.join(beside)})" if beside else ""
     left = (
         f"The verdict is unknown because of {first.rmse:.2g} {unit}{sizes} at {first.joint},"
-        f" {first.side} side, where the residual follows {first.regime.replace('_', ' ')}"
+        f" {first.side} side: no cause explains this residual, which {regime_text(first.regime)}"
     )
     joints = [joint for joint in dict.fromkeys(p.joint for p in others) if joint != first.joint]
-    less = f", and of less at {listed(joints[:NAMED], len(joints) - NAMED)}" if joints else ""
+    rest = listed(joints[:NAMED], len(joints) - NAMED) if joints else ""
+    less = f"; smaller unexplained residuals remain at {rest}" if rest else ""
     sentences = [f"{left}{less}."]
     hold = bool(found.causes) and not any(cause.rejected for cause in found.causes)
     if hold and found.shrink is not None and found.shrink > 0.0:
         sentences.append(
-            f"The causes hold all the same: with them {percent(found.shrink)} of the gap is gone."
-            f" Where {first.rmse:.2g} {unit} are nothing to you, they are the answer."
+            f"The causes remain valid: they explain {percent(found.shrink)} of the gap. If"
+            f" {first.rmse:.2g} {unit} is negligible for your application, they are the answer."
         )
-    shown = SHOWN_BY.get(first.regime, SHOWN_BY["always"])
-    sentences.append(f"To record next: {first.joint} alone, {shown}. See docs/unknown.md.")
+    sentences.append(
+        f"Record next: {first.joint} alone, {motion_that_shows(first.regime)}. See docs/unknown.md."
+    )
     return sentences
 
 

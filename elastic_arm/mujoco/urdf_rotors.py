@@ -10,8 +10,7 @@ from typing import Any
 
 from elastic_arm.mujoco.changed_numbers import text_of
 from elastic_arm.mujoco.shape import append_last
-
-DRAKE = "http://drake.mit.edu"
+from elastic_arm.robot.urdf_export import DRAKE
 
 
 def state_rotor(root: Any, joint: str, armature: float, ratio: float) -> None:

@@ -20,6 +20,7 @@ from elastic_arm.diagnosis.words import (
     event_notes,
     listed_alternatives,
     log_likelihood_text,
+    merged_notes,
     percent,
     prediction_sentence,
     probability_text,
@@ -234,7 +235,7 @@ def _unexplained(found: Diagnosis, context: DiagnosisContext) -> list[Block]:
     added = "all causes together" if found.causes else None
     caption = f"{first.joint}, {first.side} side: the place with the largest remaining residual."
     return [
-        Text("No effect of the catalogue explains what is left here, the largest first.", "warn"),
+        Text("Residuals that no effect of the catalogue explains, the largest first.", "warn"),
         *map(Text, unknown_sentences(found)),
         Table(["joint", "side", "follows", f"left, {found.units.over('Nm')}"], rows, digits=3),
         *map(Text, event_notes(found.events)),
@@ -403,7 +404,10 @@ def _grounds(found: Diagnosis) -> list[Block]:
     return [
         Text(text),
         Text(f"Trust in the description: {trust_text(found.trust)}."),
-        *(Text(note, "warn" if note == REPEATED_MOTION else "plain") for note in found.notes),
+        *(
+            Text(note, "warn" if note == REPEATED_MOTION else "plain")
+            for note in merged_notes(found.notes)
+        ),
     ]
 
 

@@ -211,8 +211,8 @@ class ArmEntry(_Entry):
 class OverlayEntry(_Entry):
     """A URDF and what it cannot hold.
 
-    `chain` is the arm's first and last link, base:tip; `transmissions`, `limits` and `controller`
-    are by the URDF's joint names.
+    `chain` is the arm's first and last link, base:tip; `transmissions`, `armature` (kg m^2),
+    `limits` and `controller` are by the URDF's joint names.
     """
 
     urdf: Name
@@ -220,6 +220,7 @@ class OverlayEntry(_Entry):
     name: Name | None = None
     gravity: Vector | None = None
     transmissions: dict[str, TransmissionEntry] = {}
+    armature: dict[str, Annotated[Number, Field(ge=0)]] = {}
     limits: dict[str, LimitsEntry] = {}
     controller: dict[str, ControllerEntry] = {}
     total_ratios_studied: dict[Number, tuple[Number, Number]] | None = None

@@ -179,6 +179,12 @@ def _overlaid(entry: OverlayEntry, folder: Path) -> Robot:
                 replace(joint, transmission=gear, armature=joint.armature if gear is None else None)
             )
     robot = robot.with_(joints=tuple(joints))
+    for name, armature in entry.armature.items():
+        with located(f"armature.{name}: "):
+            if name in entry.transmissions:
+                problem = "the joint has a transmission, whose rotor is its motor"
+                raise RobotError(problem, "State the inertia there, as izz of the rotor")
+            robot = robot.with_joint(name, armature=armature)
     for name, limits in entry.limits.items():
         with located(f"limits.{name}: "):
             stated = limits.model_dump(exclude_unset=True)
@@ -187,7 +193,8 @@ def _overlaid(entry: OverlayEntry, folder: Path) -> Robot:
                 name, limits=replace(changed[0], **stated) if changed else Limits(**stated)
             )
     others = entry.model_dump(
-        exclude={"urdf", "chain", "transmissions", "limits", "controller"}, exclude_none=True
+        exclude={"urdf", "chain", "transmissions", "armature", "limits", "controller"},
+        exclude_none=True,
     )
     notes = tuple(
         note for note in robot.notes if not (robot.elastic and note.startswith("<transmission>"))

@@ -2,9 +2,9 @@
 
 A URDF knows rigid links alone. Rotors, wave generators and splines are joined to the links that
 carry them, so that masses and gravity are right; that they spin with their ratios, and the
-elasticity, is not in it. Link frames have the axes of ``O_i`` and stand on the joint's axis. Shapes
-are for the eye: there are none for collisions, because cylinders from joint to joint touch their
-neighbours.
+elasticity, is not in it. The armature of a rigid joint is stated in Drake's tags. Link frames have
+the axes of ``O_i`` and stand on the joint's axis. Shapes are for the eye: there are none for
+collisions, because cylinders from joint to joint touch their neighbours.
 """
 
 import xml.etree.ElementTree as ET
@@ -25,6 +25,8 @@ _COLOURS = {
 }
 # A URDF must state effort and velocity beside a range; readers take 0 as "not stated".
 _UNKNOWN = 0.0
+DRAKE = "http://drake.mit.edu"
+ET.register_namespace("drake", DRAKE)
 
 
 def to_urdf(robot: Robot) -> str:
@@ -72,6 +74,9 @@ def to_urdf(robot: Robot) -> str:
             radius,
         )
         _moving(tree, joint, parent, start @ frames[i], axis)
+    for joint in robot.joints:
+        if joint.armature is not None:
+            _rotor(tree, joint.name, joint.armature)
     ET.indent(tree)
     return '<?xml version="1.0"?>\n' + ET.tostring(tree, encoding="unicode") + "\n"
 
@@ -192,6 +197,16 @@ def _moving(tree: ET.Element, joint: Joint, parent: str, placement: Array, axis:
     # Other readers refuse a slide, or a hinge of a limited range, that states no limits at all.
     if kind != "continuous" or any(values.values()):
         ET.SubElement(element, "limit", {key: repr(float(value)) for key, value in values.items()})
+
+
+def _rotor(tree: ET.Element, joint: str, armature: float) -> None:
+    """State the inertia of a joint's motor, kg m² at the joint: at a ratio of 1."""
+    transmission = ET.SubElement(tree, "transmission", name=f"{joint}_rotor")
+    ET.SubElement(transmission, "type").text = "transmission_interface/SimpleTransmission"
+    ET.SubElement(transmission, "joint", name=joint)
+    actuator = ET.SubElement(transmission, "actuator", name=f"{joint}_motor")
+    ET.SubElement(actuator, f"{{{DRAKE}}}rotor_inertia", value=repr(float(armature)))
+    ET.SubElement(actuator, f"{{{DRAKE}}}gear_ratio", value="1")
 
 
 def _origin(

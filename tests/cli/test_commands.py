@@ -79,6 +79,45 @@ def test_a_rigid_arm_is_described_without_a_model(tmp_path: Path) -> None:
         assert "mod3" not in told and "parameters, motion determines" in " ".join(told.split())
 
 
+def test_a_servo_is_described_with_its_electrics(tmp_path: Path) -> None:
+    """Gains alone do not describe a servo: torque of full duty, supply, its sag, and the register
+    for which they hold; a plain controller has none of them."""
+    motor = {"supply": 7.5, "torque_per_volt": 0.1, "back_emf": 0.4, "duty_per_rad": 0.2}
+    plain = {"kp": 4.0, "kd": 0.1}
+    servo = {"motor": motor, "sag": 0.25, "dead_band": 0.003, "firmware_gain": 400}
+    controllers = {"joint_1": servo, "joint_2": plain}
+    joints = tuple(replace(joint, transmission=None) for joint in load_robot().joints)
+    save_robot(load_robot().with_(joints=joints), tmp_path / "arm.yaml")
+    content = yaml.safe_load((tmp_path / "arm.yaml").read_text()) | {"controller": controllers}
+    (tmp_path / "arm.yaml").write_text(yaml.safe_dump(content))
+    told = run("describe", "--robot", tmp_path / "arm.yaml").stdout.splitlines()
+    (first,) = [line for line in told if "controller of joint_1" in line]
+    (second,) = [line for line in told if "controller of joint_2" in line]
+    for words in ("stall torque 0.75 Nm", "supply 7.5 V", "sag of the supply 0.25"):
+        assert words in first and words not in second
+    assert "dead band 0.003 rad" in first and "gain register 400" in first
+    assert "kp 0.15 Nm/rad" in first  # supply, torque per volt and duty per rad
+
+
+def test_a_urdf_that_is_written_has_the_armature(tmp_path: Path) -> None:
+    """As Drake's tags of a rigid arm, and of an elastic one as the inertia of its motors; the
+    springs are listed as left out."""
+    joints = tuple(
+        replace(joint, transmission=None, armature=0.1 * k)
+        for k, joint in enumerate(load_robot().joints, start=1)
+    )
+    save_robot(load_robot().with_(joints=joints), tmp_path / "rigid.yaml")
+    done = run("describe", "--robot", tmp_path / "rigid.yaml", "--urdf", tmp_path / "rigid.urdf")
+    assert "not in the file" not in done.stdout
+    read = load_robot(tmp_path / "rigid.urdf")
+    assert [joint.armature for joint in read.joints] == pytest.approx([0.1, 0.2, 0.3])
+    done = run("describe", "--urdf", tmp_path / "elastic.urdf")
+    assert "not in the file: drive on joint_1 (stiffness" in " ".join(done.stdout.split())
+    elastic = load_robot(tmp_path / "elastic.urdf").joints
+    rotor = load_robot().joints[0].transmission
+    assert rotor is not None and elastic[0].armature == pytest.approx(176.5, rel=1e-3)
+
+
 # --- nothing is overwritten unasked
 
 

@@ -32,8 +32,10 @@ from elastic_arm.diagnosis.words import (
     change_text,
     estimates_text,
     instance_text,
+    merged_notes,
     percent,
     probability_text,
+    ringing_notes,
     scale_sentence,
     summary,
     trust_text,
@@ -523,8 +525,8 @@ def test_an_unknown_says_what_it_is_owed_to_and_what_to_record() -> None:
     and the motion fits what the residual follows."""
     place = UnexplainedResidual("joint_3", "motor", "load", 0.004)
     owed, worth, then = unknown_sentences(unknown(place))
-    assert "because of 0.004 Nm at joint_3, motor side" in owed and "follows load" in owed
-    assert "96.1 % of the gap is gone" in worth and "0.004 Nm" in worth
+    assert "because of 0.004 Nm at joint_3, motor side" in owed and "depends on load" in owed
+    assert "explain 96.1 % of the gap" in worth and "0.004 Nm" in worth
     assert "joint_3 alone" in then and "weight at the flange" in then
 
 
@@ -536,7 +538,9 @@ def test_an_unknown_of_several_places_begins_with_the_largest() -> None:
         UnexplainedResidual("joint_1", "motor", "drift", 0.1),
     ]
     owed, then = unknown_sentences(unknown(*places, causes=0))
-    assert "0.5 Nm (noise 0.1) at joint_2" in owed and owed.endswith("and of less at joint_1.")
+    assert "0.5 Nm (noise 0.1) at joint_2" in owed and owed.endswith(
+        "smaller unexplained residuals remain at joint_1."
+    )
     assert "reversals" in then
     assert unknown_sentences(diagnosis(cause())) == []
 
@@ -544,3 +548,19 @@ def test_an_unknown_of_several_places_begins_with_the_largest() -> None:
 def test_every_regime_has_a_motion_that_shows_it() -> None:
     """Whatever a residual follows, something is said of what to record."""
     assert set(SHOWN_BY) == {*REGIMES, "event"}
+
+
+def test_a_servo_that_swings_on_its_gain_is_not_called_elastic() -> None:
+    """Torques that were computed from commands have the spring of the controller."""
+    (note,) = ringing_notes({"joint_1": 3.0, "joint_2": 12.0}, made=["joint_1"])
+    assert "joint_2 has a resonance near 12 Hz" in note
+
+
+def test_notes_of_several_recordings_are_one() -> None:
+    """Where they differ by the name alone; sentences with a colon stay as they are."""
+    notes = ["run_1: no torque.", "a note: with a colon", "run_2: no torque.", "run_3: other."]
+    assert merged_notes(notes) == [
+        "run_1 and run_2: no torque.",
+        "a note: with a colon",
+        "run_3: other.",
+    ]

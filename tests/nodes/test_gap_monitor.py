@@ -198,11 +198,16 @@ def test_a_message_says_what_the_file_says() -> None:
 def test_the_log_has_a_verdict_in_words() -> None:
     """Of an unknown the largest place is said beside the causes, or alone; of a sound arm that it
     is one."""
-    left = "most is left at joint_1 (motor side), without a cause"
+    left = (
+        "the largest unexplained residual, at joint_1 (motor side), depends on load; to find its"
+        " law, move joint_1 alone: one path with and without a known weight at the flange"
+    )
     assert in_words({**FOUND, "verdict": "unknown"}) == f"unknown: time_delay; {left}"
     assert in_words({**FOUND, "verdict": "unknown", "causes": []}) == f"unknown: {left}"
     sound = {**FOUND, "verdict": "none", "causes": [], "unexplained": []}
-    assert in_words(sound) == "none: the arm moves as its model"
+    assert in_words(sound) == (
+        "none: the arm moves like its model, within noise and usual tolerances"
+    )
 
 
 def test_no_gap_is_a_message_too() -> None:

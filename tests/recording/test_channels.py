@@ -8,6 +8,7 @@ import yaml
 
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording import load_channels, message_types, read_recording, write_recording
+from elastic_arm.recording.foreign.array_files import load_arrays
 from elastic_arm.recording.foreign.arrays import load_array_map
 from elastic_arm.recording.foreign.channels import (
     ChannelMap,
@@ -308,3 +309,26 @@ def test_what_is_no_coupling_is_refused(
     np.savez(tmp_path / "run.npz", angle=np.eye(3), speed=np.eye(3), torque=np.eye(3))
     with pytest.raises(RecordingError, match=words):
         imported(tmp_path / "run.npz", AXES, 100.0, motor=MOTORS, coupling=coupling)
+
+
+def test_a_bag_and_the_other_kind_of_map_are_named(tmp_path: Path) -> None:
+    """A bag is not imported, as a folder or as a file; a channel map is no mapping of arrays, nor
+    the other way round."""
+    bag = tmp_path / "bag"
+    bag.mkdir()
+    (bag / "metadata.yaml").write_text("rosbag2_bagfile_information: {}")
+    (bag / "a.mcap").write_bytes(b"")
+    for path in (bag, bag / "a.mcap"):
+        with pytest.raises(RecordingError, match="is a bag, which needs no import") as caught:
+            load_arrays(path)
+        assert "--channels" in caught.value.remedy
+    of_bag = tmp_path / "channels.yaml"
+    of_bag.write_text("defaults: {link: {position: {topic: /a}}}\njoints: {a: {}}\n")
+    of_arrays = tmp_path / "import.yaml"
+    of_arrays.write_text("times: {key: t}\njoints: [a]\nlink: {position: {key: q}}\n")
+    with pytest.raises(RecordingError, match="is a channel map") as caught:
+        load_array_map(of_bag)
+    assert "--channels" in caught.value.remedy
+    with pytest.raises(RecordingError, match="is a mapping of arrays") as caught:
+        load_channels(of_arrays)
+    assert "bag import" in caught.value.remedy

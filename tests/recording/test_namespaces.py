@@ -74,21 +74,24 @@ def test_an_arm_without_a_namespace_comes_first(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("command", "written", "offered"),
     [
-        ("identify", "", ["left", "right"]),
-        ("bag info", "ri", ["right"]),
-        ("bag check", "x", []),
+        ("identify {} --namespace", "", ["left", "right"]),
+        ("bag info {} --namespace", "ri", ["right"]),
+        ("bag check {} --namespace", "x", []),
+        ("bag replay {} --topic", "/left/j", ["/left/joint_states"]),
+        ("bag replay {} --topic /a --topic", "/x", []),
     ],
 )
-def test_shells_complete_namespaces(
+def test_shells_complete_namespaces_and_topics(
     tmp_path: Path, command: str, written: str, offered: list[str]
 ) -> None:
-    """`--namespace TAB` offers the arms of the bags before it, and nothing of what is no bag."""
+    """`--namespace TAB` offers the arms of the bags before it, `--topic TAB` their topics, and
+    nothing of what is no bag."""
     bag = bag_of(tmp_path, left=1, right=2)
     for path, expected in ((bag, offered), (tmp_path / "none", [])):
         environment = {
             "_ELASTIC_ARM_COMPLETE": "complete_fish",
             "_TYPER_COMPLETE_FISH_ACTION": "get-args",
-            "_TYPER_COMPLETE_ARGS": f"elastic-arm {command} {path} --namespace {written}",
+            "_TYPER_COMPLETE_ARGS": f"elastic-arm {command.format(path)} {written}",
         }
         done = CliRunner().invoke(app, [], env=environment, prog_name="elastic-arm")
         assert [line.split("\t")[0] for line in done.stdout.split()] == expected

@@ -7,8 +7,11 @@ from pathlib import Path
 
 import h5py
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from mcap.writer import Writer
+from scipy.io import savemat
 
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording import read_recording
@@ -81,6 +84,132 @@ def clock(file: Path) -> None:
     file.write_text("\n".join(["time;shoulder_pos;elbow_pos", *rows]))
 
 
+def long_by_number(file: Path) -> None:
+    """Write a row for each joint's number and time; no cell is a text."""
+    rows = [
+        f"{t:.3f},{j + 1},{q:.9f}"
+        for t, qs in zip(T, Q, strict=True)
+        for j, q in enumerate(qs.tolist())
+    ]
+    file.write_text("\n".join(["timestamp,joint_id,position", *rows]))
+
+
+def long_by_two_columns(file: Path) -> None:
+    """Write a row for each joint, channel and time, beside a column of one text."""
+    rows = [
+        f"{t:.3f},run_1,{n},{channel},{factor * q:.9f}"
+        for t, qs in zip(T, Q, strict=True)
+        for n, q in zip(NAMES, qs, strict=True)
+        for channel, factor in (("pos", 1.0), ("load", 2.0))
+    ]
+    file.write_text("\n".join(["time,test,joint,channel,value", *rows]))
+
+
+def long_parquet(file: Path) -> None:
+    """Write a row for each joint and time as Parquet."""
+    columns = {
+        "time": np.repeat(T, 2),
+        "joint": np.tile(NAMES, len(T)),
+        "position": Q.round(9).ravel(),
+    }
+    pq.write_table(pa.table(columns), file)
+
+
+def printed_in_cells(file: Path) -> None:
+    """Write arrays as NumPy prints them, over two lines."""
+    rows = [f'{t:.3f},"[{q[0]:.9f}\n {q[1]:.9f}]"' for t, q in zip(T, Q, strict=True)]
+    file.write_text("\n".join(["time,pos", *rows]))
+
+
+def bare_in_cells(file: Path) -> None:
+    """Write arrays without brackets."""
+    rows = [f"{t:.3f},{q[0]:.9f};{q[1]:.9f}" for t, q in zip(T, Q, strict=True)]
+    file.write_text("\n".join(["time,pos", *rows]))
+
+
+def json_objects(file: Path) -> None:
+    """Write a list of objects a line, a joint each."""
+    lines = []
+    for t, q in zip(T.tolist(), Q.round(9).tolist(), strict=True):
+        joints = [{"name": n, "position": x} for n, x in zip(NAMES, q, strict=True)]
+        lines.append(json.dumps({"t": t, "joints": joints}))
+    file.write_text("\n".join(lines))
+
+
+def json_topics(file: Path) -> None:
+    """Write messages of two topics in turn, with ROS's stamps."""
+    lines = []
+    for t, q in zip(T, Q.round(9).tolist(), strict=True):
+        stamp = {"sec": 1_700_000_000, "nanosec": round(1e9 * t)}
+        data = {"header": {"stamp": stamp}, "name": NAMES, "position": q}
+        lines.append(json.dumps({"topic": "/joint_states", "data": data}))
+        lines.append(json.dumps({"topic": "/temperature", "data": {"header": {"stamp": stamp}}}))
+    file.write_text("\n".join(lines))
+
+
+def json_beside_others(file: Path) -> None:
+    """Write a list of records beside what describes them."""
+    rows = zip(T.tolist(), Q.round(9).tolist(), strict=True)
+    records = [{"t": t, "q": q} for t, q in rows]
+    file.write_text(json.dumps({"meta": {"arm": "b", "joints": NAMES}, "data": records}))
+
+
+def json_by_joint(file: Path) -> None:
+    """Write a list of numbers a joint, not a sample."""
+    file.write_text(json.dumps({"t": T.tolist(), "q": Q.T.round(9).tolist()}))
+
+
+def american_dates(file: Path) -> None:
+    """Write the month first, and the half of the day behind."""
+    rows = [
+        f"11/28/2026 12:00:{t:06.3f} PM,{a:.9f},{b:.9f}" for t, (a, b) in zip(T, Q, strict=True)
+    ]
+    file.write_text("\n".join(["time,shoulder_pos,elbow_pos", *rows]))
+
+
+def minutes(file: Path) -> None:
+    """Write minutes and seconds over a full hour, as Excel shows times."""
+    hour = [(3_599.7 + t) % 3_600.0 for t in T]
+    rows = [
+        f"{int(s // 60):02d}:{s % 60:06.3f},{a:.9f},{b:.9f}"
+        for s, (a, b) in zip(hour, Q, strict=True)
+    ]
+    file.write_text("\n".join(["time,shoulder_pos,elbow_pos", *rows]))
+
+
+def days(file: Path) -> None:
+    """Write days since the year 0, as MATLAB's datenum."""
+    rows = [
+        f"{738_000.5 + t / 86_400.0:.17g},{a:.9f},{b:.9f}" for t, (a, b) in zip(T, Q, strict=True)
+    ]
+    file.write_text("\n".join(["time,shoulder_pos,elbow_pos", *rows]))
+
+
+def matlab_cells(file: Path) -> None:
+    """Write a cell a joint within a struct."""
+    cells = np.empty(2, object)
+    cells[:] = list(Q.T)
+    savemat(file, {"log": {"q": cells, "t": T}})
+
+
+def matlab_structs(file: Path) -> None:
+    """Write a struct a joint."""
+    joints = np.array([(column,) for column in Q.T], dtype=[("position", "O")])
+    savemat(file, {"joint": joints, "time": T})
+
+
+def matlab_7_3_cells(file: Path) -> None:
+    """Write a cell a joint, as references."""
+    with h5py.File(file, "w", userblock_size=512) as content:
+        parts = [content.create_dataset(f"#refs#/{j}", data=Q[:, [j]].T) for j in range(2)]
+        cells = np.array([part.ref for part in parts], dtype=h5py.ref_dtype)[:, None]
+        content["log/q"] = cells
+        content["log/q"].attrs["MATLAB_class"] = np.bytes_("cell")
+        content["log/t"] = T[None]
+    data = file.read_bytes()
+    file.write_bytes(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM" + data[128:])
+
+
 WRITERS: dict[str, tuple[str, Callable[[Path], None]]] = {
     "long by signal": (".csv", long_by_signal),
     "long by joint": (".csv", long_by_joint),
@@ -89,6 +218,21 @@ WRITERS: dict[str, tuple[str, Callable[[Path], None]]] = {
     "JSON": (".json", json_columns),
     "dates": (".csv", dates),
     "times of day": (".csv", clock),
+    "long by number": (".csv", long_by_number),
+    "long by two columns": (".csv", long_by_two_columns),
+    "long Parquet": (".parquet", long_parquet),
+    "printed in cells": (".csv", printed_in_cells),
+    "bare in cells": (".csv", bare_in_cells),
+    "objects in JSON": (".jsonl", json_objects),
+    "topics in JSON": (".jsonl", json_topics),
+    "JSON beside others": (".json", json_beside_others),
+    "JSON by joint": (".json", json_by_joint),
+    "American dates": (".csv", american_dates),
+    "minutes": (".csv", minutes),
+    "days": (".csv", days),
+    "cells of MATLAB": (".mat", matlab_cells),
+    "structs of MATLAB": (".mat", matlab_structs),
+    "cells of MATLAB 7.3": (".mat", matlab_7_3_cells),
 }
 
 
@@ -104,7 +248,7 @@ def test_the_same_numbers_come_of_every_layout(tmp_path: Path, kind: str) -> Non
     assert recording.link is not None
     np.testing.assert_allclose(recording.link.position, Q, atol=1e-9)
     np.testing.assert_allclose(
-        (recording.link.stamp_ns - recording.link.stamp_ns[0]) * 1e-9, T, atol=2e-6
+        (recording.link.stamp_ns - recording.link.stamp_ns[0]) * 1e-9, T, atol=2e-5
     )
 
 
@@ -140,7 +284,14 @@ def test_matlab_7_3_is_read_as_hdf5_is(tmp_path: Path) -> None:
         (["2026-11-28 06:00:00.000000001"] * 3, "ns", 1_795_845_600_000_000_001),
         (["2026-11-28T08:00:00+02:00"] * 3, "ns", 1_795_845_600_000_000_000),
         (["28.11.2026 06:00:00.25"] * 3, "ns", 1_795_845_600_250_000_000),
+        (["2026-11-28 06:00:00.25 UTC"] * 3, "ns", 1_795_845_600_250_000_000),
+        (["28-Nov-2026 06:00:00.000000001"] * 3, "ns", 1_795_845_600_000_000_001),
+        (["28/11/2026 6:00:00 AM"] * 3, "ns", 1_795_845_600_000_000_000),
+        (["2026:11:28 06:00:00"] * 3, "ns", 1_795_845_600_000_000_000),
+        (["20261128T060000.5"] * 3, "ns", 1_795_845_600_500_000_000),
         (["23:59:59,5", "0:00:00,5"], "s", 86_399.5),
+        (["11:59:59 pm", "12:00:01 am"], "s", 86_399.0),
+        (["59:59.5", "00:00.5"], "s", 3_599.5),
     ],
 )
 def test_dates_of_all_kinds_are_times(cells: list[str], unit: str, first: float) -> None:
@@ -204,9 +355,10 @@ def test_times_in_single_precision_are_named() -> None:
     arrays = load_arrays(REPORTS / "float32_stamps" / "log.csv")
     with pytest.raises(RecordingError, match=r"single precision .* 128 s"):
         guess_mapping(arrays, [f"axis_{k}" for k in range(1, 7)])
-    stamps = np.float32(1.7e9 + np.arange(60) * 4.0).astype(np.float64)
-    with pytest.raises(RecordingError, match="single precision"):
-        guess_mapping({"stamp": stamps, "q": Q}, NAMES)
+    for unit in (1.0, 1e3, 1e6):
+        stamps = np.float32(unit * (1.7e9 + np.arange(60) * 4.0)).astype(np.float64)
+        with pytest.raises(RecordingError, match=r"single precision .* 1\d\d s"):
+            guess_mapping({"stamp": stamps, "q": Q}, NAMES)
 
 
 def guessed(**arrays: np.ndarray) -> dict[tuple[str, str], tuple[str, str]]:
@@ -227,14 +379,60 @@ def test_a_draft_goes_by_names_and_values() -> None:
     assert guessed(current_position=Q) == {("link", "position"): ("current_position", "rad")}
     assert guessed(position=Q, goal_rad=Q + 0.01)["command", "position"] == ("goal_rad", "rad")
     assert guessed(position=Q, x=Q + 0.01 * np.cos(Q))["command", "position"] == ("x", "rad")
-    for name in ("present_load", "pwm"):
-        draft = guess_mapping(Arrays({"time": T, "q": Q, name: np.round(885.0 * Q)}), NAMES)
-        (counts,) = [one for one in draft.channels if one.channel == "effort"]
-        assert "factor" in counts.missing and "counts of a register" in " ".join(counts.reasons)
+    draft = guess_mapping(Arrays({"time": T, "q": Q, "present_load": np.round(885.0 * Q)}), NAMES)
+    (counts,) = [one for one in draft.channels if one.channel == "effort"]
+    assert "factor" in counts.missing and "counts of a register" in " ".join(counts.reasons)
+    assert counts.side == "motor"  # "load" is no load side here
     ticks = guess_mapping(
         Arrays({"time": T, "position": np.round(2048 + 900.0 * Q)}), NAMES
     ).channels[0]
     assert ticks.unit == "turns" and "1/4096" in ticks.missing["factor"]
+
+
+@pytest.mark.parametrize("values", [np.round(885.0 * Q), 0.8 * Q, 80.0 * Q])
+@pytest.mark.parametrize("name", ["pwm", "present_pwm", "goal_pwm", "duty_cycle"])
+def test_a_share_of_the_voltage_is_no_torque(name: str, values: np.ndarray) -> None:
+    """Counts, shares and per cent, measured and commanded, are left out with the reason."""
+    draft = guess_mapping(Arrays({"time": T, "q": Q, name: values}), NAMES)
+    assert [one.channel for one in draft.channels] == ["position"]
+    assert "share of the supply voltage" in dict(draft.ignored)[name]
+
+
+@pytest.mark.parametrize(("later", "words"), [(0, "q: not"), (1, "1 sample later"), (3, "3 samp")])
+def test_commands_that_are_positions_are_left_out(later: int, words: str) -> None:
+    """Of the same sample, the next one, or a later one; those of a drive that follows are taken."""
+    made = np.vstack([Q[later:], Q[-1:].repeat(later, axis=0)])
+    draft = guess_mapping(Arrays({"time": T, "q": Q, "action": made}), NAMES)
+    assert words in dict(draft.ignored)["action"]
+    assert guessed(q=Q, action=Q + 1e-3)["command", "position"] == ("action", "rad")
+
+
+def test_commands_followed_closely_beside_torques_are_taken() -> None:
+    """A drive with computed torque errs by its encoder alone; beside torques only the same digits
+    were copied."""
+    noise = 1e-5 * np.random.default_rng(1).normal(size=Q.shape)
+    arrays = {"q": np.roll(Q, 2, axis=0)[2:] + noise[2:], "target_q": Q[2:], "time": T[2:]}
+    torques = {"tau": 5.0 * np.cos(Q[2:])}
+    drafted = guess_mapping(Arrays(arrays | torques), NAMES)
+    assert ("command", "position") in {(one.side, one.channel) for one in drafted.channels}
+
+
+def test_units_of_other_quantities_are_no_torque() -> None:
+    """Volts and degrees Celsius, by the end of a name or in brackets."""
+    for name in ("supply_V", "bus [V]", "motor_C", "board_degC", "x_mV", "battery"):
+        assert guessed(q=Q, **{name: 7.0 + 0.1 * Q}) == {("link", "position"): ("q", "rad")}, name
+    assert guessed(q=Q, x=7.0 * np.cos(Q))["motor", "effort"] == ("x", "Nm")
+
+
+def test_commands_have_the_unit_of_the_positions() -> None:
+    """Per cent of ranges show in the encoders' steps alone; commands beside them are no degrees."""
+    ranges = np.array([220.0, 190.0])
+    step = 200.0 / ranges * 360.0 / 4096.0
+    position = np.round(60.0 * Q / step) * step
+    found = guess_mapping(Arrays({"time": T, "state": position, "action": 61.0 * Q}), NAMES)
+    state, action = found.channels
+    assert action.side == "command" and action.missing == state.missing != {}
+    assert "in the unit of state" in action.reasons
 
 
 def test_an_order_that_is_assumed_is_said() -> None:

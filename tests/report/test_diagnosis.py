@@ -118,7 +118,7 @@ def test_gap_without_an_effect_for_it_is_drawn_as_unexplained(tmp_path: Path) ->
     assert found.verdict == "unknown" and {p.joint for p in found.unexplained} == {"joint_2"}
     assert "Unexplained residuals" in page
     assert "joint_2, motor side: the place with the largest remaining residual" in page
-    assert "The verdict is unknown because of" in page and "To record next: joint_2 alone" in page
+    assert "The verdict is unknown because of" in page and "Record next: joint_2 alone" in page
     sizes = [place.rmse for place in found.unexplained]
     assert sizes == sorted(sizes, reverse=True)
 

@@ -506,6 +506,26 @@ def test_an_overlay_makes_a_urdf_arm_elastic(tmp_path: Path) -> None:
     assert robot_to_dict(load_robot(tmp_path / "saved.yaml")) == robot_to_dict(robot)
 
 
+def test_an_overlay_states_the_armature_of_rigid_joints(tmp_path: Path) -> None:
+    """Over that of the URDF; not beside a transmission, nor of an unknown joint."""
+    (tmp_path / "arm.urdf").write_text(two_joints())
+    file = tmp_path / "overlay.yaml"
+    file.write_text("urdf: arm.urdf\narmature: {two: 0.25}\n")
+    robot = load_robot(file)
+    assert [joint.armature for joint in robot.joints] == [None, 0.25]
+    save_robot(robot, tmp_path / "saved.yaml")
+    assert load_robot(tmp_path / "saved.yaml").joints[1].armature == 0.25
+    file.write_text("urdf: arm.urdf\narmature: {three: 0.25}\n")
+    with pytest.raises(RobotError, match=r"armature\.three: .* no joint 'three'"):
+        load_robot(file)
+    file.write_text("urdf: arm.urdf\narmature: {two: -1}\n")
+    with pytest.raises(RobotError, match=r"armature\.two"):
+        load_robot(file)
+    file.write_text(overlay(("one", "base"), ("two", "a"), more="armature: {two: 0.25}\n"))
+    with pytest.raises(RobotError, match=r"armature\.two: the joint has a transmission"):
+        load_robot(file)
+
+
 def test_the_documented_overlay_loads(tmp_path: Path) -> None:
     """The example of docs/robots.md is an overlay that loads, on a URDF with joints of its
     names."""

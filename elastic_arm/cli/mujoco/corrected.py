@@ -76,8 +76,8 @@ class Written:
         if self.fitted:
             numbers = listed([by_words(one) for one in self.fitted])
             return (
-                "No cause that was found moves the arm nearer, and none is written. The corrected"
-                " file holds the numbers that every servo has, fitted by simulations of the fitted"
+                "No cause improves the simulated motion, so no cause is written. The corrected file"
+                " contains the numbers of every servo, fitted by simulations of the fitted"
                 f" recordings. These change: {numbers}."
             )
         far = [(abs(one.by) / one.number.std, one) for one in self.refined]

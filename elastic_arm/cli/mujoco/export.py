@@ -225,9 +225,11 @@ def print_closed_loop(errors: Mapping[str, ClosedLoopError], written: str = "as 
 
 def print_export(done: Exported, *, new: bool = False) -> None:
     """Print what changed, unless the file is a new one, what is left, and what was written."""
-    if done.changes:
+    # A change below the digits that are shown is none to a reader.
+    changes = [one for one in done.changes if before_text(one) != after_text(one)]
+    if changes:
         table = new_table("element", "number", "before", "after", "unit", whole=("element", "unit"))
-        for change in done.changes:
+        for change in changes:
             cells = (
                 change.element,
                 change.number,

@@ -16,6 +16,7 @@ from elastic_arm_msgs.msg import (
 )
 from std_msgs.msg import Header
 
+from elastic_arm.diagnosis.words import motion_that_shows, regime_text
 from elastic_arm.estimation.equation_sets import SIDES
 
 
@@ -42,11 +43,15 @@ def in_words(found: Mapping[str, Any]) -> str:
     answer is."""
     verdict, named = found["verdict"], [_named(cause) for cause in found["causes"]]
     if verdict == "none":
-        return "none: the arm moves as its model"
+        return "none: the arm moves like its model, within noise and usual tolerances"
     parts = [", ".join(named)] if named else []
     if verdict == "unknown" and found["unexplained"]:
         first = found["unexplained"][0]
-        parts.append(f"most is left at {first['joint']} ({first['side']} side), without a cause")
+        joint = first["joint"]
+        regime = first["regime"]
+        where = f"the largest unexplained residual, at {joint} ({first['side']} side),"
+        then = f"to find its law, move {joint} alone: {motion_that_shows(regime)}"
+        parts.append(f"{where} {regime_text(regime)}; {then}")
     return f"{verdict}: {'; '.join(parts)}" if parts else str(verdict)
 
 

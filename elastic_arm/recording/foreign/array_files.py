@@ -23,8 +23,8 @@ import numpy as np
 from elastic_arm.errors import MissingExtraError, RecordingError
 from elastic_arm.recording import limits
 from elastic_arm.recording.foreign.compiled_readers import load_compiled
-from elastic_arm.recording.foreign.text_layouts import arrays_of, records
-from elastic_arm.recording.storage.bag import ARRAY_FILES, RECORD_FILES
+from elastic_arm.recording.foreign.text_layouts import arrays_of, is_long, records
+from elastic_arm.recording.storage.bag import ARRAY_FILES, METADATA, RECORD_FILES
 
 TABLES = (".csv", ".txt", ".dat")
 LEARNERS = (".parquet", ".h5", ".hdf5")
@@ -37,6 +37,14 @@ _PICKLED = (
     ),
 )
 _ELSEWHERE = dict.fromkeys((".pkl", ".pickle", ".p", ".joblib"), _PICKLED)
+_A_BAG = (
+    "is a bag, which needs no import",
+    (
+        "Give it to `bag check`, `identify` or `diagnose`; with --channels FILE if its topics or"
+        " units differ (docs/channel_maps.md)."
+    ),
+)
+_ELSEWHERE |= dict.fromkeys((".mcap", ".db3"), _A_BAG)
 _ELSEWHERE[".feather"] = (
     "is a Feather file",
     "Save it as Parquet: pandas.read_feather('{0}').to_parquet('t.parquet').",
@@ -113,6 +121,8 @@ def load_arrays(path: Path, decimal: str | None = ".") -> Arrays:
         raise RecordingError(
             f"{path} cannot be read: {error.strerror}", "Check its permissions."
         ) from None
+    if not files and not learned and (path / METADATA).is_file():
+        raise RecordingError(f"{path} {_A_BAG[0]}", _A_BAG[1])
     if not files and not learned:
         raise RecordingError(
             f"{path} contains no arrays", f"Give a folder of files {', '.join(KINDS)}."
@@ -208,7 +218,7 @@ def _load(paths: Sequence[Path], decimal: str | None) -> list[Arrays]:
             raise RecordingError(
                 f"{empty[0]} contains no tables of numbers", "Give a file with joint states."
             )
-        return [Arrays(arrays) for arrays in found]
+        return [_widened(file, arrays) for file, arrays in zip(paths, found, strict=True)]
     except (RecordingError, MissingExtraError):
         raise
     except _UNREADABLE as error:
@@ -268,18 +278,12 @@ def _table(path: Path, decimal: str | None) -> Arrays:
     delimiter = _delimiter([line for _, line in numbered[:2]], decimal)
     # Blanks may come several at a time, and stand behind the comment mark that numpy writes.
     head = numbered[0][1].lstrip("#")
-    names, used = head.split(), 1
     if delimiter is not None:
-        # A name in quotes may go over several lines.
-        reader = csv.reader(
-            [head + "\n", *(f"{line}\n" for line in lines[numbered[0][0] :])], delimiter=delimiter
-        )
-        names, used = next(reader), reader.line_num
-    names = [name.strip().lstrip("#").strip() for name in names]
+        numbered = _whole_rows(lines, numbered[0][0], delimiter)
+        head = numbered[0][1].lstrip("#")
+    names = [name.strip().lstrip("#").strip() for name in _cells(head, delimiter)]
     nameless = all(_is_number(name) or _DECIMAL_COMMA.match(name) for name in names)
-    below = (
-        numbered if nameless else [(n, line) for n, line in numbered if n >= numbered[0][0] + used]
-    )
+    below = numbered if nameless else numbered[1:]
     rows = [(n, line) for n, line in below if line.partition("#")[0].strip()]
     if not rows:
         raise ValueError("there are no numbers below the first line")
@@ -320,12 +324,28 @@ def _table(path: Path, decimal: str | None) -> Arrays:
     except ValueError:
         arrays = _by_cells(path, names, rows, delimiter, "." if comma is None else ",")
     arrays.units = {name: unit for name, unit in zip(names, units, strict=False) if stated and unit}
-    if arrays.faults:
+    if arrays.faults or is_long(arrays):
         arrays = _laid_out(path, arrays)
     arrays.decimal = "." if comma is None else ","
     if nameless and not arrays.faults:
         arrays[_WHOLE_TABLE] = np.column_stack(list(arrays.values()))
     return arrays
+
+
+def _whole_rows(lines: Sequence[str], first: int, delimiter: str) -> list[tuple[int, str]]:
+    """Return the rows from a line on, each with the number of its first line.
+
+    A cell in quotes may go over several lines.
+    """
+    reader = csv.reader((f"{line}\n" for line in lines[first - 1 :]), delimiter=delimiter)
+    rows = []
+    begin = first - 1
+    for cells in reader:
+        end = first - 1 + reader.line_num
+        if any(cell.strip() for cell in cells):
+            rows.append((begin + 1, "\n".join(lines[begin:end])))
+        begin = end
+    return rows
 
 
 def _text(path: Path) -> str:
@@ -375,6 +395,12 @@ def _by_cells(
             )
             arrays.faults[name] = f"line {parted[wrong][0]}: {column[wrong][:60]!r} is not a number"
     return arrays
+
+
+def _widened(path: Path, arrays: dict[str, np.ndarray]) -> Arrays:
+    """Return arrays of a compiled format; a table with a row a joint as one column a joint."""
+    columns = Arrays({name: values for name, values in arrays.items() if values.ndim == 1})
+    return _laid_out(path, columns) if is_long(columns) else Arrays(arrays)
 
 
 def _laid_out(path: Path, table: Arrays) -> Arrays:

@@ -15,6 +15,7 @@ from elastic_arm.input_files import Number, WholeNumber, read_text
 from elastic_arm.recording.foreign.array_files import FILE_INDEX, Arrays, load_arrays
 from elastic_arm.recording.foreign.calibration import degrees_per_cent
 from elastic_arm.recording.foreign.channels import (
+    DAY,
     DEFAULT_UNIT,
     MOST_JOINTS,
     NANOSECONDS,
@@ -52,7 +53,7 @@ class Times(Strict):
     """Where the times come from: an array, or a constant rate."""
 
     key: Key | None = None  # name of the array
-    unit: Literal["s", "ms", "us", "ns"] = "s"  # of its numbers
+    unit: Literal["s", "ms", "us", "ns", "d"] = "s"  # of its numbers
     rate: Annotated[Number, Field(gt=1e-6, lt=1e9)] | None = None  # hz, where there is no array
     start: Annotated[Number, Field(ge=0, lt=2**31)] = (
         0.0  # unix seconds of the first sample, with `rate`
@@ -396,6 +397,9 @@ def _read_side(arrays: Arrays, rules: ArrayMap, side: SideName, notes: list[str]
         if "unit" not in times.model_fields_set:
             word = stated_unit(times.key, arrays.units.get(times.key, ""))
             times = times.model_copy(update={"unit": time_unit(word) or "s"})
+        if times.unit == DAY and len(values):
+            # They count from the year 0 or 1900: the time of day is kept.
+            values = values - np.floor(values[0])
         # Beyond this 64 bits of nanoseconds, and the stamps of ROS, hold no time.
         late = np.abs(values.astype(np.float64)) >= 2**31 * 1e9 / NANOSECONDS[times.unit]
         if late.any():

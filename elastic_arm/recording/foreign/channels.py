@@ -65,7 +65,8 @@ _IN_NAME = re.compile(
     r"|\(\s*([^()\d][^()]*?)\s*\)|\s(?:/|in)\s+(\S.*?)\s*$"
 )
 _OF_A_RANGE = re.compile(r"%|‰|per ?cent|per ?mille?", re.I)
-NANOSECONDS = {"s": 10**9, "ms": 10**6, "us": 1000, "ns": 1}
+DAY = "d"  # of MATLAB's datenum and of Excel
+NANOSECONDS = {"s": 10**9, "ms": 10**6, "us": 1000, "ns": 1, DAY: 86_400 * 10**9}
 DEFAULT_UNIT: dict[ChannelName, Unit] = {
     "position": "rad",
     "velocity": "rad/s",
@@ -311,7 +312,22 @@ def load_model(model: type[M], path: str | Path, what: str) -> M:
         raise RecordingError(f"{what} {error.problem}", error.remedy) from None
     except ValidationError as error:
         problem, remedy = explain(error, REFERENCE, CALLED)
+        if (other := _other_kind(path, what)) is not None:
+            raise RecordingError(*other) from None
         raise RecordingError(f"{path}: {problem}", remedy) from None
+
+
+def _other_kind(path: str | Path, what: str) -> tuple[str, str] | None:
+    """Return problem and remedy where a file is of the other of both kinds of YAML; None where it
+    is not."""
+    content = read_fields(path, RecordingError, REMEDY)
+    if what == "mapping" and "defaults" in content:
+        problem = f"{path} is a channel map, for a bag, and not a mapping of arrays"
+        return problem, "Give it with --channels to the command that reads the bag; do not import."
+    if what != "mapping" and "times" in content:
+        problem = f"{path} is a mapping of arrays and not a channel map"
+        return problem, "Convert the arrays with it: elastic-arm bag import ARRAYS --map FILE."
+    return None
 
 
 def _merged(defaults: Any, own: Any) -> Any:

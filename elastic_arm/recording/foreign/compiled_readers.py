@@ -96,10 +96,11 @@ def _matlab(path: str, most: int) -> Iterator[tuple[str, np.ndarray]]:
     try:
         content = scipy.io.loadmat(path)
     except NotImplementedError:
-        # Version 7.3 is HDF5; cells and texts lie under #refs#.
-        yield from (
-            (name, values) for name, values in _hdf5(path, most) if not name.startswith("#")
-        )
+        # Version 7.3 is HDF5; the contents of cells, and texts, lie under #refs#.
+        for name, values in _hdf5(path, most):
+            if not name.startswith("#"):
+                yield name, values
+        yield from _cells_of_hdf5(path, most)
         return
     for name in content:
         yield from _fields(name, content[name])
@@ -111,11 +112,26 @@ def _fields(name: object, values: object) -> Iterator[tuple[str, np.ndarray]]:
     if not isinstance(name, str) or name.startswith("__") or not isinstance(values, np.ndarray):
         return
     if values.dtype.names is None:
-        # Cells hold what is no number and cannot be sent as plain data.
-        yield name, np.full(values.shape, "cell") if values.dtype.hasobject else values
+        yield name, _of_cells(values) if values.dtype.hasobject else values
     elif values.size == 1:
         for field in values.dtype.names:
             yield from _fields(f"{name}.{field}", values[field].item())
+    else:
+        for field in values.dtype.names:
+            yield f"{name}.{field}", _of_cells(values[field])
+
+
+def _of_cells(cells: np.ndarray) -> np.ndarray:
+    """Return cells, or a field of several structs, as a table with a column a cell.
+
+    Cells that are no numbers, or not equally many, cannot be sent as plain data: texts instead.
+    """
+    parts = [np.asarray(cell) for cell in cells.ravel().tolist()]
+    sizes = {part.size for part in parts}
+    if len(sizes) != 1 or not all(part.dtype.kind in "biuf" for part in parts):
+        return np.full(cells.shape, "cell")
+    table = np.stack([part.ravel() for part in parts], axis=-1)
+    return table.ravel() if table.shape[0] == 1 else table
 
 
 def _parquet(path: str, most: int) -> Iterator[tuple[str, np.ndarray]]:
@@ -130,34 +146,44 @@ def _parquet(path: str, most: int) -> Iterator[tuple[str, np.ndarray]]:
             8 * sum(c.num_values for c in columns if c.physical_type != "BYTE_ARRAY"), most
         )
         table = file.read(
-            columns=[field.name for field in file.schema_arrow if _has_numbers(field.type)]
+            columns=[field.name for field in file.schema_arrow if _is_read(field.type)]
         )
     for name in table.column_names:
-        if (values := _column(table.column(name))) is not None:
+        if (values := _column(table.column(name), most)) is not None:
             yield name, values
 
 
-def _has_numbers(kind: Any) -> bool:
+def _is_read(kind: Any) -> bool:
+    """Return whether a column holds numbers, or texts, which may name the joint of a row."""
     from pyarrow import types
 
     if types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind):
         kind = kind.value_type
+        if types.is_string(kind) or types.is_large_string(kind):
+            return False
     return bool(
         types.is_integer(kind)
         or types.is_floating(kind)
         or types.is_boolean(kind)
         or types.is_timestamp(kind)
+        or types.is_string(kind)
+        or types.is_large_string(kind)
     )
 
 
-def _column(column: Any) -> np.ndarray | None:
+def _column(column: Any, most: int) -> np.ndarray | None:
     """Return a column as (N,), or as (N, k) where it has lists of k; None where these differ in
-    length."""
+    length, and of texts that are long."""
     import pyarrow as pa
     import pyarrow.compute as pc
 
     if pa.types.is_timestamp(column.type):
         return np.asarray(column.cast(pa.timestamp("ns")).cast(pa.int64()).to_numpy())
+    if pa.types.is_string(column.type) or pa.types.is_large_string(column.type):
+        longest = pc.max(pc.utf8_length(column)).as_py() or 0
+        if column.null_count or 4 * longest * len(column) > most // 8:
+            return None
+        return np.array(column.to_pylist(), dtype=np.str_)
     if not pa.types.is_nested(column.type):
         values = np.asarray(column.to_numpy())
         return values if values.dtype.kind in "biuf" else values.astype(str)
@@ -207,6 +233,43 @@ def _hdf5(path: str, most: int) -> Iterator[tuple[str, np.ndarray]]:
                 else link.path
             )
             yield name.replace("/", "."), np.array([f"a link to {where}, which is not followed"])
+
+
+def _cells_of_hdf5(path: str, most: int) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield MATLAB's cells of numbers, and fields of several structs, which are references."""
+    import h5py
+
+    found: dict[str, Any] = {}
+    with h5py.File(path, "r") as file:
+
+        def keep(name: str, item: Any) -> None:
+            of_references = isinstance(item, h5py.Dataset) and item.dtype == h5py.ref_dtype
+            if of_references and not name.startswith("#"):
+                found[name] = item
+
+        file.visititems(keep)
+        for name, item in found.items():
+            parts = [file[reference] for reference in item[()].ravel() if reference]
+            if not parts or not all(map(_is_plain, parts)):
+                continue
+            _refuse_large(sum(part.size * part.dtype.itemsize for part in parts), most)
+            cells = np.empty(len(parts), object)
+            for k, part in enumerate(parts):
+                cells[k] = part[()]
+            yield name.replace("/", "."), _of_cells(cells)
+
+
+def _is_plain(item: Any) -> bool:
+    """Return whether an object of an HDF5 file holds numbers that lie in the file itself."""
+    import h5py
+
+    return (
+        isinstance(item, h5py.Dataset)
+        and item.attrs.get("MATLAB_class", b"") != b"char"
+        and item.dtype.kind in "biuf"
+        and not item.external
+        and not item.is_virtual
+    )
 
 
 def _width(shape: tuple[int, ...]) -> int:

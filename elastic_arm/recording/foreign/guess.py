@@ -28,6 +28,7 @@ from elastic_arm.recording.foreign.tables import (
     TimeArray,
     find_tables,
 )
+from elastic_arm.recording.inspection.commands import COPIED, DIGITS, SHIFTED
 from elastic_arm.recording.inspection.percent import ranges_by_steps
 
 # Above this correlation one array counts as the derivative of another.
@@ -41,6 +42,14 @@ LARGEST_ANGLE = 4 * np.pi
 # Travels in metres, and speeds in metres a second, stay below this.
 LARGEST_TRAVEL = 20.0
 # Unit and words of a channel in counts of a register, by which its number has to be multiplied.
+# The unit of a quantity that no channel has, at the end of a name or in brackets.
+_OTHER_UNIT = re.compile(r"(?:_|\[|\()(?:m?V|°?C|degC|K|m?W|Hz|Pa|bar)[\])]?$")
+# What a servo's controller puts on its motor is a voltage; the torque falls with the speed.
+_SHARE = re.compile(r"pwm|duty", re.I)
+_NO_TORQUE = (
+    "{} is a share of the supply voltage, not a torque; with commands, a `controller:` in the arm"
+    " file computes the torque"
+)
 COUNTED = {"position": ("turns", "turns (1/4096 of a 12-bit encoder)"), "effort": ("Nm", "Nm")}
 CONSTANT = "column"  # begin of a reason
 DEAD = "constant while its joint moves: no sensor, not mapped"
@@ -55,7 +64,7 @@ _ANGLE_WORDS = r"deg|rad|turn|rev"
 _SPEEDS = {unit: TO_SI["velocity"][unit] for unit in ("rad/s", "deg/s", "turns/s", "rpm")}
 _WORDS = {
     "other": (
-        r"temp|volt|cmpt|error|status|mode(?!l?led)|noise|friction|grav|model|predict|simul|init"
+        r"temp|volt|supply|batter|cmpt|error|status|mode(?!l?led)|noise|friction|grav|model|predict|simul|init"
         r"|(?<!e)ff(?=_|\d|$)"
     ),
     "acceleration": r"acc|ddq|qdd|d2",
@@ -64,7 +73,7 @@ _WORDS = {
         r"torq|strom|tau|force|eff(?!ect)|cur(?!v|rent_?(?:pos|ang|vel|q|state|joint))|load|moment|pwm|duty"
         r"|(?<![a-z])i(?=_|\d|$)"
     ),
-    "position": r"pos|winkel|ang|theta|(?<![a-z])q(?=_|\d|$)|joint_state|(?<![a-z])state$",
+    "position": r"pos|winkel|ang|theta|(?<![a-z])q(?=_|\.|\d|$)|joint_state|(?<![a-z])state$",
 }
 # What the arm was told; without a further word its positions, as a dataset's `action`.
 _COMMAND = (
@@ -145,7 +154,7 @@ def guess_mapping(
     if command is not None and followed is not None:
         ranges = [np.median(np.std(guess.table.values, axis=0)) for guess in (followed, command)]
         why = f"{followed.table.name} moves {ranges[0] / ranges[1]:.3g} times as much"
-        chosen["command", "position"] = command.because(why)
+        chosen["command", "position"] = _alike(command, followed).because(why)
     found = {
         place: _with_lengths(guess, slides.tolist()) for place, guess in _with_ratio(chosen).items()
     }
@@ -160,6 +169,16 @@ def guess_mapping(
     return Draft(
         tuple(joints), contents.times, tuple(ordered), tuple(ignored), contents.runs, arrays.decimal
     )
+
+
+def _alike(command: Guess, followed: Guess) -> Guess:
+    """Return commands in the unit of the positions that follow them number for number."""
+    apart = np.abs(command.table.values - followed.table.values).mean(axis=0)
+    near = np.all(apart < followed.table.values.std(axis=0) + 1e-12)
+    if not followed.missing or command.missing or command.table.stated or not near:
+        return command
+    why = f"in the unit of {followed.table.name}"
+    return command.because(why, "largest", unit=followed.unit, missing=followed.missing)
 
 
 def _without_dead(guess: Guess, chosen: Mapping[tuple[SideName, ChannelName], Guess]) -> Guess:
@@ -241,15 +260,19 @@ class _Reader:
             for t in self.tables
             if len(t.keys) == 1 < len(table.keys) and np.array_equal(t.values, table.values)
         ]
-        if quantity == "other":
-            return table, "not a sensor according to its name"
+        if quantity == "other" or _OTHER_UNIT.search(table.keys[0]):
+            return table, "neither position, velocity nor torque according to its name"
         if quantity == "acceleration":
             return table, "derived, not a measurement"
         if same:
             return table, f"the same numbers as {same[0].name}"
         if np.ptp(table.values, axis=0).max() == 0:
             return table, "constant throughout"
+        if quantity == "effort" and (share := _SHARE.search(table.name)) is not None:
+            return table, _NO_TORQUE.format(share[0])
         if _is_command(table):
+            if made := self._made(table):
+                return table, made
             return self._guess(table, quantity or "position", by_name)
         # That of a rotor follows the joint's, by the ratio.
         if (
@@ -286,6 +309,22 @@ class _Reader:
             ["neither an angle nor a velocity according to its name or its derivatives"],
         )
 
+    def _made(self, table: JointTable) -> str:
+        """Return of which positions a command was made, in words; empty of commands that were
+        sent."""
+        # Computed torque follows as closely as its model is right.
+        torques = any(_quantity(one)[0] == "effort" for one in self.tables)
+        least = DIGITS if torques else COPIED
+        for position in self.positions:
+            spread = np.maximum(position.values.std(axis=0), 1e-300)
+            for later in range(SHIFTED + 1):
+                count = len(position.values) - later
+                apart = np.abs(table.values[:count] - position.values[later:])
+                if np.all(apart.mean(axis=0) < least * spread):
+                    when = f" {later} sample{'s' if later > 1 else ''} later" if later else ""
+                    return f"the numbers of {position.name}{when}: not commands that were sent"
+        return ""
+
     def _commanded(self, table: JointTable) -> JointTable | None:
         """Return the position that a table without a name of its own goes with, as commands do:
         number for number."""
@@ -309,7 +348,9 @@ class _Reader:
         unit, why, scales, missing = self._unit(table, channel)
         reasons = list(reasons)
         if channel == "effort":
-            side = side or "motor"
+            # A servo's register of its load is the motor's; a sensor has other units.
+            of_servo = side == "link" and word.lower() == "load" and "factor" in missing
+            side, word = ("motor", "") if of_servo or side is None else (side, word)
             if not word:
                 why += (
                     "; a motor torque, unless the arm has joint torque sensors: then move it"

@@ -198,8 +198,12 @@ def _find_times(
         key for key, values in arrays.items() if values.shape == (count,) and TIME_NAME.search(key)
     ]
     for key in called:
-        if np.isfinite(arrays[key]).all() and np.abs(arrays[key]).max(initial=0.0) < 9e9:
-            check_stamped(np.round(1e9 * arrays[key].astype(np.float64)).astype(np.int64), key)
+        largest = np.abs(arrays[key].astype(np.float64)).max(initial=0.0)
+        fitting = (size for size in NANOSECONDS.values() if largest * size < 9e18)
+        size = next(fitting, None)
+        if size is not None and np.isfinite(arrays[key]).all():
+            stamps = np.round(size * arrays[key].astype(np.float64))
+            check_stamped(stamps.astype(np.int64), key)
     for key, values in arrays.items():
         # Where one is called time no other that happens to grow is.
         if values.shape != (count,) or count < 2 or (called and key not in called):

@@ -28,6 +28,7 @@ autocorrelations say (M. S. Bartlett, Journal of the Royal Statistical Society 9
 """
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from itertools import chain, combinations
 from typing import Any, NamedTuple, Self
@@ -356,13 +357,24 @@ def _told(motion: SideMotion, side: str, fit: GravityFit, robot: Robot) -> Itera
     # outweighs what is compared.
     several = len(motion.measured) > 1 and float(np.sqrt(np.mean(motion.dq**2))) > CREEP
     confused = _size(fit, side)
+    arm = _arm(robot, side)
+    load = _load_alone(few, arm) if several and not robot.elastic else None
+    if confused and load is not None:
+        confused = []
     if several and not confused:
-        arm = _arm(robot, side)
         confused = _arranged(few, side, robot, arm, _shown(fit))
     yield confused
-    judged = [] if confused else _judged(fit, side, robot)
+    # None where a single joint, or too little motion, leaves it open.
+    upside = _upside_down(few, side, robot, arm) if several and not confused else None
+    judged = [] if confused else _judged(fit, side, robot, upside)
     if several and not confused and not judged:
         judged = _sized(few, side, robot, arm)
+    if load is not None:
+        carried = f". What remains is the gravity of about {load:.2g} kg on the last link"
+        judged = [
+            replace(one, message=one.message + carried) if one.code == MISSING else one
+            for one in judged
+        ]
     yield judged
 
 
@@ -575,6 +587,45 @@ def _sized(motion: SideMotion, side: str, robot: Robot, arm: _Arm) -> list[Findi
     if said.startswith("the zero"):
         return _named(tried, "other_zero", side, "measure it, or state it (joint_zero)")
     return _named(tried, MISSING, side, TAKEN) if said else []
+
+
+def _upside_down(motion: SideMotion, side: str, robot: Robot, arm: _Arm) -> bool | None:
+    """Return whether an arm upside down is likelier than torques that all have the wrong sign, of
+    which inertia is reversed as well; None where neither is by far."""
+    unit = np.eye(robot.n)
+    still = np.zeros_like(motion.q)
+    own = _owns(motion)
+    as_given = _products(motion, arm, own, still)
+    given, free = _given(as_given)
+    signs = _likelihood(as_given, as_given.coefficients(-unit), free, given).likelihood
+    turned = _products(motion, _along(robot, side, -robot.gravity), own, still)
+    mounted = _likelihood(turned, turned.coefficients(unit), free, given).likelihood
+    return mounted > signs if abs(mounted - signs) > CERTAIN else None
+
+
+def _load_alone(motion: SideMotion, arm: _Arm) -> float | None:
+    """Return the mass of a load on the last link, kg, whose gravity explains the torques better
+    than any multiple of the described gravity; None where it does not.
+
+    That is left where the gravity of the bare arm was subtracted.
+    """
+    still = np.zeros_like(motion.q)
+    Y = arm.regressor(motion.q, still, still)
+    weight = Y @ arm.mean
+    moved = arm.regressor(*motion[:3]) @ arm.mean - weight
+    of_load = Y[:, :, arm.body == arm.body[-1]]
+    parts = []
+    for j in motion.measured:
+        basis = _own(motion, j, moved[:, j])
+        part = np.column_stack([motion.torque[:, j], weight[:, j], of_load[:, j]])
+        parts.append(part - basis @ (basis.T @ part))
+    rows = np.vstack(parts)
+    torque, described, load = rows[:, 0], rows[:, 1:2], rows[:, 2:]
+    left = []
+    for columns in (described, load):
+        size = np.linalg.lstsq(columns, torque, rcond=RANK)[0]
+        left.append(float(np.sum((torque - columns @ size) ** 2)))
+    return float(size[0]) if left[1] < left[0] and size[0] > 0.0 else None
 
 
 class _Reading(NamedTuple):
@@ -798,9 +849,12 @@ def _shown(fit: GravityFit) -> Array:
     return np.asarray(found, dtype=np.float64)
 
 
-def _judged(fit: GravityFit, side: str, robot: Robot) -> list[Finding]:
+def _judged(fit: GravityFit, side: str, robot: Robot, upside: bool | None) -> list[Finding]:
     """Return what the torques of a side show: another direction or sign of gravity, none of it, or
-    nothing."""
+    nothing.
+
+    upside: whether inertia has its sign where gravity is reversed; None where that is open.
+    """
     columns = fit.pull.reshape(-1, 3)
     target = fit.torque.ravel()
     shown = _shown(fit)
@@ -822,17 +876,14 @@ def _judged(fit: GravityFit, side: str, robot: Robot) -> list[Finding]:
     times = f"{fit.factor:.3g} times the described one, correlation {fit.correlation:.3g}"
     if fit.certain and FACTOR[0] < -fit.factor < FACTOR[1]:
         message = f"{side} effort has the opposite sign of the predicted gravity ({times})"
-        remedy = (
-            "either all torques have the wrong sign (sign: -1 in the map), or the arm is"
-            " mounted upside down (base in "
-        )
-        return [
-            warning(
-                "gravity_sign",
-                message,
-                f"{remedy}its arm file); gravity cannot separate the two",
-            )
-        ]
+        signs = "all torques have the wrong sign (sign: -1 in the map)"
+        mounted = "the arm is mounted upside down (base in its arm file)"
+        if upside is None:
+            remedy = f"either {signs}, or {mounted}; gravity cannot separate the two"
+            return [warning("gravity_sign", message, remedy)]
+        if upside:
+            return [warning("mounting", f"{message}, but inertia has the right sign", mounted)]
+        return [warning("gravity_sign", f"{message}, as has inertia", signs)]
     if fit.missing:
         part = "no" if abs(fit.factor) < FAR[0] else "only part of the"
         message = f"{side} effort contains {part} gravity predicted by the description ({times})"

@@ -155,8 +155,8 @@ def check_stamped(stamp_ns: Stamps, topic: str) -> None:
     """Raise if all stamps are the same: nobody stamped the messages."""
     if (step := single_precision(stamp_ns)) is not None:
         problem = (
-            f"{topic}: times are seconds since 1970 in single precision (float32), with a"
-            f" resolution of {step:g} s"
+            f"{topic}: times since 1970 in single precision (float32), or with too few digits,"
+            f" have a resolution of {step:.3g} s or more"
         )
         raise RecordingError(problem, DOUBLE)
     if len(stamp_ns) > 1 and (stamp_ns == stamp_ns[0]).all():
@@ -168,18 +168,19 @@ def check_stamped(stamp_ns: Stamps, topic: str) -> None:
 def single_precision(stamp_ns: Stamps) -> float | None:
     """Return the step, s, of stamps that were rounded to numbers of 32 bits; None of others.
 
-    Seconds since 1970 have steps of 128 s then, those since a computer started of some ms.
+    Seconds since 1970 have steps of 128 s then, milliseconds of 131 s, and seconds since a computer
+    started of some ms.
     """
     different = np.unique(stamp_ns)
-    seconds = different * 1e-9
     # Times of day and of a run are small; a log whose every sample has a time of its own lost
     # nothing.
-    if len(stamp_ns) < 3 or seconds[-1] < 1e8 or 2 * len(different) > len(stamp_ns):
+    if len(stamp_ns) < 3 or different[-1] < 1e17 or 2 * len(different) > len(stamp_ns):
         return None
-    rounded = different == np.round(seconds.astype(np.float32).astype(np.float64) * 1e9).astype(
-        np.int64
-    )
-    return float(np.spacing(np.float32(seconds[-1]))) if rounded.all() else None
+    for unit in (10**9, 10**6, 10**3, 1):
+        rounded = (different / unit).astype(np.float32)
+        if np.array_equal(different, np.round(rounded.astype(np.float64) * unit)):
+            return float(np.spacing(rounded[-1])) * unit * 1e-9
+    return None
 
 
 def wrong_rate(rate: float) -> str | None:
