@@ -16,8 +16,10 @@ from elastic_arm.diagnosis.changes import changes_between
 from elastic_arm.diagnosis.confirmation import (
     Confirmation,
     NumberConfirmation,
+    Share,
     has_size,
     held_out,
+    share_alone,
     share_without,
     takes_over,
 )
@@ -400,12 +402,12 @@ class Answer:
                 if term.key not in found and answer._is_cause(term):
                     less = answer._less(term)
                     nats = own - held_out(less.explanation.best)
-                    share = answer._share_without(term, less)
+                    returning = answer._share_without(term, less)
                     beyond = isinstance(term, NumberTerm | StatedTerm)
                     sized = beyond or has_size(answer.explanation.sized, term)
                     over = takes_over(answer._numbers[1], less._numbers[1])
                     alone = answer._share_alone(term)
-                    found[term.key] = Confirmation(nats, share, alone, sized, over)
+                    found[term.key] = Confirmation(nats, returning, alone, sized, over)
             doubtful = [t for t in best.optional if t.key in found and not found[t.key].confirms]
             if not doubtful:
                 return replace(answer, confirmations=found)
@@ -430,18 +432,22 @@ class Answer:
             return _name(term.key) in self._there(self.explanation.best)
         return term.says_cause
 
-    def _share_without(self, term: Term, less: Answer) -> float | None:
+    def _share_without(self, term: Term, less: Answer) -> Share | None:
         """Return the share of the gap at the places of a term that comes back without it."""
-        own = Gap.of(self.judging.data, self.added[term.ident])
-        return share_without(self.gaps[0], self.gaps[1], less.gaps[1], own)
+        data = self.judging.data
+        own = Gap.of(data, self.added[term.ident])
+        between = Gap.of(data, _minus(less.after, [self.after]))
+        return share_without(self.gaps[0], self.gaps[1], less.gaps[1], own, between)
 
     def _left_by(self, term: Term | None) -> list[Array]:
         """Return the residuals (N', R) of each stretch with one cause alone."""
         return self.before if term is None else _minus(self.before, [self._added_alone(term)])
 
-    def _share_alone(self, term: Term | None) -> float | None:
+    def _share_alone(self, term: Term) -> Share | None:
         """Return the share of the whole gap that goes when one cause alone is added."""
-        return shrink(self.gaps[0], Gap.of(self.judging.data, self._left_by(term))).share
+        data = self.judging.data
+        own = Gap.of(data, self._added_alone(term))
+        return share_alone(self.gaps[0], Gap.of(data, self._left_by(term)), own)
 
     # -- what is said
 
@@ -580,7 +586,9 @@ class Answer:
         beyond = np.zeros(len(problem.numbers))
         beyond[which] = sized.numbers[which] - at
         own = Gap.of(self.judging.data, self._moved_by(beyond))
-        return share_without(self._gap_without_terms, self.gaps[1], held.gaps[1], own)
+        between = Gap.of(self.judging.data, _minus(held.after, [self.after]))
+        found = share_without(self._gap_without_terms, self.gaps[1], held.gaps[1], own, between)
+        return None if found is None else found.share
 
     @cached_property
     def _gap_without_terms(self) -> Gap:
@@ -658,7 +666,7 @@ class Answer:
             None,
         )
         here = self._here(name)
-        share = self._share_alone(here)
+        share = shrink(self.gaps[0], Gap.of(self.judging.data, self._left_by(here))).share
         confirmation = self._confirmation(name, here)
         cause = Cause(
             effect=name[0],

@@ -8,19 +8,20 @@ that noise, that a residual keeps on the recordings that judge with sizes of the
 cause that gains no likelihood there is none: its law fits one recording. What ordinary numbers can
 take over, at the price of their priors, leaves as small a gap: a share of none decides only where
 the cause alone removes none of the gap either. Such a cause explains what other laws do not get
-exactly right. Where numbers beyond their ordinary deviations take over, they predict as well as the
-cause: it stays unless it loses, as the description is wrong in either case and the prior has
-weighed both.
+exactly right, or what is left by chance. Where numbers beyond their ordinary deviations take over,
+they predict as well as the cause: it stays unless it loses, as the description is wrong in either
+case and the prior has weighed both.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2, norm
 
 from elastic_arm.arrays import Array
-from elastic_arm.diagnosis.gap import Gap
+from elastic_arm.diagnosis.gap import Gap, shrink
 from elastic_arm.evidence.model import Fit
 from elastic_arm.evidence.priors import LEFT, NOTHING, ORDINARY, WORTH
 from elastic_arm.evidence.terms.term import Term
@@ -28,13 +29,26 @@ from elastic_arm.evidence.terms.term import Term
 TWO = 2.0  # deviations within which a size is none (contract)
 
 
+class Share(NamedTuple):
+    """A share of a gap, and its deviation."""
+
+    share: float
+    std: float
+
+    @property
+    def is_something(self) -> bool:
+        """Whether it is more than nothing, beyond two deviations."""
+        return self.share - TWO * self.std > NOTHING
+
+
 @dataclass(frozen=True)
 class Confirmation:
     """What a cause gains on the recordings that judge."""
 
     nats: float  # of log-likelihood
-    share: float | None  # of the gap at its places; None where no place has a gap
-    alone: float | None = None  # of the whole gap, that goes when it alone is added
+    # of the gap at its places, that comes back without it; None where no place has a gap
+    returning: Share | None
+    alone: Share | None = None  # of the whole gap, that goes when it alone is added
     has_size: bool = True  # whether its size is beyond two deviations of none
     taken_over: bool = (
         False  # whether numbers beyond their ordinary deviations stand for it where it is taken out
@@ -48,9 +62,21 @@ class Confirmation:
         return self.has_size and gains and self._removes
 
     @property
+    def share(self) -> float | None:
+        """The share of the gap at its places that comes back without it."""
+        return None if self.returning is None else self.returning.share
+
+    @property
     def _removes(self) -> bool:
-        """Whether it removes some of the gap where there is one."""
-        return self.share is None or max(self.share, self.alone or 0.0) > NOTHING
+        """Whether it removes some of the gap where there is one, beside the others or alone.
+
+        Both beyond two deviations; nor is the gap smaller without it.
+        """
+        if self.returning is None:
+            return True
+        if self.returning.share < -TWO * self.returning.std and not self.taken_over:
+            return False
+        return self.returning.is_something or (self.alone is not None and self.alone.is_something)
 
 
 @dataclass(frozen=True)
@@ -91,12 +117,12 @@ def held_out(fit: Fit) -> float:
     return fit.found.evidence - fit.model.of_fitted(fit).found.evidence
 
 
-def share_without(before: Gap, after: Gap, without: Gap, own: Gap) -> float | None:
+def share_without(before: Gap, after: Gap, without: Gap, own: Gap, between: Gap) -> Share | None:
     """Return the share of the gap that comes back where a cause is taken out.
 
     before, after, without: gaps as described, of the set, and of the set without the cause; own:
-    what the cause adds to the residuals. Its places are those at which that is more than the noise,
-    or where it is most.
+    what the cause adds to the residuals; between: the difference of the residuals of both sets. The
+    places of the cause are those at which it adds more than the noise, or where it adds most.
     """
     noise = before.noise.sum(axis=1)
     size = own.power.sum(axis=1) / noise
@@ -104,4 +130,21 @@ def share_without(before: Gap, after: Gap, without: Gap, own: Gap) -> float | No
     where = (before.significant | without.significant) & places[:, None]
     first, left, again = (gap.place(where) / noise for gap in (before, after, without))
     whole = float(np.maximum(first, again).sum())
-    return None if whole == 0.0 else float((again - left).sum()) / whole
+    if whole == 0.0:
+        return None
+    error = after.error_of_change(between, where) / noise
+    return Share(float((again - left).sum()) / whole, float(np.linalg.norm(error)) / whole)
+
+
+def share_alone(before: Gap, alone: Gap, own: Gap) -> Share | None:
+    """Return the share of the whole gap that goes where one cause alone is added; None without a
+    gap.
+
+    before, alone: gaps as described, and with it; own: what it adds to the residuals.
+    """
+    share = shrink(before, alone).share
+    if share is None:
+        return None
+    where = before.significant
+    error = alone.error_of_change(own, where)
+    return Share(share, float(np.linalg.norm(error) / before.place(where).sum()))

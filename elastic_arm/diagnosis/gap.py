@@ -82,6 +82,17 @@ class Gap:
         """Power over the noise (R, O), Nm²."""
         return np.maximum(self.power - self.noise, 0.0)
 
+    def error_of_change(self, change: Gap, where: NDArray[np.bool_]) -> Array:
+        """Return the standard deviation (R,) of how the power changes in some octaves, Nm².
+
+            |r + d|² - |r|² = |d|² + 2 Re r* d
+
+        r, d: what is left, and a change that has nothing to do with it. Of m independent values
+        the second term has the variance 4 |r|² |d|² / m.
+        """
+        variance = np.where(where, 4.0 * self.power * change.power / self.count, 0.0)
+        return np.asarray(np.sqrt(variance.sum(axis=1)))
+
     def place(self, where: NDArray[np.bool_]) -> Array:
         """Return the excess (R,) in some octaves."""
         return np.where(where, self.excess, 0.0).sum(axis=1)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from elastic_arm.diagnosis.confirmation import Confirmation, has_size, held_out
+from elastic_arm.diagnosis.confirmation import Confirmation, Share, has_size, held_out
 from elastic_arm.evidence.model import Fit
 from tests.evidence.made_up import HARMONICS, model, term
 
@@ -36,10 +36,17 @@ def test_a_law_that_fits_one_recording_loses_on_the_other() -> None:
 def test_a_cause_removes_some_of_the_gap() -> None:
     """A law that gains likelihood and leaves the gap as it is, alone and beside others, explains
     what others do not get exactly right; one that others can replace removes it alone."""
-    assert not Confirmation(2000.0, 4e-5, -0.04).confirms
-    assert Confirmation(2000.0, 4e-5, 0.98).confirms
-    assert Confirmation(2000.0, 0.3, -0.04).confirms
+    nothing = Share(-0.04, 0.01)
+    assert not Confirmation(2000.0, Share(4e-5, 1e-5), nothing).confirms
+    assert Confirmation(2000.0, Share(4e-5, 1e-5), Share(0.98, 0.01)).confirms
+    assert Confirmation(2000.0, Share(0.3, 0.1), nothing).confirms
     assert Confirmation(2000.0, None).confirms
+
+
+def test_a_share_within_two_deviations_of_none_is_none() -> None:
+    """A change of what is left changes the power of a gap by chance."""
+    assert not Confirmation(10.0, Share(0.15, 0.1), Share(-0.3, 0.1)).confirms
+    assert Confirmation(10.0, Share(0.25, 0.1), Share(-0.3, 0.1)).confirms
 
 
 def test_sizes_are_those_of_the_fitted_recordings() -> None:
