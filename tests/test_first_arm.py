@@ -138,7 +138,7 @@ def test_the_check_of_the_feed_forward_page_runs(
     made: dict[str, Any] = {}
     exec(compile(example, "feed_forward.md", "exec"), made)
     assert (made["miss"] < 0.3 * made["measured"].std(axis=0)).all()
-    assert "feedback is left with" in capsys.readouterr().out
+    assert "error of the function" in capsys.readouterr().out
 
 
 def test_one_step_from_the_urdf_finds_the_friction(

@@ -181,7 +181,7 @@ def _electrics(joint: Joint) -> list[str]:
         found.append(f"supply {drive.supply:.4g} V")
     if drive.sag:
         found.append(f"sag of the supply {drive.sag:.4g} at full torque")
-    if drive.firmware_gain != 1.0:
+    if drive.firmware_gain is not None:
         found.append(f"gain register {drive.firmware_gain:g}")
     return found
 
