@@ -207,7 +207,7 @@ def ringing_notes(found: Mapping[str, float], made: Collection[str]) -> list[str
     """Return notes on joints that are described as rigid and have a resonance.
 
     found: its frequency, Hz, by joint; made: joints whose torques were computed from commands. They
-    swing on the gain of their controller, which says nothing of the joint.
+    swing on the gain of their controller, which is no property of the joint.
     """
     return [
         f"{joint} has a resonance near {frequency:.2g} Hz but is described as rigid: it may be"
