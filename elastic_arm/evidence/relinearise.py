@@ -323,7 +323,7 @@ def _has_settled(linear: Linearisation, fit: Fit, none: float) -> bool:
     acting = {one.feature.key for one in linear.acting}
     if {one.feature.key for one in _acting(fit)} != acting:
         return False
-    moves = [_steps(fit), *(t.steps(fit) for t in fit.optional if isinstance(t, EffectTerm))]
+    moves = [_steps(fit), *(t.steps(fit) for t in fit.terms if isinstance(t, EffectTerm))]
     return bool(np.max(np.concatenate(moves), initial=0.0) < none)
 
 

@@ -10,6 +10,7 @@ from elastic_arm.arrays import Array
 from elastic_arm.effects.effect import EffectInstance
 from elastic_arm.equations.robot_at import LEAST
 from elastic_arm.estimation.effect_columns import Feature
+from elastic_arm.estimation.known_torques import ActingEffect
 from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.priors import STATED
 from elastic_arm.evidence.terms.effect import EffectTerm, linear_prior
@@ -21,6 +22,7 @@ class KnownTerm(EffectTerm):
     """An effect that is in every set; its size has the prior of the description or its range."""
 
     stated: Array | None = None  # (k,) sizes that the description states
+    about: Array | None = None  # (k,) sizes about which the prior of their logarithms is a Gaussian
     law: Any = None  # feature and numbers of the law as stated, where it is not linear in them
 
     @property
@@ -31,6 +33,24 @@ class KnownTerm(EffectTerm):
     def std_at(self, trust: float) -> Array:
         """Return the deviation (k,) of the prior at a factor of the trust in the description."""
         return self.std if self.stated is None else self.std * trust
+
+    def acting(self, fit: Coefficients, *, known: bool) -> ActingEffect:
+        """Return what it adds to the torques that a model predicts, by a fit that holds it.
+
+        A stated size moves by its logarithm, so that it keeps its sign.
+        """
+        acting = super().acting(fit, known=known)
+        if self.about is None:
+            return acting
+        return replace(acting, coefficients=moved_by_logarithm(self.about, acting.coefficients))
+
+    def steps(self, fit: Coefficients) -> Array:
+        """Return how far a fit that holds it puts its stated sizes from where their prior is a
+        Gaussian, in their deviations."""
+        if self.about is None:
+            return np.zeros(0)
+        off = np.where(self.about == 0.0, 0.0, fit.beta(self) - self.about)
+        return np.abs(off) / np.sqrt(np.diag(fit.covariance(self)))
 
     def added(self, linear: Linearisation, fit: Coefficients, along: Array) -> list[Array]:
         """Return what it adds to the residuals (N', R) of each stretch, Nm."""
@@ -111,7 +131,7 @@ def _known_terms(linear: Linearisation) -> Known:
         law = _whole(feature, instance)
         # Its columns are the law to first order; the stated law is known exactly.
         offset = None if law is None else linear.columns(*law).sum(axis=1) - X @ stated
-        mean, width = _prior_of_stated(stated, acting.get(feature.key, stated))
+        mean, width, about = _prior_of_stated(stated, acting.get(feature.key, stated))
         width = np.where(stated == 0.0, 1e-3 * STATED * std, width)
         always.append(
             KnownTerm(
@@ -123,6 +143,7 @@ def _known_terms(linear: Linearisation) -> Known:
                 feature=feature,
                 theta=theta,
                 stated=stated,
+                about=about,
                 law=law,
             )
         )
@@ -133,8 +154,21 @@ def _known_terms(linear: Linearisation) -> Known:
     return always, off
 
 
-def _prior_of_stated(stated: Array, now: Array) -> tuple[Array, Array]:
-    """Return mean and deviation (k,) of the Gaussian that a prior of the logarithm is at a size.
+def moved_by_logarithm(sizes: Array, wanted: Array) -> Array:
+    """Return sizes (k,) moved to where a fit about them wants them, smaller ones by their
+    logarithm.
+
+    b' = b exp((x - b) / b)   where x / b < 1,   x otherwise
+    """
+    nonzero = np.where(sizes == 0.0, 1.0, sizes)
+    step = (wanted - sizes) / nonzero
+    smaller = sizes * np.exp(np.minimum(step, 0.0))
+    return np.where((step < 0.0) & (sizes != 0.0), smaller, wanted)
+
+
+def _prior_of_stated(stated: Array, now: Array) -> tuple[Array, Array, Array]:
+    """Return mean and deviation (k,) of the Gaussian that a prior of the logarithm is at a size,
+    and the size.
 
         p(ln b) = N(ln b_0, s²):  mean = b (1 - ln(b / b_0)),  deviation = s b
 
@@ -142,7 +176,8 @@ def _prior_of_stated(stated: Array, now: Array) -> tuple[Array, Array]:
     """
     nonzero = np.where(stated == 0.0, 1.0, stated)
     ratio = np.maximum(np.where(stated == 0.0, 1.0, now / nonzero), LEAST)
-    return stated * ratio * (1.0 - np.log(ratio)), STATED * np.abs(stated) * ratio
+    about = stated * ratio
+    return about * (1.0 - np.log(ratio)), STATED * np.abs(about), about
 
 
 def theta_of(feature: Feature, instance: EffectInstance) -> tuple[float, ...]:
