@@ -118,7 +118,13 @@ def merged_notes(notes: Sequence[str]) -> list[str]:
         name, colon, rest = note.partition(": ")
         of_a_name = bool(colon) and " " not in name
         names.setdefault(rest if of_a_name else note, []).append(name if of_a_name else "")
-    return [f"{listed(of)}: {rest}" if of[0] else rest for rest, of in names.items()]
+    return [_behind([*dict.fromkeys(of)], rest) for rest, of in names.items()]
+
+
+def _behind(names: Sequence[str], note: str) -> str:
+    """Return a note behind the names of what it is about, if it has names."""
+    named = [name for name in names if name]
+    return f"{listed(named)}: {note}" if named else note
 
 
 def standing_note(joint: str) -> str:

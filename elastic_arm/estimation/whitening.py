@@ -56,6 +56,7 @@ NOISE_FREQUENCIES = 400
 # be exact where shared noise cancels (a torque sensor's; an encoder's at a drive's resonance), and
 # rounding would look like physics.
 FLOOR = 0.1
+COLUMNS_KEPT = 400  # of features that follow from the motion alone, of a stretch; memory
 UNFILTERED = 0.99  # response of a smoother from which on it changes nothing
 
 
@@ -431,7 +432,7 @@ class WhitenedData:
             return made[key].dense()
         columns = self._in_band_of(k, feature, searched)
         columns = self._free[k].remove(columns, in_place=True)
-        if feature.of_motion:
+        if feature.of_motion and len(made) < COLUMNS_KEPT:
             made[key] = Entries.of(columns)
         return columns
 

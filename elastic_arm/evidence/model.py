@@ -46,7 +46,7 @@ UNTOLD = 1e-3  # of a prior's precision: what data tell no more of, they tell no
 
 
 class Frame(NamedTuple):
-    """By what scores at several linearisations compare: a correction of
+    """What makes scores of different linearisations comparable: a correction of
     level + share * (ln of the density at a linearisation), nats."""
 
     level: float

@@ -41,13 +41,14 @@ def is_commanded(recording: Recording) -> bool:
 
 def at_common_gain(robot: Robot, recordings: Sequence[Recording]) -> Robot:
     """Return an arm whose servos state the firmware gain for which their kp holds: the one of all
-    recordings, where the description states none.
+    recordings of which torques are made, where the description states none.
 
-    Raises a RobotError if the recordings of such a servo have different gains.
+    Raises a RobotError if those recordings of such a servo have different gains.
     """
     for joint in robot.joints:
         stated = joint.controller
-        own = [one.firmware_gains for one in recordings if joint.name in one.firmware_gains]
+        commanded = [one.firmware_gains for one in recordings if is_commanded(one)]
+        own = [gains for gains in commanded if joint.name in gains]
         gains = sorted({gains[joint.name] for gains in own})
         if stated is None or stated.firmware_gain is not None or not gains:
             continue

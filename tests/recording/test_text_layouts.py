@@ -300,6 +300,51 @@ def test_dates_of_all_kinds_are_times(cells: list[str], unit: str, first: float)
     assert units == {"t": unit} and arrays["t"][0] == first and np.all(np.diff(arrays["t"]) >= 0)
 
 
+def test_a_list_of_joints_beside_columns_is_no_table(tmp_path: Path) -> None:
+    """Records that describe joints or sensors do not replace the samples beside them."""
+    file = tmp_path / "run.json"
+    joints = [{"name": name, "id": k} for k, name in enumerate(NAMES)]
+    file.write_text(json.dumps({"joints": joints, "time": T.tolist(), "q": Q[:, 0].tolist()}))
+    arrays = load_arrays(file)
+    np.testing.assert_array_equal(arrays["time"], T)
+    np.testing.assert_array_equal(arrays["q"], Q[:, 0])
+
+
+def test_a_quote_in_a_comment_ends_no_table(tmp_path: Path) -> None:
+    file = tmp_path / "run.csv"
+    rows = [f"{t:.2f},{q[0]:.6f}" for t, q in zip(T, Q, strict=True)]
+    rows.insert(3, '# stopped here, "see log')
+    file.write_text("\n".join(["time,q", *rows]))
+    assert len(load_arrays(file)["q"]) == len(T)
+
+
+def test_two_numbers_in_a_text_are_no_list() -> None:
+    """They may be one with a decimal comma, or a date and a time."""
+    columns, _ = arrays_of({"q": ["1,5", "1,6"], "at": ["20240105 101112.5", "20240105 101113.5"]})
+    assert np.ndim(columns["q"]) == 1 and np.ndim(columns["at"]) == 1
+
+
+def test_fractions_of_seconds_follow_the_time_of_day() -> None:
+    """Not the dots of a date; years of two digits are of this century, the day first."""
+    stamps = ["1.5.24 10:00:00.25", "1.5.24 10:00:00.50"]
+    columns, _ = arrays_of({"time": stamps})
+    assert columns["time"][0] == 1714557600_250000000
+    assert np.diff(columns["time"]).tolist() == [250000000]
+
+
+def test_texts_of_parquet_neither_break_nor_part_a_data_set(tmp_path: Path) -> None:
+    """A text column called `time` stays one, and a null among the tasks of one file keeps the files
+    together."""
+    for k, task in enumerate((["pick"] * 60, ["pick"] * 59 + [None])):
+        table = {"timestamp": T, "q": Q[:, 0], "task": task}
+        pq.write_table(pa.table(table), tmp_path / f"file-{k:03d}.parquet")
+    assert len(load_arrays(tmp_path)["q"]) == 2 * len(T)
+    file = tmp_path / "texts.parquet"
+    texts = [f"step {k // 2}" for k in range(60)]
+    pq.write_table(pa.table({"time": texts, "q": Q[:, 0]}), file)
+    np.testing.assert_array_equal(load_arrays(file)["q"], Q[:, 0])
+
+
 def test_texts_that_are_none_of_these_stay_texts(tmp_path: Path) -> None:
     """A column of modes beside numbers is no long table; lists of several lengths are refused."""
     file = tmp_path / "a.csv"

@@ -400,7 +400,8 @@ def _with_slopes(
         V = monomial_columns(linear, feature)
         point = np.array(theta, dtype=float)
         per_coordinate = np.array([theta[j] if p.logarithmic else 1.0 for j, p in own])
-        return V @ monomials(point[None]).T, V @ monomial_slopes(point) * per_coordinate
+        slopes = monomial_slopes(point)[:, [j for j, _ in own]] * per_coordinate
+        return V @ monomials(point[None]).T, V @ slopes
     X = linear.columns(feature, theta)
     slopes = np.zeros((len(own), len(X))).T
     for k, (j, p) in enumerate(own):

@@ -134,9 +134,14 @@ def load_arrays(path: Path, decimal: str | None = ".") -> Arrays:
     if files:
         return _side_by_side(path, parts)
     rows = [_rows(part) for part in parts.values()]
-    alike = {tuple((name, values.shape[1:]) for name, values in part.items()) for part in rows}
+    # Texts, which are left out where some are missing, keep no files apart.
+    kinds = [{n: v.shape[1:] for n, v in part.items() if v.dtype.kind != "U"} for part in rows]
+    alike = {tuple(one.items()) for one in kinds}
     numbered = len(alike) == 1 and all(file.stem[-1:].isdecimal() for file in learned)
-    return _stacked(rows) if numbered or len(learned) == 1 else _side_by_side(path, parts)
+    if not numbered and len(learned) > 1:
+        return _side_by_side(path, parts)
+    common = set.intersection(*(set(part) for part in rows))
+    return _stacked([Arrays({n: v for n, v in part.items() if n in common}) for part in rows])
 
 
 def _number(file: Path) -> list[tuple[int, str]]:
@@ -337,7 +342,9 @@ def _whole_rows(lines: Sequence[str], first: int, delimiter: str) -> list[tuple[
 
     A cell in quotes may go over several lines.
     """
-    reader = csv.reader((f"{line}\n" for line in lines[first - 1 :]), delimiter=delimiter)
+    # The first line may be a header behind a comment mark.
+    plain = itertools.chain([lines[first - 1]], map(_uncommented, lines[first:]))
+    reader = csv.reader((f"{line}\n" for line in plain), delimiter=delimiter)
     rows = []
     begin = first - 1
     for cells in reader:
@@ -346,6 +353,14 @@ def _whole_rows(lines: Sequence[str], first: int, delimiter: str) -> list[tuple[
             rows.append((begin + 1, "\n".join(lines[begin:end])))
         begin = end
     return rows
+
+
+def _uncommented(line: str) -> str:
+    """Return a line without a comment, which begins at the first # that no quotes enclose."""
+    for at, mark in enumerate(line):
+        if mark == "#" and line[:at].count('"') % 2 == 0:
+            return line[:at]
+    return line
 
 
 def _text(path: Path) -> str:

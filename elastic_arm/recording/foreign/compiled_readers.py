@@ -39,7 +39,7 @@ def load_compiled(paths: Sequence[Path], most: int) -> list[dict[str, np.ndarray
 
     Fields of a MATLAB struct are called `struct.field`, HDF5's datasets by their paths with dots. A
     Parquet column of lists of equally many numbers, such as LeRobot's `observation.state`, is one
-    array. Pictures and texts are left out.
+    array. Pictures are left out, and texts but those of Parquet.
     """
     kinds = sorted({path.suffix.lower() for path in paths})
     require_libraries(f"{' and '.join(kinds)} files need", *_libraries(paths))

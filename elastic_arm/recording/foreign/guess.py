@@ -41,7 +41,6 @@ CLOSE = 0.15
 LARGEST_ANGLE = 4 * np.pi
 # Travels in metres, and speeds in metres a second, stay below this.
 LARGEST_TRAVEL = 20.0
-# Unit and words of a channel in counts of a register, by which its number has to be multiplied.
 # The unit of a quantity that no channel has, at the end of a name or in brackets.
 _OTHER_UNIT = re.compile(r"(?:_|\[|\()(?:m?V|°?C|degC|K|m?W|Hz|Pa|bar)[\])]?$")
 # What a servo's controller puts on its motor is a voltage; the torque falls with the speed.
@@ -50,6 +49,7 @@ _NO_TORQUE = (
     "{} is a share of the supply voltage, not a torque; with commands, a `controller:` in the arm"
     " file computes the torque"
 )
+# Unit and words of a channel in counts of a register, by which its number has to be multiplied.
 COUNTED = {"position": ("turns", "turns (1/4096 of a 12-bit encoder)"), "effort": ("Nm", "Nm")}
 CONSTANT = "column"  # begin of a reason
 DEAD = "constant while its joint moves: no sensor, not mapped"

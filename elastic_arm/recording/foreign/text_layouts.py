@@ -25,7 +25,9 @@ _MINUTES = re.compile(r"(\d{1,3}):(\d{2}[.,]\d+)$")  # as Excel shows times of d
 _DATED = re.compile(r"\d{1,2}:\d{2}|\d{8}T?\d{6}")  # a text that may be a date with a time
 _SECONDS = re.compile(r"(.*[._]?)(?:secs?|seconds)$", re.I)
 _NAMES = re.compile(r"(^|[._ ])(joint_?)?names?$", re.I)
-_DAY_FIRST = re.compile(r"^(\d{1,2})\.(\d{1,2})\.(\d{4})")
+# Two numbers that are one with a decimal comma, or a date and a time.
+_ONE_VALUE = re.compile(r"[+-]?\d+,\d+|\d{8}[ T]\d{6}(?:\.\d+)?")
+_DAY_FIRST = re.compile(r"^(\d{1,2})\.(\d{1,2})\.((?:\d{2})?\d{2})\b")
 _COLONS = re.compile(r"^(\d{4}):(\d{2}):(\d{2}) ")  # the date of a picture
 _PARTED = re.compile(r"[;,\s]+")
 _FEWEST = 3  # rows a name, of a table that has a row for each
@@ -68,6 +70,8 @@ def _cell(cell: Any) -> Any:
             return list(ast.literal_eval(text))
     # As NumPy prints them, without commas; or without brackets.
     words = _PARTED.split(text.strip("[](){}; \n"))
+    if _ONE_VALUE.fullmatch(text):
+        return cell
     if len(words) > 1 or text[0] in "[({":
         with suppress(ValueError):
             return [float(word) for word in words if word]
@@ -169,7 +173,7 @@ def _nanoseconds(texts: Sequence[str]) -> list[int]:
     """Return the ns since 1970 of dates; those without a zone are UTC."""
     plain = []
     for text in texts:
-        iso = _COLONS.sub(r"\1-\2-\3 ", _DAY_FIRST.sub(r"\3-\2-\1", text))
+        iso = _COLONS.sub(r"\1-\2-\3 ", _DAY_FIRST.sub(_year_first, text))
         plain.append(iso.replace(",", "."))
     # 03/01 is March 1st, unless another row shows that the day comes first.
     firsts = [re.match(r"\d+(?=/)", text) for text in plain]
@@ -182,11 +186,18 @@ def _nanoseconds(texts: Sequence[str]) -> list[int]:
             moment = dates.parse(text, dayfirst=day_first)
         moment = moment if moment.tzinfo is not None else moment.replace(tzinfo=UTC)
         # Python keeps six digits of the second.
-        digits = re.search(r"\d\.(\d+)", text)
+        digits = re.search(r"(?::\d{2}|\d{6})\.(\d+)", text)
         fraction = digits[1][:9].ljust(9, "0") if digits else "0"
         whole = int(moment.replace(microsecond=0).timestamp())
         found.append(whole * 1_000_000_000 + int(fraction))
     return found
+
+
+def _year_first(date: re.Match[str]) -> str:
+    """Return a date with dots, the day first, as year, month, day; a year of two digits is of this
+    century."""
+    day, month, year = date.groups()
+    return f"{year if len(year) == 4 else '20' + year}-{int(month):02d}-{int(day):02d}"
 
 
 def _join_stamps(columns: Columns, units: dict[str, str]) -> None:
@@ -301,6 +312,8 @@ def is_long(arrays: Mapping[str, np.ndarray]) -> bool:
     times = next((name for name in arrays if _TIME.search(name)), None)
     if times is None or arrays[times].ndim != 1 or len(arrays[times]) < 2 * _FEWEST:
         return False
+    if arrays[times].dtype.kind not in "iuf":
+        return False
     if np.mean(np.diff(arrays[times]) == 0) < 0.3:  # a quick look, before all cells are
         return False
     same = {n: v.tolist() for n, v in arrays.items() if v.shape == arrays[times].shape}
@@ -321,12 +334,13 @@ def records(content: Any, path: str) -> Columns:
     A list of records may lie beside other things, and a table may have a row a joint.
     """
     rows = _longest_records(content)
-    if rows:
+    columns = _flat(content) if isinstance(content, Mapping) else {}
+    lists = {name: values for name, values in columns.items() if _is_column(values)}
+    # Records beside longer columns describe joints or sensors.
+    if len(rows) > max((len(values) for values in lists.values()), default=0):
         flat = [_flat(row) for row in rows]
         names = list(dict.fromkeys(name for row in flat for name in row))
         return {name: [row.get(name) for row in flat] for name in names}
-    columns = _flat(content) if isinstance(content, Mapping) else {}
-    lists = {name: values for name, values in columns.items() if isinstance(values, list)}
     if not lists:
         raise RecordingError(
             f"{path} contains no table",
@@ -340,6 +354,11 @@ def records(content: Any, path: str) -> Columns:
         elif values and all(isinstance(row, list) and len(row) == count for row in values):
             found[name] = [list(row) for row in zip(*values, strict=True)]
     return found
+
+
+def _is_column(values: Any) -> bool:
+    """Return whether something is a list of other things than records."""
+    return isinstance(values, list) and not any(isinstance(one, Mapping) for one in values)
 
 
 def _longest_records(content: Any) -> list[Mapping[str, Any]]:

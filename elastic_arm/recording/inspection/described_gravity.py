@@ -359,6 +359,9 @@ def _told(motion: SideMotion, side: str, fit: GravityFit, robot: Robot) -> Itera
     confused = _size(fit, side)
     arm = _arm(robot, side)
     load = _load_alone(few, arm) if several and not robot.elastic else None
+    # What weighs more than the arm is no load: torques of another unit do.
+    if load is not None and load > sum(joint.link.mass for joint in robot.joints):
+        load = None
     if confused and load is not None:
         confused = []
     if several and not confused:
