@@ -19,6 +19,7 @@ from elastic_arm.diagnosis.confirmation import (
     Share,
     has_size,
     held_out,
+    numbers_have_size,
     share_alone,
     share_without,
     takes_over,
@@ -403,8 +404,7 @@ class Answer:
                     less = answer._less(term)
                     nats = own - held_out(less.explanation.best)
                     returning = answer._share_without(term, less)
-                    beyond = isinstance(term, NumberTerm | StatedTerm)
-                    sized = beyond or has_size(answer.explanation.sized, term)
+                    sized = answer._has_size(term)
                     over = takes_over(answer._numbers[1], less._numbers[1])
                     alone = answer._share_alone(term)
                     found[term.key] = Confirmation(nats, returning, alone, sized, over)
@@ -431,6 +431,16 @@ class Answer:
         if isinstance(term, NumberTerm | StatedTerm):
             return _name(term.key) in self._there(self.explanation.best)
         return term.says_cause
+
+    def _has_size(self, term: Term) -> bool:
+        """Whether the size of a term, by the fitted recordings, is beyond two deviations of none.
+
+        A stated effect is beyond its ordinary deviations where it is a cause.
+        """
+        sized = self.explanation.sized
+        if isinstance(term, NumberTerm):
+            return numbers_have_size(sized, term, self.explanation.linear.values)
+        return isinstance(term, StatedTerm) or has_size(sized, term)
 
     def _share_without(self, term: Term, less: Answer) -> Share | None:
         """Return the share of the gap at the places of a term that comes back without it."""

@@ -24,6 +24,7 @@ from elastic_arm.arrays import Array
 from elastic_arm.diagnosis.gap import Gap, shrink
 from elastic_arm.evidence.model import Fit
 from elastic_arm.evidence.priors import LEFT, NOTHING, ORDINARY, WORTH
+from elastic_arm.evidence.terms.number import NumberTerm
 from elastic_arm.evidence.terms.term import Term
 
 TWO = 2.0  # deviations within which a size is none (contract)
@@ -101,9 +102,23 @@ def has_size(fit: Fit, term: Term) -> bool:
     if not term.linear:
         return True  # its size is known
     own = slice(term.linear)
-    beta, covariance = fit.beta(term)[own], fit.covariance(term)[own, own]
-    distance = float(beta @ np.linalg.solve(covariance, beta))
-    return bool(distance > chi2.isf(2.0 * norm.sf(TWO), term.linear))
+    return _is_beyond(fit.beta(term)[own], fit.covariance(term)[own, own])
+
+
+def numbers_have_size(fit: Fit, term: NumberTerm, values: Array) -> bool:
+    """Return whether the numbers that a term of a fit moves are beyond two deviations of what the
+    description states, all together.
+
+    values: (K,) of the numbers at the linearisation, in deviations of their priors.
+    """
+    own = np.flatnonzero(term.moved)
+    covariance = fit.number_covariance[np.ix_(own, own)]
+    return _is_beyond((values + fit.numbers)[own], covariance)
+
+
+def _is_beyond(size: Array, covariance: Array) -> bool:
+    distance = float(size @ np.linalg.pinv(covariance) @ size)
+    return bool(distance > chi2.isf(2.0 * norm.sf(TWO), len(size)))
 
 
 def takes_over(ordinary: Array, without: Array) -> bool:

@@ -69,7 +69,8 @@ def refined_words(lacking: Mapping[str, Sequence[str]], moved: Sequence[Moved]) 
     for name in dict.fromkeys(str(one.number.joint) for one in moved):
         own = [by_words(one) for one in moved if one.number.joint == name]
         found.append(
-            f"{listed(lacking[name])} of {name} cannot be stated in the file. Its numbers are"
-            f" refined without it, by simulations of the fitted recordings: {listed(own)}"
+            f"The file cannot state {listed(lacking[name])} of {name}. The numbers that it states"
+            f" are refined for the file alone, in simulations of the fitted recordings:"
+            f" {listed(own)}"
         )
     return tuple(found)

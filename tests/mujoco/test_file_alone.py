@@ -89,7 +89,7 @@ def test_the_numbers_of_a_file_are_refined_for_it_alone(
     assert lift.corrected < 0.1 * lift.alone and lift.alone < 0.8 * lift.described
     (words,) = done.file.stand_ins
     what = "load dependent friction" if change is loaded else "dead band"
-    assert words.startswith(f"{what} of lift cannot be stated in the file")
+    assert words.startswith(f"The file cannot state {what} of lift.")
     assert done.kept_in_file == () and done.notes() == ()
 
 
