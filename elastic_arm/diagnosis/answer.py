@@ -449,15 +449,12 @@ class Answer:
         between = Gap.of(data, _minus(less.after, [self.after]))
         return share_without(self.gaps[0], self.gaps[1], less.gaps[1], own, between)
 
-    def _left_by(self, term: Term | None) -> list[Array]:
-        """Return the residuals (N', R) of each stretch with one cause alone."""
-        return self.before if term is None else _minus(self.before, [self._added_alone(term)])
-
     def _share_alone(self, term: Term) -> Share | None:
         """Return the share of the whole gap that goes when one cause alone is added."""
         data = self.judging.data
-        own = Gap.of(data, self._added_alone(term))
-        return share_alone(self.gaps[0], Gap.of(data, self._left_by(term)), own)
+        own = self._added_alone(term)
+        left = _minus(self.before, [own])
+        return share_alone(self.gaps[0], Gap.of(data, left), Gap.of(data, own))
 
     # -- what is said
 
@@ -676,7 +673,8 @@ class Answer:
             None,
         )
         here = self._here(name)
-        share = shrink(self.gaps[0], Gap.of(self.judging.data, self._left_by(here))).share
+        alone = self.before if here is None else _minus(self.before, [self._added_alone(here)])
+        share = shrink(self.gaps[0], Gap.of(self.judging.data, alone)).share
         confirmation = self._confirmation(name, here)
         cause = Cause(
             effect=name[0],
@@ -692,7 +690,7 @@ class Answer:
             stated=None if stated is None else dict(stated.numbers),
             is_number=isinstance(term, NumberTerm) and term.feature.effect.model_parameter,
         )
-        return cause, self._left_by(here)
+        return cause, alone
 
     def _confirmation(
         self, name: Name, here: Term | None

@@ -343,24 +343,21 @@ def tangent_term(
     size: coefficient of its one column there; 1 where that is known.
     """
     feature = term.feature
-    X, slopes = _with_slopes(linear, feature, theta)
+    continuous = [(j, p) for j, p in enumerate(linear.allowed(feature)) if not p.integer]
+    X, slopes = _with_slopes(linear, feature, theta, continuous)
     tangents: list[Array] = []
     means: list[float] = []
     stds: list[float] = []
     lowest: list[float] = []
     highest: list[float] = []
-    numbers: list[int] = []
-    for j, p in enumerate(linear.allowed(feature)):
-        if p.integer:
-            continue
+    for (j, p), slope in zip(continuous, slopes.T, strict=True):
         low, high = axis(p)
-        tangents.append(size * slopes[:, len(numbers)])
+        tangents.append(size * slope)
         here = float(np.log(theta[j])) if p.logarithmic else theta[j]
         means.append((low + high) / 2.0 - here)
         stds.append((high - low) / np.sqrt(12.0))
         lowest.append(low - here)
         highest.append(high - here)
-        numbers.append(j)
     if feature.fixed:
         offset = X.sum(axis=1)
         own = X[:, :0]
@@ -383,7 +380,7 @@ def tangent_term(
         offset=offset,
         feature=feature,
         theta=tuple(float(v) for v in theta),
-        tangents=tuple(numbers),
+        tangents=tuple(j for j, _ in continuous),
         size=size,
         scale=term.scale,
         is_scaled=term.is_scaled,
@@ -391,20 +388,22 @@ def tangent_term(
 
 
 def _with_slopes(
-    linear: Linearisation, feature: Feature, theta: Sequence[float]
+    linear: Linearisation,
+    feature: Feature,
+    theta: Sequence[float],
+    continuous: Sequence[tuple[int, Parameter]],
 ) -> tuple[Array, Array]:
     """Return an effect's columns (rows, k), and the derivatives (rows, m) of their sum by the
-    coordinate of each nonlinear number that is no integer."""
-    own = [(j, p) for j, p in enumerate(linear.allowed(feature)) if not p.integer]
+    coordinates of its continuous nonlinear numbers, each with its place in theta."""
     if feature.quadratic and feature.count == 1:
         V = monomial_columns(linear, feature)
         point = np.array(theta, dtype=float)
-        per_coordinate = np.array([theta[j] if p.logarithmic else 1.0 for j, p in own])
-        slopes = monomial_slopes(point)[:, [j for j, _ in own]] * per_coordinate
+        per_coordinate = np.array([theta[j] if p.logarithmic else 1.0 for j, p in continuous])
+        slopes = monomial_slopes(point)[:, [j for j, _ in continuous]] * per_coordinate
         return V @ monomials(point[None]).T, V @ slopes
     X = linear.columns(feature, theta)
-    slopes = np.zeros((len(own), len(X))).T
-    for k, (j, p) in enumerate(own):
+    slopes = np.zeros((len(continuous), len(X))).T
+    for k, (j, p) in enumerate(continuous):
         low, high = axis(p)
         h = STEP if p.logarithmic else STEP * (high - low)
         above = linear.columns(feature, [*theta[:j], moved(p, theta[j], h), *theta[j + 1 :]])
