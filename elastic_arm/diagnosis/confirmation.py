@@ -7,10 +7,9 @@ with y the rows that are fitted, y' those that judge, and e the power over the s
 that noise, that a residual keeps on the recordings that judge with sizes of the fitted ones. A
 cause that gains no likelihood there is none: its law fits one recording. What ordinary numbers can
 take over, at the price of their priors, leaves as small a gap: a share of none decides only where
-the cause alone removes none of the gap either. Such a cause explains what other laws do not get
-exactly right, or what is left by chance. Where numbers beyond their ordinary deviations take over,
-they predict as well as the cause: it stays unless it loses, as the description is wrong in either
-case and the prior has weighed both.
+the cause alone removes none of the gap either. Such a cause explains what is left by chance. Where
+numbers beyond their ordinary deviations take over, they predict as well as the cause: it stays
+unless it loses, as the description is wrong in either case and the prior has weighed both.
 """
 
 from dataclasses import dataclass
@@ -23,7 +22,7 @@ from scipy.stats import chi2, norm
 from elastic_arm.arrays import Array
 from elastic_arm.diagnosis.gap import Gap, shrink
 from elastic_arm.evidence.model import Fit
-from elastic_arm.evidence.priors import LEFT, NOTHING, ORDINARY, WORTH
+from elastic_arm.evidence.priors import LEFT, ORDINARY, WORTH
 from elastic_arm.evidence.terms.number import NumberTerm
 from elastic_arm.evidence.terms.term import Term
 
@@ -39,7 +38,7 @@ class Share(NamedTuple):
     @property
     def is_something(self) -> bool:
         """Whether it is more than nothing, beyond two deviations."""
-        return self.share - TWO * self.std > NOTHING
+        return self.share > TWO * self.std
 
 
 @dataclass(frozen=True)

@@ -67,8 +67,6 @@ STATED = 0.3
 # Nm; of laws without a form, joints of every kind
 SIZES = np.array([0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0])
 LEFT = 0.1  # share of a place's own gap that may be left (contract)
-# Share of a gap that is none: power of a law that is accurate to a hundredth, as few are.
-NOTHING = 1e-4
 ZERO_AS_MOUNTED = (
     1e-3  # rad; of a link encoder never compared with the motor's under a known torque
 )
