@@ -14,7 +14,7 @@ and z = (value - truth) / std of each joint's `torque_scale`.
 import argparse
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -161,22 +161,32 @@ def summary(outcomes: Sequence[Outcome]) -> str:
     )
 
 
-def main() -> None:
-    """Print a table of each arm, and the counts."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+def arm_options(doc: str | None, seed: int) -> argparse.ArgumentParser:
+    """Return the options that choose arms: level, seed, effects."""
+    parser = argparse.ArgumentParser(description=(doc or "").splitlines()[0])
     parser.add_argument("--level", choices=("servo", "position"), default="servo")
-    parser.add_argument("--seed", type=int, default=515151)
+    parser.add_argument("--seed", type=int, default=seed)
     parser.add_argument("--only", action="append", help="an effect, or 'clean'; may be repeated")
-    asked = parser.parse_args()
-    kinds = asked.only or ["clean", *LEVELS[asked.level].effects]
-    outcomes = []
+    return parser
+
+
+def arms_of(asked: argparse.Namespace) -> Iterator[tuple[Path, str | None]]:
+    """Yield a folder for each arm that is asked for, and its effect; None of the clean one."""
     with tempfile.TemporaryDirectory() as temporary:
-        for kind in kinds:
+        for kind in asked.only or ["clean", *LEVELS[asked.level].effects]:
             own = Path(temporary) / kind
             own.mkdir()
-            found = outcome(own, asked.level, asked.seed, None if kind == "clean" else kind)
-            print("\n".join(lines(found)), flush=True)
-            outcomes.append(found)
+            yield own, None if kind == "clean" else kind
+
+
+def main() -> None:
+    """Print a table of each arm, and the counts."""
+    asked = arm_options(__doc__, 515151).parse_args()
+    outcomes = []
+    for folder, effect in arms_of(asked):
+        found = outcome(folder, asked.level, asked.seed, effect)
+        print("\n".join(lines(found)), flush=True)
+        outcomes.append(found)
     print(summary(outcomes))
 
 

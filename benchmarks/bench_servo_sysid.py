@@ -11,8 +11,6 @@ are those of the whole process, threads included; those of the correction includ
 the end: the ratio of the times, and at how many joints which of the two errs less.
 """
 
-import argparse
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,7 +20,7 @@ import mujoco
 import numpy as np
 
 from benchmarks.bench_mujoco_sysid import _body, _setter, processor_time
-from benchmarks.bench_servo_correction import played
+from benchmarks.bench_servo_correction import arm_options, arms_of, played
 from elastic_arm.arrays import Array
 from elastic_arm.cli.diagnose import correct
 from elastic_arm.cli.mujoco.corrected import Correction
@@ -181,23 +179,15 @@ def summary(found: Sequence[Compared]) -> str:
 
 def main() -> None:
     """Print a table of each arm, and the ratios."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--level", choices=("servo", "position"), default="servo")
-    parser.add_argument("--seed", type=int, default=626262)
-    parser.add_argument("--only", action="append", help="an effect, or 'clean'; may be repeated")
+    parser = arm_options(__doc__, 626262)
     parser.add_argument("--window", type=float, default=np.inf, help="of sysid, s")
     parser.add_argument("--iterations", type=int, default=6, help="of sysid, at most")
     asked = parser.parse_args()
-    kinds = asked.only or ["clean", *LEVELS[asked.level].effects]
     found = []
-    with tempfile.TemporaryDirectory() as temporary:
-        for kind in kinds:
-            own = Path(temporary) / kind
-            own.mkdir()
-            effect = None if kind == "clean" else kind
-            one = compared(own, asked.level, asked.seed, effect, asked.window, asked.iterations)
-            print("\n".join(lines(one)), flush=True)
-            found.append(one)
+    for folder, effect in arms_of(asked):
+        one = compared(folder, asked.level, asked.seed, effect, asked.window, asked.iterations)
+        print("\n".join(lines(one)), flush=True)
+        found.append(one)
     print(summary(found))
 
 

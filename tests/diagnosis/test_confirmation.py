@@ -35,7 +35,7 @@ def test_a_law_that_fits_one_recording_loses_on_the_other() -> None:
 
 def test_a_cause_removes_some_of_the_gap() -> None:
     """A law that gains likelihood and leaves the gap as it is, alone and beside others, explains
-    what others do not get exactly right; one that others can replace removes it alone."""
+    what is left by chance; one that others can replace removes it alone."""
     nothing = Share(-0.04, 0.01)
     assert not Confirmation(2000.0, Share(1e-5, 1e-5), nothing).confirms
     assert Confirmation(2000.0, Share(1e-5, 1e-5), Share(0.98, 0.01)).confirms
