@@ -27,8 +27,6 @@ from elastic_arm.arrays import Array
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.motion import Motion, rates_of, with_filtered_deflection
 from elastic_arm.estimation.noise import (
-    HIGHEST_CUTOFF,
-    ORDER,
     SideNoise,
     Telegraph,
     encoder_steps,
@@ -57,6 +55,7 @@ SHORTEST = 2.0  # s
 BRIDGED = 0.5
 # Smoother's cutoff over the band of the residuals: at the band's edge 0.2 % is taken of every term.
 CUTOFF_OVER_BAND = 2.2
+SHARP, SHARP_CUTOFF = 8, 2.2
 HIGHEST_BAND = 40.0  # Hz; the drives' resonances and what rotors excite lie below
 # Sample intervals between two parts of a recording up to which its motion counts as going on.
 UNBROKEN = 5.0
@@ -286,7 +285,7 @@ class Observation:
 
     def gain(self, f: Array) -> Array:
         """Response of the smoother at f (F,) Hz."""
-        return 1.0 / (1.0 + (2 * np.pi * f / self.smoother.cutoff) ** (2 * ORDER))
+        return 1.0 / (1.0 + (2 * np.pi * f / self.smoother.cutoff) ** (2 * self.smoother.order))
 
     def with_filtered_deflection(self, quiet: Motion) -> Motion:
         """Return quiet motion without the noise of the encoders in the deflections."""
@@ -320,7 +319,7 @@ class Observation:
 
     def quiet_gain(self, f: Array) -> Array:
         """Response of the further smoothing of the quiet motion at f (F,) Hz."""
-        return 1.0 / (1.0 + (f / self._quiet_cutoff) ** (2 * ORDER)) / self.gain(f)
+        return 1.0 / (1.0 + (f / self._quiet_cutoff) ** (2 * self.smoother.order)) / self.gain(f)
 
     @property
     def _quiet_cutoff(self) -> float:
@@ -525,11 +524,11 @@ def _wide_smoother(designed: Smoother, n: int, band: float) -> Smoother:
     designed smoother is not in this one.
     """
     rate = designed.rate
-    cutoff = min(2 * np.pi * CUTOFF_OVER_BAND * band, HIGHEST_CUTOFF * rate)
+    cutoff = min(2 * np.pi * CUTOFF_OVER_BAND * band, SHARP_CUTOFF * rate)
     link = designed.link_noise and replace(designed.link_noise, cutoff=cutoff)
     motor = designed.motor_noise and replace(designed.motor_noise, cutoff=cutoff)
     wide = Smoother.from_noise(rate, link, motor, n)
-    return Smoother(rate, cutoff, wide.link_crossover, wide.motor_crossover)
+    return Smoother(rate, cutoff, wide.link_crossover, wide.motor_crossover, order=SHARP)
 
 
 def _smoothed(

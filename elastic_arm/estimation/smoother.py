@@ -63,6 +63,7 @@ class Smoother:
     # link_noise, motor_noise: of the encoders; None where it is not known or there is no such side
     link_noise: SideNoise | None = None
     motor_noise: SideNoise | None = None
+    order: int = ORDER  # half the order of its denominator
 
     @staticmethod
     def from_noise(
@@ -91,7 +92,7 @@ class Smoother:
     @property
     def lag(self) -> int:
         """Samples between a measurement and the estimate that has seen enough of the future."""
-        decay = np.sin(np.pi / (2 * ORDER)) * self.cutoff / self.rate
+        decay = np.sin(np.pi / (2 * self.order)) * self.cutoff / self.rate
         return int(np.ceil(-np.log(TAIL) / decay))
 
     @property
@@ -129,7 +130,7 @@ class Smoother:
         `lag` samples are lost at each end.
         """
         self._require(len(values))
-        response = _even_taps(self.cutoff / self.rate, self.lag)[None, None]
+        response = _even_taps(self.cutoff / self.rate, self.lag, self.order)[None, None]
         out = np.zeros((-(-(len(values) - 2 * self.lag) // every), values.shape[1]))
         # Column by column: NumPy is slow along the first axis of a narrow array.
         used = [k for k, column in enumerate(values.T) if column.any()]
@@ -156,7 +157,7 @@ class Smoother:
         The ends are continued.
         """
         lag = self.lag * finer
-        taps = _even_taps(self.cutoff / (self.rate * finer), lag)
+        taps = _even_taps(self.cutoff / (self.rate * finer), lag, self.order)
         return oaconvolve(
             np.pad(values, ((lag, lag), (0, 0)), mode="edge"), taps[:, None], "valid", axes=0
         )[::finer]
@@ -205,7 +206,7 @@ class Smoother:
     def _taps(self, crossover: float) -> tuple[Array, Array]:
         """Return taps on position and on velocity (rad per sample), (3, 2 lag + 1) each, for
         derivatives 0, 1, 2."""
-        return _taps(self.cutoff / self.rate, crossover / self.rate, self.lag)
+        return _taps(self.cutoff / self.rate, crossover / self.rate, self.lag, self.order)
 
 
 def instantaneous(torque: Array) -> Array:
@@ -251,24 +252,24 @@ def _crossover(side: SideNoise | None, cutoff: float, rate: float, n: int) -> Ar
     return np.where((ratio > 100 * cutoff) | (acceleration_noise < NEGLIGIBLE), np.inf, ratio)
 
 
-def _poles(cutoff: float) -> NDArray[np.complex128]:
-    angle = np.pi * (1 + 2 * np.arange(2 * ORDER)) / (2 * ORDER)
+def _poles(cutoff: float, order: int) -> NDArray[np.complex128]:
+    angle = np.pi * (1 + 2 * np.arange(2 * order)) / (2 * order)
     poles = cutoff * np.exp(1j * angle)
     return poles[poles.real < 0]
 
 
-def _even_taps(cutoff: float, lag: int) -> Array:
+def _even_taps(cutoff: float, lag: int, order: int) -> Array:
     """Sample the impulse response of H; time in samples."""
-    return _taps(cutoff, np.inf, lag)[0][0]
+    return _taps(cutoff, np.inf, lag, order)[0][0]
 
 
 @functools.lru_cache(maxsize=64)
-def _taps(cutoff: float, crossover: float, lag: int) -> tuple[Array, Array]:
+def _taps(cutoff: float, crossover: float, lag: int, order: int) -> tuple[Array, Array]:
     """Sample the impulse responses of the smoother, time in samples."""
     t = np.arange(-lag, lag + 1)
-    poles = _poles(cutoff)
-    # H = 1 / (1 + (s/w_c)^8); residues of its left half-plane poles give the response in |t|.
-    residues = cutoff ** (2 * ORDER) / (2 * ORDER * poles ** (2 * ORDER - 1))
+    poles = _poles(cutoff, order)
+    # H = 1 / (1 + (w / w_c)^(2 order)); residues of its left half-plane poles give the response in |t|.
+    residues = cutoff ** (2 * order) / (2 * order * poles ** (2 * order - 1))
     position = np.zeros((3, len(t)))
     velocity = np.zeros((3, len(t)))
     if np.isinf(crossover):
@@ -278,7 +279,7 @@ def _taps(cutoff: float, crossover: float, lag: int) -> tuple[Array, Array]:
         # e = H / (w_x² - s²): positions enter through w_x² e, velocities through -s e.
         residues = residues / (crossover**2 - poles**2)
         pole = -crossover
-        value = 1.0 / (1.0 + (pole / cutoff) ** (2 * ORDER))
+        value = 1.0 / (1.0 + (pole / cutoff) ** (2 * order))
         poles = np.append(poles, pole)
         residues = np.append(residues, value / (2 * crossover))
         for k in range(3):

@@ -57,7 +57,6 @@ NOISE_FREQUENCIES = 400
 # rounding would look like physics.
 FLOOR = 0.1
 COLUMNS_KEPT = 400  # of features that follow from the motion alone, of a stretch; memory
-UNFILTERED = 0.99  # response of a smoother from which on it changes nothing
 
 
 @dataclass(frozen=True)
@@ -335,9 +334,6 @@ class WhitenedData:
             standstill = _standstill(observation, untold)
             standing = np.where(moves, standing_speed(fastest, untold[1]), 0.0)
             steps = {side: np.where(moves, step, 0.0) for side, step in observation.steps.items()}
-            # Laws need not pass a smoother that leaves the band as it is.
-            response = observation.gain(np.array([band.cutoff]))[0]
-            limits = observation.smoother if response < UNFILTERED else None
             loads = loads_of(model, acting, standstill)
             for stretch in residuals(model, observation, layout, in_band, loads):
                 signals_of = partial(
@@ -346,7 +342,7 @@ class WhitenedData:
                     elastic=model.robot.elastic,
                     cutoff=observation.cutoff,
                     predicted=predicted,
-                    smoother=limits,
+                    smoother=observation.smoother,
                     made=observation.made(stretch.quiet),
                     near=next(signals_before, None),
                 )
