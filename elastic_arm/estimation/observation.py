@@ -4,11 +4,14 @@
 w_c of the motion, standard deviations of angles and rates) and passes every channel through the
 smoother
 
-    H(w) = 1 / (1 + (w / w_s)^(2 ORDER))
+    H(w) = 1 / (1 + (w / w_s)^(2 STEEP))
 
-The derivative stage is identification's: grid, noise and smoother are the same. Only the cutoff w_s
-differs: 2.2 times the band of the residuals, because that band (:mod:`.band`) follows and takes the
-same share of every term. The *quiet* motion, of which columns are made, has w_s = min(w_s, w_c):
+The derivative stage is identification's: grid, noise and smoother are the same. Only H differs. The
+residuals are nonlinear in the smoothed motion, so H leaves their band as it is: what it took of the
+motion there would not be what it takes of the torques. Its cutoff w_s is 2.2 times that band at
+high rates and a third of the sample rate at low ones, where a steeper H keeps the images of the
+sampled response out of the band. The band itself (:mod:`.band`) follows and takes the same share of
+every term. The *quiet* motion, of which columns are made, has w_s = min(w_s, w_c):
 above w_c an angle's second derivative is noise, and the same noise as in the residuals.
 """
 
@@ -55,7 +58,10 @@ SHORTEST = 2.0  # s
 BRIDGED = 0.5
 # Smoother's cutoff over the band of the residuals: at the band's edge 0.2 % is taken of every term.
 CUTOFF_OVER_BAND = 2.2
-SHARP, SHARP_CUTOFF = 8, 2.2
+# Order of the smoother, and its highest cutoff in rad a sample: at 0.2 of the sample rate, the
+# widest band, it takes 1e-4 of a motion, and its images are 1e-4 of an acceleration.
+STEEP = 8
+HIGHEST_STEEP_CUTOFF = 2.2
 HIGHEST_BAND = 40.0  # Hz; the drives' resonances and what rotors excite lie below
 # Sample intervals between two parts of a recording up to which its motion counts as going on.
 UNBROKEN = 5.0
@@ -524,11 +530,11 @@ def _wide_smoother(designed: Smoother, n: int, band: float) -> Smoother:
     designed smoother is not in this one.
     """
     rate = designed.rate
-    cutoff = min(2 * np.pi * CUTOFF_OVER_BAND * band, SHARP_CUTOFF * rate)
+    cutoff = min(2 * np.pi * CUTOFF_OVER_BAND * band, HIGHEST_STEEP_CUTOFF * rate)
     link = designed.link_noise and replace(designed.link_noise, cutoff=cutoff)
     motor = designed.motor_noise and replace(designed.motor_noise, cutoff=cutoff)
     wide = Smoother.from_noise(rate, link, motor, n)
-    return Smoother(rate, cutoff, wide.link_crossover, wide.motor_crossover, order=SHARP)
+    return Smoother(rate, cutoff, wide.link_crossover, wide.motor_crossover, order=STEEP)
 
 
 def _smoothed(

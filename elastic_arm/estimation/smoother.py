@@ -63,7 +63,7 @@ class Smoother:
     # link_noise, motor_noise: of the encoders; None where it is not known or there is no such side
     link_noise: SideNoise | None = None
     motor_noise: SideNoise | None = None
-    order: int = ORDER  # half the order of its denominator
+    order: int = ORDER  # H falls with the frequency to the power of twice the order
 
     @staticmethod
     def from_noise(
@@ -268,7 +268,8 @@ def _taps(cutoff: float, crossover: float, lag: int, order: int) -> tuple[Array,
     """Sample the impulse responses of the smoother, time in samples."""
     t = np.arange(-lag, lag + 1)
     poles = _poles(cutoff, order)
-    # H = 1 / (1 + (w / w_c)^(2 order)); residues of its left half-plane poles give the response in |t|.
+    # H = 1 / (1 + (w / w_c)^(2 order)); residues of its left half-plane poles give the
+    # response in |t|.
     residues = cutoff ** (2 * order) / (2 * order * poles ** (2 * order - 1))
     position = np.zeros((3, len(t)))
     velocity = np.zeros((3, len(t)))
