@@ -534,7 +534,7 @@ class Answer:
     def _left_unknown(self) -> dict[str | None, float]:
         """The share of its gap that each joint with an unknown effect keeps."""
         before, after = self.gaps
-        noise = before.noise.sum(axis=1)
+        noise = before.of_sensors
         where = before.significant | after.significant
         first, left = (gap.place(where) / noise for gap in (before, after))
         joints = {self.places[row][0] for row in self._unknown_rows}

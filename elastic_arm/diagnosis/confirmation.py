@@ -138,7 +138,7 @@ def share_without(before: Gap, after: Gap, without: Gap, own: Gap, between: Gap)
     what the cause adds to the residuals; between: the difference of the residuals of both sets. The
     places of the cause are those at which it adds more than the noise, or where it adds most.
     """
-    noise = before.noise.sum(axis=1)
+    noise = before.of_sensors
     size = own.power.sum(axis=1) / noise
     places: NDArray[np.bool_] = size >= min(1.0, float(size.max(initial=0.0)))
     where = (before.significant | without.significant) & places[:, None]

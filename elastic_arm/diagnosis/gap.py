@@ -82,6 +82,13 @@ class Gap:
         """Power over the noise (R, O), Nm²."""
         return np.maximum(self.power - self.noise, 0.0)
 
+    @property
+    def of_sensors(self) -> Array:
+        """The sensors' noise (R,) Nm²; infinite in a row of which nothing is left, as where a joint
+        stands."""
+        noise = self.noise.sum(axis=1)
+        return np.where(noise > 0.0, noise, np.inf)
+
     def error_of_change(self, change: Gap, where: NDArray[np.bool_]) -> Array:
         """Return the standard deviation (R,) of how the power changes in some octaves, Nm².
 

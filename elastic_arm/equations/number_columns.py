@@ -302,9 +302,9 @@ def _of_gain(model: Model, parameter: Number, part: Part, acting: Sequence[Actin
         kd:           tau_m = s [kp (r - q) + g kd rate], d tau_m / d ln g = s g kd rate
 
     The torque is the predicted one: the angle's own noise is in the made torque, too, and gains of
-    zero would explain all of it. At its limit a torque does not change. Laws without a linear size
-    are left out, as they are of the columns of masses: else they would tell the scale that both
-    have.
+    zero would explain all of it. What the controller asks for beyond its limit does not change.
+    Laws without a linear size are left out, as they are of the columns of masses: else they would
+    tell the scale that both have.
     """
     motion, signals = part.stretch.quiet, part.signals
     j = model.robot.joint_names.index(parameter.joint)
@@ -314,14 +314,14 @@ def _of_gain(model: Model, parameter: Number, part: Part, acting: Sequence[Actin
     tau_m = tau_m - sum(
         share[1][:, j] for e, share in zip(acting, part.shares, strict=True) if e.feature.fixed
     )
-    if parameter.what == SCALE:
-        changed = tau_m - fed
-    else:
-        _, kd, _ = controller.gains
-        changed = kd * (controller.follows_rate * dr - motion.dtheta[:, j])
+    kp, kd, _ = controller.gains
+    damped = kd * (controller.follows_rate * dr - motion.dtheta[:, j])
+    changed = tau_m - fed if parameter.what == SCALE else damped
+    error = signals.values["r"][:, j] - motion.theta[:, j]
+    asked = controller.supplied(kp * error) + damped
     stated = controller.torque, model.robot.joints[j].limits.torque
     limits = [one for one in stated if one is not None]
-    return np.where(np.abs(tau_m) < min(limits, default=np.inf), -changed, 0.0)
+    return np.where(np.abs(asked) < min(limits, default=np.inf), -changed, 0.0)
 
 
 def _load_noise(part: Part) -> Array:

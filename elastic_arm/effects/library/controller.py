@@ -38,9 +38,9 @@ def made(
 ) -> Law:
     """Return the law of what the stated controller makes more than the true one.
 
-    It is written in the stated controller and parameters; limited: null where the torque is at its
-    limit; asked: null where the duty is at its limit, as what the firmware commands then does not
-    count.
+    It is written in the stated controller and parameters; limited: null where the controller asks
+    for more than its limit; asked: null where the duty is at its limit, as what the firmware
+    commands then does not count.
     """
 
     def motor(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
@@ -55,7 +55,9 @@ def made(
         more = law(motion, i, joint.controller, p)
         limits = [one for one in (joint.controller.torque, joint.limits.torque) if one is not None]
         if limits and limited:
-            more = ca.if_else(ca.fabs(motion.tau_m[i]) < min(limits), more, 0.0)
+            wanted = _supplied(joint.controller, asked_for(motion, i))
+            wanted += _of_rate(motion, i, joint.controller)
+            more = ca.if_else(ca.fabs(wanted) < min(limits), more, 0.0)
         stall = joint.controller.stall
         if stall is not None and asked:
             more = ca.if_else(ca.fabs(asked_for(motion, i)) < stall, more, 0.0)
