@@ -120,14 +120,17 @@ class Grams:
             self._columns[term.ident] = self.bands.side_by_side(term.parts)
         return self._columns[term.ident]
 
+    @staticmethod
+    def lacks(term: Term, lacking: Sequence[ShareTerm]) -> bool:
+        """Whether some shares are parts of a term's columns."""
+        return isinstance(term, NumberTerm) and bool(term.shared(lacking))
+
     def less(self, term: Term, lacking: Sequence[ShareTerm]) -> Term:
         """Return a term without some shares of its columns: the same, where it moves none of their
         numbers."""
-        if not isinstance(term, NumberTerm):
+        if not isinstance(term, NumberTerm) or not self.lacks(term, lacking):
             return term
         own = term.shared(lacking)
-        if not own:
-            return term
         key = (term.ident, *(share.ident for share in own))
         if key not in self._less:
             self._less[key] = term.without(own)

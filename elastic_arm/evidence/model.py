@@ -3,13 +3,14 @@ would gain."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 from scipy.special import logsumexp
 
 from elastic_arm.arrays import Array
@@ -26,6 +27,7 @@ from elastic_arm.evidence.priors import (
     ZEROS,
     Assumed,
 )
+from elastic_arm.evidence.side_by_side import SideBySide, Tail, tail
 from elastic_arm.evidence.terms.change import ChangeTerm
 from elastic_arm.evidence.terms.law import LawTerm
 from elastic_arm.evidence.terms.number import NumberTerm
@@ -214,47 +216,83 @@ class Fit:
         return rows @ self.found.S @ rows.T
 
 
-class Screen:
-    """Products of many terms with the residual and the numbers, for what each would gain."""
+class Beside(NamedTuple):
+    """What columns of terms have in common with a fit."""
 
-    def __init__(self, grams: Grams, terms: Sequence[Term]) -> None:
-        self.grams, self.terms = grams, list(terms)
-        bands = grams.bands
+    C: Array  # (c, p) products with its columns, at its noise
+    left: Array  # (c, B) products with what it leaves
+    needed: NDArray[np.intp]  # the stored columns of which they are made
+    # of each group of these, products (c', B', p') with the fit's columns in several pieces
+    pieces: list[list[Array]]
+
+
+class Screen:
+    """Products of many terms with the residual and the numbers, for what each would gain.
+
+    terms: one after the other, as all rows of all of them are large.
+    """
+
+    def __init__(self, grams: Grams, terms: Iterable[Term]) -> None:
+        self.grams = grams
+        self.terms: list[Term] = []  # without their rows
+        raw: list[int] = []  # in which of the tails the shapes of each term are
+        mixed: list[Array | None] = []
+
+        def tails() -> Iterator[Tail]:
+            before, count = None, 0
+            for t in terms:
+                shapes, combinations = t.made_of
+                if shapes is not before:
+                    before = shapes
+                    count += 1
+                    yield tail(grams.bands, shapes)
+                raw.append(count - 1)
+                mixed.append(combinations)
+                self.terms.append(t.without_rows())
+
+        self.columns = SideBySide(grams.bands, tails())
+        self._raw = [self.columns.slices[k] for k in raw]
+        self._mixed = mixed
         self.sizes = np.array([t.count + (t.offset is not None) for t in self.terms], dtype=int)
         self.at = np.concatenate([[0], np.cumsum(self.sizes)])
-        self.X = bands.side_by_side(
-            [part for t in self.terms for part in t.parts] or [grams.base[:, :0]]
-        )
-        # The same memory holds the terms' columns: rows of one linearisation are in the order of
-        # its bands.
-        self.terms = [
-            replace(
-                t,
-                columns=self.X[:, j - t.count : j],
-                offset=None if t.offset is None else self.X[:, i],
-            )
-            for t, i, j in zip(self.terms, self.at[:-1], self.at[1:], strict=True)
-        ]
-        self.with_base = self._products(grams.base)
-        own = [
-            bands.products(self.X[:, i:j], self.X[:, i:j])
-            for i, j in zip(self.at[:-1], self.at[1:], strict=True)
-        ]
+        self._mix = self._combinations()
+        self.with_base = self.columns.products(grams.base)
         # Terms of as many columns side by side.
+        own = [self._own(t) for t in range(len(self.terms))]
         self.place = np.zeros(len(self.terms), dtype=int)
         self.own: dict[int, Array] = {}
         for k in np.unique(self.sizes):
             alike = np.flatnonzero(self.sizes == k)
             self.place[alike] = np.arange(len(alike))
             self.own[int(k)] = np.stack([own[t] for t in alike])
-        self.squares = np.zeros((len(bands.n), 0))
+        self.squares = np.zeros((len(grams.bands.n), 0))
         if own:
             self.squares = np.concatenate([np.einsum("bii->bi", one) for one in own], axis=1)
         self.chosen: dict[int, float] = {}
         self._proposed: dict[int, Term] = {}
-        self._with: dict[object, Array] = {}
+        self._with: dict[object, list[Array]] = {}
         self._screens: dict[object, Screen] = {}
         self._whole: tuple[Fit, Array, Array] | None = None  # of the last fit
+
+    def _combinations(self) -> csr_array:
+        """Return of what combinations (c, raw) of the stored columns those of the terms are."""
+        rows, columns, values = [np.zeros(0, dtype=int)], [np.zeros(0, dtype=int)], [np.zeros(0)]
+        for raw, mixed, at in zip(self._raw, self._mixed, self.at, strict=False):
+            own = np.eye(raw.stop - raw.start) if mixed is None else mixed
+            of, to = np.indices(own.shape)
+            rows.append(at + to.ravel())
+            columns.append(raw.start + of.ravel())
+            values.append(own.ravel())
+        places = np.concatenate(rows), np.concatenate(columns)
+        shape = int(self.at[-1]), self.columns.count
+        found = csr_array((np.concatenate(values), places), shape=shape)
+        found.eliminate_zeros()
+        return found
+
+    def _own(self, t: int) -> Array:
+        """Return the products (B, k, k) of the columns of a term with one another."""
+        found, mixed = self.columns.squares(self._raw[t]), self._mixed[t]
+        return found if mixed is None else mixed.T @ found @ mixed
 
     def _apart(self, terms: tuple[Term, ...]) -> Screen:
         """Return the screen of terms without some shares of their columns."""
@@ -262,62 +300,69 @@ class Screen:
             self._screens, tuple(t.ident for t in terms), lambda: Screen(self.grams, terms), SCREENS
         )
 
-    def _products(self, columns: Array) -> Array:
-        """Return the products (c, B, m) of the terms' columns with some columns (rows, m).
-
-        What belongs to one column of the terms stands in memory as a whole: most gains are looked
-        for of some terms alone.
-        """
-        found = self.grams.bands.products(columns, self.X)
-        return np.ascontiguousarray(found.transpose(2, 0, 1))
-
-    def _with_term(self, term: Term) -> Array:
+    def _with_term(self, term: Term) -> list[Array]:
         return kept(
             self._with,
             term.ident,
-            lambda: self._products(self.grams.columns(term)),
+            lambda: self.columns.products(self.grams.columns(term)),
             PRODUCTS,
         )
 
-    def _columns(self, among: NDArray[np.intp]) -> NDArray[np.intp] | slice:
-        if len(among) == len(self.terms):
-            return slice(None)
-        return np.concatenate([np.arange(self.at[t], self.at[t + 1]) for t in among])
-
-    def _beside(self, fit: Fit, columns: NDArray[np.intp] | slice) -> tuple[list[Array], Array]:
-        """Return the products (c, B, p') of terms' columns with those of a fit, in several pieces,
-        and with what the fit leaves (c, B)."""
-        base = self.with_base[columns]
-        numbers = base[:, :, 1:]
-        left = base[:, :, 0]
+    def _beside(self, fit: Fit, among: NDArray[np.intp] | None = None) -> Beside:
+        """Return what the columns of terms have in common with a fit; among: of which; None for
+        all."""
+        mix, needed = self._mix, np.arange(self.columns.count)
+        if among is not None and len(among) < len(self.terms):
+            mix = mix[np.concatenate([np.arange(self.at[t], self.at[t + 1]) for t in among])]
+            needed = np.unique(mix.indices)
+            mix = mix[:, needed]
         lacking = fit.model.lacking(fit.terms)
-        for share in lacking:
-            numbers = numbers - self._with_term(share)[columns] @ self.grams.basis[share.moved]
-        pieces = [numbers]
-        for t in (self.grams.less(t, lacking) for t in fit.terms):
-            first = int(t.offset is not None)
-            with_term = self._with_term(t)[columns]
-            pieces.append(with_term[:, :, first:])
-            if first:
-                left = left - with_term[:, :, 0]
-        at = 0
-        for one in pieces:
-            left = left - one @ fit.found.x[at : at + one.shape[2]]
-            at += one.shape[2]
-        return pieces, left
+        terms = [self.grams.less(t, lacking) for t in fit.terms]
+        w, pieces, left = 1.0 / fit.found.v, list[list[Array]](), list[Array]()
+        for g, some in enumerate(self.columns.among(needed)):
+            base = self.with_base[g][some]
+            numbers, rest = base[:, :, 1:], base[:, :, 0]
+            for share in lacking:
+                numbers = numbers - self._with_term(share)[g][some] @ self.grams.basis[share.moved]
+            pieces.append([numbers])
+            for t in terms:
+                first = int(t.offset is not None)
+                with_term = self._with_term(t)[g][some]
+                pieces[g].append(with_term[:, :, first:])
+                if first:
+                    rest = rest - with_term[:, :, 0]
+            at = 0
+            for one in pieces[g]:
+                rest = rest - one @ fit.found.x[at : at + one.shape[2]]
+                at += one.shape[2]
+            left.append(np.pad(rest, ((0, 0), (self.columns.firsts[g], 0))))
+        C = [
+            np.hstack([w[first:] @ one for one in own])
+            for first, own in zip(self.columns.firsts, pieces, strict=True)
+        ]
+        return Beside(mix @ np.concatenate(C), mix @ np.concatenate(left), needed, pieces)
+
+    def _moving_with(self, beside: Beside, t: int, beta: Array) -> Array:
+        """Return the products (B, p) of what a term adds with the columns of a fit."""
+        raw, mixed = self._raw[t], self._mixed[t]
+        g = self.columns.group_of(raw)
+        first = self.columns.firsts[g]
+        begin, start = np.searchsorted(beside.needed, [raw.start, self.columns.starts[g]])
+        own = slice(int(begin - start), int(begin - start) + raw.stop - raw.start)
+        weights = beta if mixed is None else mixed @ beta
+        found = [np.tensordot(weights, one[own], 1) for one in beside.pieces[g]]
+        return np.pad(np.concatenate(found, axis=1), ((first, 0), (0, 0)))
 
     def beside(self, fit: Fit) -> tuple[Array, Array]:
-        """Return the products (c, c) of the columns of all terms and of these with the residual
+        """Return the products (c, c) of the columns of its only term and of these with the residual
         (c,) beside a fit.
 
         What the fit's coefficients can take is taken off (a Schur complement), at the noise of the
         fit.
         """
-        w = 1.0 / fit.found.v
-        pieces, left = self._beside(fit, slice(None))
-        C = np.hstack([w @ one for one in pieces])
-        own = np.tensordot(w, self.grams.bands.products(self.X, self.X), 1)
-        return own - C @ fit.found.S @ C.T, left @ w
+        (own,) = self.own.values()
+        w, found = 1.0 / fit.found.v, self._beside(fit)
+        return np.tensordot(w, own[0], 1) - found.C @ fit.found.S @ found.C.T, found.left @ w
 
     def related(self, fit: Fit, term: Term) -> set[int]:
         """Return the terms that could stand for a term of a fit, by the correlation of their
@@ -325,9 +370,7 @@ class Screen:
         if not self.terms:
             return set()
         if self._whole is None or self._whole[0] is not fit:
-            w = 1.0 / fit.found.v
-            pieces, _ = self._beside(fit, slice(None))
-            C = np.hstack([w @ one for one in pieces])
+            w, C = 1.0 / fit.found.v, self._beside(fit).C
             CS = C @ fit.found.S
             left = w @ self.squares - np.einsum("ij,ij->i", C, CS)
             self._whole = fit, CS, np.maximum(left, 0.0)
@@ -349,9 +392,9 @@ class Screen:
         lacking = fit.model.lacking(fit.terms)
         which = range(len(self.terms)) if among is None else sorted(among)
         apart = {
-            t: one
+            t: self.grams.less(self._whole_term(t), lacking)
             for t in which
-            if (one := self.grams.less(self.terms[t], lacking)) is not self.terms[t]
+            if self.grams.lacks(self.terms[t], lacking)
         }
         if apart:
             screen = self._apart(tuple(apart.values()))
@@ -361,8 +404,8 @@ class Screen:
         if not len(some):
             return gains
         w, S = 1.0 / fit.found.v, fit.found.S
-        pieces, left = self._beside(fit, self._columns(some))
-        C = np.hstack([w @ one for one in pieces])
+        beside = self._beside(fit, some)
+        C, left = beside.C, beside.left
         b = left @ w
         CS = C @ S
         at = np.concatenate([[0], np.cumsum(self.sizes[some])])
@@ -397,13 +440,7 @@ class Screen:
         H, own_left = kept(fit.model.spreads, fit.terms, fit.spread, 1)
         changes = [(slice(at[t], at[t + 1]), mean[int(t)]) for t in short]
         back = -np.stack([beta @ CS[own] for own, beta in changes], axis=1)
-        X = np.concatenate(
-            [
-                np.stack([np.tensordot(beta, one[own], 1) for own, beta in changes], axis=2)
-                for one in pieces
-            ],
-            axis=1,
-        )
+        X = np.stack([self._moving_with(beside, int(some[t]), mean[int(t)]) for t in short], axis=2)
         moved = (
             less[:, short]
             + 2.0 * (own_left @ back)
@@ -427,12 +464,19 @@ class Screen:
     def term(self, t: int) -> Term:
         """Return a term as :meth:`gains` found it best, with columns of its own: a set that holds
         it outlives these."""
-        if t not in self._proposed:
-            term = self.terms[t]
-            offset = None if term.offset is None else term.offset.copy()
-            self._proposed[t] = replace(term, columns=term.columns.copy(order="K"), offset=offset)
-        term = self._proposed[t]
+        term = self._whole_term(t)
         return term.at_size(self.chosen[t]) if t in self.chosen else term
+
+    def _whole_term(self, t: int) -> Term:
+        """Return a term with its rows."""
+        if t not in self._proposed:
+            term, mixed = self.terms[t], self._mixed[t]
+            own = self.columns.whole(self._raw[t])
+            own = own if mixed is None else (mixed.T @ own.T).T
+            first = int(term.offset is not None)
+            offset = own[:, 0] if first else None
+            self._proposed[t] = replace(term, columns=own[:, first:], offset=offset)
+        return self._proposed[t]
 
 
 @dataclass(eq=False)

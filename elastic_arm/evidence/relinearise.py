@@ -1,6 +1,6 @@
 """Select a set of terms and linearise about it, alternately, until neither changes."""
 
-from collections.abc import Callable, Mapping, Sequence, Set
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -40,7 +40,7 @@ from elastic_arm.evidence.terms.known import coefficients_of, known_terms, theta
 from elastic_arm.evidence.terms.law import law_terms
 from elastic_arm.evidence.terms.number import number_terms
 from elastic_arm.evidence.terms.share import shares_of
-from elastic_arm.evidence.terms.term import Term
+from elastic_arm.evidence.terms.term import Term, odds_among
 from elastic_arm.evidence.watch import Watch
 
 STEPS = 8  # of Gauss and Newton beside a set; numerical
@@ -281,8 +281,7 @@ def _usual_terms(linear: Linearisation) -> list[Term]:
     """Return what every real drive has and the description does not state."""
     problem = linear.problem
     features = [feature for feature in problem.candidates if feature.key in problem.usual]
-    terms = effect_terms(linear, linear.placed(features))
-    return _chosen_among(terms, problem.usual)
+    return list(effect_terms(linear, linear.placed(features), problem.usual))
 
 
 def _stated(problem: Problem) -> tuple[ActingEffect, ...]:
@@ -375,7 +374,7 @@ def _screens(
             kept(
                 shared.laws,
                 linear,
-                lambda: Screen(model.grams, _chosen_among(law_terms(linear))),
+                lambda: Screen(model.grams, law_terms(linear)),
                 1,
             )
         )
@@ -434,28 +433,17 @@ def _words(assumed: Assumed) -> str:
     return f"{assumed.trust}, zeros x {assumed.zeros:g}"
 
 
-def pool_of(linear: Linearisation) -> list[Term]:
-    """Return the effects, numbers and stated effects that may be there."""
+def pool_of(linear: Linearisation) -> Iterator[Term]:
+    """Yield the effects, numbers and stated effects that may be there."""
     problem = linear.problem
-    kinds = (
-        effect_terms(linear, linear.placed(problem.candidates)),
+    yield from effect_terms(linear, linear.placed(problem.candidates), problem.usual)
+    others: tuple[Sequence[Term], ...] = (
         number_terms(problem.numbers, linear.numbers, problem.far),
         known_terms(linear)[1],
     )
-    return [t for terms in kinds for t in _chosen_among(terms, problem.usual)]
-
-
-def _chosen_among(terms: Sequence[Term], usual: Set[Key] = frozenset()) -> list[Term]:
-    """Return terms of which each effect is as likely, and each of its places; what is usual is at
-    each of them."""
-    places: dict[str, set[Key]] = {}
-    for t in terms:
-        places.setdefault(t.key[0], set()).add(t.key)
-    found = []
-    for t in terms:
-        odds = float(np.log(len(places)) + np.log(len(places[t.key[0]])))
-        found.append(t.with_odds(0.0 if t.key in usual else odds))
-    return found
+    for terms in others:
+        odds = odds_among((t.key for t in terms), problem.usual)
+        yield from (t.with_odds(odds[t.key]) for t in terms)
 
 
 def _acting(fit: Fit) -> tuple[ActingEffect, ...]:

@@ -1,17 +1,19 @@
 """Laws without a form: smooth functions of speed, angle, load or time at one place."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import groupby
 from typing import Any, Self
 
 import numpy as np
 
 from elastic_arm.arrays import Array
-from elastic_arm.codegen.parallel import share_out
+from elastic_arm.codegen.parallel import ahead
 from elastic_arm.equations.formless import GeneralLaw, general_laws
+from elastic_arm.evidence.keys import Key
 from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.priors import FORMLESS, ODDS, SIZES
-from elastic_arm.evidence.terms.term import Coefficients, Term
+from elastic_arm.evidence.terms.term import Coefficients, Term, odds_among
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,6 +21,8 @@ class LawTerm(Term):
     """A law without a form; its size is one of :data:`.priors.SIZES`, averaged over."""
 
     law: Any = None  # GeneralLaw
+    # (rows, m) whitened shapes of which its columns are combinations, where it has none yet
+    shapes: Array | None = None
 
     kind = "law"
     says_cause = False
@@ -26,6 +30,16 @@ class LawTerm(Term):
     def doubt(self, is_usual: bool) -> float:
         """Return -ln of its prior odds: the catalogue has what arms mostly have."""
         return -float(np.log(ODDS * FORMLESS))
+
+    @property
+    def made_of(self) -> tuple[Array, Array | None]:
+        """Columns (rows, m) of which its parts, side by side, are combinations (m, k); None where
+        they are these."""
+        return super().made_of if self.shapes is None else (self.shapes, self.law.mixed)
+
+    def without_rows(self) -> Self:
+        """Return it without the memory of its columns, for what else there is of it."""
+        return replace(super().without_rows(), shapes=None)
 
     def at_size(self, size: float) -> Self:
         """Return it at one of the sizes that it may have, Nm."""
@@ -45,8 +59,9 @@ class LawTerm(Term):
         return found
 
 
-def law_terms(linear: Linearisation) -> list[LawTerm]:
-    """Return the laws without a form, their size open."""
+def law_terms(linear: Linearisation) -> Iterator[LawTerm]:
+    """Yield the laws without a form, their size open, one after the other: together they are
+    large."""
     data = linear.data
     joints = linear.problem.robot.joints
     laws = [
@@ -54,10 +69,27 @@ def law_terms(linear: Linearisation) -> list[LawTerm]:
         for j, joint in enumerate(joints)
         for law in general_laws((data,), j, joint.transmission)
     ]
+    odds = odds_among(law_key(law) for law in laws)
+    alike = [list(own) for _, own in groupby(laws, key=lambda law: id(law.shapes))]
 
-    def made(law: GeneralLaw) -> LawTerm:
-        X = data.whiten(law.plain(data))
-        key = "law", str(law.joint), (law.side, law.argument, law.smoothness)
-        return LawTerm(key, X, np.ones(X.shape[1]), law=law)
+    def made(own: list[GeneralLaw]) -> list[LawTerm]:
+        shapes = data.whiten(own[0].plain_shapes(data))
+        return [
+            LawTerm(
+                law_key(law),
+                np.empty((0, law.mixed.shape[1])),
+                np.ones(law.mixed.shape[1]),
+                odds=odds[law_key(law)],
+                law=law,
+                shapes=shapes,
+            )
+            for law in own
+        ]
 
-    return share_out(made, laws)
+    for terms in ahead(made, alike):
+        yield from terms
+
+
+def law_key(law: GeneralLaw) -> Key:
+    """Return the key of a law without a form."""
+    return "law", str(law.joint), (law.side, law.argument, law.smoothness)
