@@ -49,6 +49,12 @@ class Node:
     found: Any = None  # what the last search from it found
     is_expanded: bool = False  # whether there was one
 
+    def let_go(self) -> None:
+        """Let go of the data of its linearisation: where they are needed, they are made anew."""
+        self.linear = self.linear.anew()
+        self.fit = self.fit.without_data()
+        self.found = None
+
 
 Path = Sequence[Scored]
 
@@ -69,7 +75,7 @@ class Frontier:
     depths: int
     is_over: Callable[[], bool] = Watch().is_over
     scores: dict[Hashable, float] = field(default_factory=dict)
-    # The likeliest sets behind the best one; few, as each holds its linearisation.
+    # The likeliest sets behind the best one; few, as each costs a search.
     runners_up: list[Node] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -85,6 +91,8 @@ class Frontier:
             node.is_expanded = True
             if not self.follow(path, node):
                 node.depth += 1
+            if node is not self.best:
+                node.let_go()
         return self.best
 
     def _next(self) -> Node | None:
@@ -127,5 +135,7 @@ class Frontier:
         other = node
         if node.fit.score > self.best.fit.score + WORTH:
             self.best, other = node, self.best
+        if other.linear is not self.best.linear:
+            other.let_go()
         ranked = sorted([*self.runners_up, other], key=lambda one: -one.fit.score)
         self.runners_up = ranked[:RUNNERS_UP]

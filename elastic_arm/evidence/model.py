@@ -27,7 +27,8 @@ from elastic_arm.evidence.priors import (
     ZEROS,
     Assumed,
 )
-from elastic_arm.evidence.side_by_side import SideBySide, Tail, tail
+from elastic_arm.evidence.side_by_side import SideBySide, tail_of
+from elastic_arm.evidence.tails import Tail
 from elastic_arm.evidence.terms.change import ChangeTerm
 from elastic_arm.evidence.terms.law import LawTerm
 from elastic_arm.evidence.terms.number import NumberTerm
@@ -86,6 +87,10 @@ class Fit:
     def compared_in(self, frame: Frame) -> Fit:
         """Return the fit with a score that compares with that of the fit of a frame."""
         return replace(self, correction=frame.level + frame.share * self.model.density)
+
+    def without_data(self) -> Fit:
+        """Return it without the data: what its score and its coefficients say stays."""
+        return replace(self, model=self.model.without_data())
 
     @cached_property
     def slices(self) -> dict[Ident, slice]:
@@ -245,7 +250,7 @@ class Screen:
                 if shapes is not before:
                     before = shapes
                     count += 1
-                    yield tail(grams.bands, shapes)
+                    yield tail_of(grams.bands, shapes)
                 raw.append(count - 1)
                 mixed.append(combinations)
                 self.terms.append(t.without_rows())
@@ -347,7 +352,7 @@ class Screen:
         raw, mixed = self._raw[t], self._mixed[t]
         g = self.columns.group_of(raw)
         first = self.columns.firsts[g]
-        begin, start = np.searchsorted(beside.needed, [raw.start, self.columns.starts[g]])
+        begin, start = np.searchsorted(beside.needed, [raw.start, self.columns.begins[g]])
         own = slice(int(begin - start), int(begin - start) + raw.stop - raw.start)
         weights = beta if mixed is None else mixed @ beta
         found = [np.tensordot(weights, one[own], 1) for one in beside.pieces[g]]
@@ -470,12 +475,8 @@ class Screen:
     def _whole_term(self, t: int) -> Term:
         """Return a term with its rows."""
         if t not in self._proposed:
-            term, mixed = self.terms[t], self._mixed[t]
-            own = self.columns.whole(self._raw[t])
-            own = own if mixed is None else (mixed.T @ own.T).T
-            first = int(term.offset is not None)
-            offset = own[:, 0] if first else None
-            self._proposed[t] = replace(term, columns=own[:, first:], offset=offset)
+            shapes = self.columns.some(self._raw[t]).copy()
+            self._proposed[t] = self.terms[t].with_rows(shapes)
         return self._proposed[t]
 
 
@@ -533,6 +534,12 @@ class LinearModel:
         return np.hstack([np.zeros((len(self.mean), 0)), *found]), np.concatenate(
             [np.zeros(0, dtype=int), *kinds]
         )
+
+    def without_data(self) -> LinearModel:
+        """Return it without residual and columns, for what is known of its fits."""
+        found = replace(self, y=self.y[:0].copy(), N=self.N[:0].copy(), parts={}, beside={})
+        found.basis = self.basis
+        return found
 
     def factors(self, kinds: NDArray[np.intp]) -> Array:
         """Return the factors on the standard deviations of numbers of some kinds."""

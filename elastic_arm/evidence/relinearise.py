@@ -13,7 +13,7 @@ from elastic_arm.arrays import Array
 from elastic_arm.effects.effect import ControllerEffect, SensorEffect
 from elastic_arm.estimation.known_torques import ActingEffect
 from elastic_arm.evidence.frontier import Frontier, Node
-from elastic_arm.evidence.grams import Bands, kept
+from elastic_arm.evidence.grams import Bands
 from elastic_arm.evidence.keys import Key
 from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.model import KINDS, Fit, Frame, LinearModel, Screen
@@ -92,10 +92,6 @@ class Shared:
     """What searches at several linearisations share."""
 
     thetas: Thetas = field(default_factory=dict)  # where nonlinear numbers were most probable
-    # What may be added, of the last linearisations, and laws without a form, of the last: they take
-    # most of the memory.
-    screens: dict[Linearisation, Screen] = field(default_factory=dict)
-    laws: dict[Linearisation, Screen] = field(default_factory=dict)
     watch: Watch = field(default_factory=Watch)
 
 
@@ -109,7 +105,8 @@ def explain(problem: Problem, *, refit: bool, watch: Watch | None = None) -> Exp
     watch.say("fit of ordinary deviations")
     shared = Shared(watch=watch)
     starts = _begun(problem, refit, shared)
-    shared.screens.clear()
+    for one in starts:
+        _drop_screens(one.linear)
     log = [line for one in starts for line in one.log]
     of_one = starts[0].best.frame
     starts.sort(key=lambda found: -found.best.compared_in(of_one).score)
@@ -137,6 +134,8 @@ def explain(problem: Problem, *, refit: bool, watch: Watch | None = None) -> Exp
         )
         log.extend(found.log)
         node.found = found
+        if moves == ALL or node is not frontier.best:
+            _drop_screens(node.linear)  # nothing more is looked for from there
         return found.path
 
     start = Node(first.path[0], first.linear, found=first)
@@ -364,21 +363,19 @@ def linear_model(linear: Linearisation, assumed: Assumed) -> LinearModel:
     return linear.cache["model"].assuming(assumed)
 
 
-def _screens(
-    linear: Linearisation, model: LinearModel, shared: Shared, *, laws: bool
-) -> list[Screen]:
-    """Return what may be added, laws without a form apart."""
-    found = [kept(shared.screens, linear, lambda: Screen(model.grams, pool_of(linear)), 2)]
-    if laws:
-        found.append(
-            kept(
-                shared.laws,
-                linear,
-                lambda: Screen(model.grams, law_terms(linear)),
-                1,
-            )
-        )
-    return found
+def _screens(linear: Linearisation, model: LinearModel, *, laws: bool) -> list[Screen]:
+    """Return what may be added, laws without a form apart; made once."""
+    if "pool" not in linear.cache:
+        linear.cache["pool"] = Screen(model.grams, pool_of(linear))
+    if laws and "laws" not in linear.cache:
+        linear.cache["laws"] = Screen(model.grams, law_terms(linear))
+    return [linear.cache[name] for name in ("pool", *["laws"] * laws)]
+
+
+def _drop_screens(linear: Linearisation) -> None:
+    """Let go of what may be added, which takes most of the memory."""
+    for name in ("pool", "laws"):
+        linear.cache.pop(name, None)
 
 
 def _explained(
@@ -400,7 +397,7 @@ def _explained(
     assumptions = _assumptions(linear.problem, refit)
     model = linear_model(linear, assumed)
     log: list[str] = []
-    screens = _screens(linear, model, shared, laws=moves == ALL)
+    screens = _screens(linear, model, laws=moves == ALL)
     terms = start
     # What is most probably assumed beside the set, and the set beside it, until both stay.
     tried: dict[Assumed, Search] = {}

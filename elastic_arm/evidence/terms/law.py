@@ -6,6 +6,7 @@ from itertools import groupby
 from typing import Any, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elastic_arm.arrays import Array
 from elastic_arm.codegen.parallel import ahead
@@ -13,6 +14,7 @@ from elastic_arm.equations.formless import GeneralLaw, general_laws
 from elastic_arm.evidence.keys import Key
 from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.priors import FORMLESS, ODDS, SIZES
+from elastic_arm.evidence.tails import Tail
 from elastic_arm.evidence.terms.term import Coefficients, Term, odds_among
 
 
@@ -21,8 +23,9 @@ class LawTerm(Term):
     """A law without a form; its size is one of :data:`.priors.SIZES`, averaged over."""
 
     law: Any = None  # GeneralLaw
-    # (rows, m) whitened shapes of which its columns are combinations, where it has none yet
-    shapes: Array | None = None
+    # Whitened shapes (rows, m) of which its columns are combinations: these are made when they are
+    # needed. None where it has columns.
+    shapes: Tail | None = None
 
     kind = "law"
     says_cause = False
@@ -32,14 +35,29 @@ class LawTerm(Term):
         return -float(np.log(ODDS * FORMLESS))
 
     @property
+    def parts(self) -> list[Array]:
+        """Its columns, (rows, k)."""
+        if self.shapes is None:
+            return [self.columns]
+        return [(self.law.mixed.T @ self.shapes.whole.T).T]
+
+    @property
     def made_of(self) -> tuple[Array, Array | None]:
-        """Columns (rows, m) of which its parts, side by side, are combinations (m, k); None where
-        they are these."""
-        return super().made_of if self.shapes is None else (self.shapes, self.law.mixed)
+        """Shapes (rows, m) of which its columns are combinations (m, k); None where they are
+        these."""
+        return super().made_of if self.shapes is None else (self.shapes.whole, self.law.mixed)
 
     def without_rows(self) -> Self:
-        """Return it without the memory of its columns, for what else there is of it."""
+        """Return it without the memory of its shapes."""
         return replace(super().without_rows(), shapes=None)
+
+    def with_rows(self, made_of: Tail) -> Self:
+        """Return it with its shapes."""
+        return super().with_rows(made_of) if self.law is None else replace(self, shapes=made_of)
+
+    def among(self, rows: NDArray[np.bool_]) -> Self:
+        """Return it at some of the rows (rows,)."""
+        return replace(self, columns=self.parts[0][rows], shapes=None)
 
     def at_size(self, size: float) -> Self:
         """Return it at one of the sizes that it may have, Nm."""
@@ -51,7 +69,8 @@ class LawTerm(Term):
         self, linear: Linearisation, fit: Coefficients, others: Sequence[Term]
     ) -> Sequence[Term]:
         """Return it at another linearisation."""
-        return [replace(self, columns=linear.data.whiten(self.law.plain(linear.data)))]
+        columns = linear.data.whiten(self.law.plain(linear.data))
+        return [replace(self, columns=columns, shapes=None)]
 
     def plain(self, linear: Linearisation, fit: Coefficients, along: Array) -> list[Array]:
         """Return its columns (N', R, k) of each stretch, Nm."""
@@ -73,7 +92,7 @@ def law_terms(linear: Linearisation) -> Iterator[LawTerm]:
     alike = [list(own) for _, own in groupby(laws, key=lambda law: id(law.shapes))]
 
     def made(own: list[GeneralLaw]) -> list[LawTerm]:
-        shapes = data.whiten(own[0].plain_shapes(data))
+        shapes = Tail(0, data.whiten(own[0].plain_shapes(data)))
         return [
             LawTerm(
                 law_key(law),

@@ -13,6 +13,7 @@ from elastic_arm.arrays import Array
 from elastic_arm.evidence.keys import Ident, Key
 from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.priors import ODDS, SCALES
+from elastic_arm.evidence.tails import Tail
 
 
 class Coefficients(Protocol):
@@ -97,6 +98,12 @@ class Term:
         """Return it without the memory of its columns, for what else there is of it."""
         offset = None if self.offset is None else np.empty(0)
         return replace(self, columns=np.empty((0, self.count)), offset=offset)
+
+    def with_rows(self, made_of: Tail) -> Self:
+        """Return it with what it is made of (:attr:`made_of`)."""
+        if self.offset is None:
+            return replace(self, columns=made_of.whole)
+        return replace(self, offset=made_of.whole[:, 0], columns=made_of.whole[:, 1:])
 
     @property
     def count(self) -> int:
