@@ -87,12 +87,12 @@ class Frontier:
             node = self._next()
             if node is None:
                 break
-            path = self.expand(node, self.scores)
+            # A path holds the data of its linearisation: none outlives its use.
+            is_better = self.follow(self.expand(node, self.scores), node)
             node.is_expanded = True
-            if not self.follow(path, node):
+            if not is_better:
                 node.depth += 1
-            if node is not self.best:
-                node.let_go()
+            self._let_go(node)
         return self.best
 
     def _next(self) -> Node | None:
@@ -104,6 +104,11 @@ class Frontier:
             if node.fit.score > least and not node.is_expanded:
                 return node
         return None
+
+    def _let_go(self, node: Node) -> None:
+        """Let go of the data of a set that is not the best one: memory."""
+        if node.linear is not self.best.linear:
+            node.let_go()
 
     def follow(self, path: Path, start: Node | None = None) -> bool:
         """Return whether a set on a path is better than the best at its own linearisation; it is
@@ -135,7 +140,6 @@ class Frontier:
         other = node
         if node.fit.score > self.best.fit.score + WORTH:
             self.best, other = node, self.best
-        if other.linear is not self.best.linear:
-            other.let_go()
+        self._let_go(other)
         ranked = sorted([*self.runners_up, other], key=lambda one: -one.fit.score)
         self.runners_up = ranked[:RUNNERS_UP]

@@ -277,7 +277,7 @@ class Screen:
         self._proposed: dict[int, Term] = {}
         self._with: dict[object, list[Array]] = {}
         self._screens: dict[object, Screen] = {}
-        self._whole: tuple[Fit, Array, Array] | None = None  # of the last fit
+        self._whole: tuple[Posterior, Array, Array] | None = None  # of the last fit
 
     def _combinations(self) -> csr_array:
         """Return of what combinations (c, raw) of the stored columns those of the terms are."""
@@ -374,11 +374,11 @@ class Screen:
         coefficients."""
         if not self.terms:
             return set()
-        if self._whole is None or self._whole[0] is not fit:
+        if self._whole is None or self._whole[0] is not fit.found:
             w, C = 1.0 / fit.found.v, self._beside(fit).C
             CS = C @ fit.found.S
             left = w @ self.squares - np.einsum("ij,ij->i", C, CS)
-            self._whole = fit, CS, np.maximum(left, 0.0)
+            self._whole = fit.found, CS, np.maximum(left, 0.0)
         _, CS, G = self._whole
         own = fit.slices[term.ident]
         shared = CS[:, own].T ** 2
@@ -442,7 +442,8 @@ class Screen:
             np.concatenate([np.argsort(-first)[:LOOKED_AT], np.argsort(-rough)[:LOOKED_AT]])
         )
         # What is there already moves with it.
-        H, own_left = kept(fit.model.spreads, fit.terms, fit.spread, 1)
+        of_fit = fit.model.assumed, fit.terms
+        H, own_left = kept(fit.model.spreads, of_fit, fit.spread, 1)
         changes = [(slice(at[t], at[t + 1]), mean[int(t)]) for t in short]
         back = -np.stack([beta @ CS[own] for own, beta in changes], axis=1)
         X = np.stack([self._moving_with(beside, int(some[t]), mean[int(t)]) for t in short], axis=2)
@@ -508,11 +509,12 @@ class LinearModel:
     usual: frozenset[Key] = frozenset()
     # the same data without the judging rows
     parts: dict[str, LinearModel] = field(default_factory=dict)
-    # the same data under other assumptions
-    beside: dict[Assumed, LinearModel] = field(default_factory=dict, repr=False)
-    # of the last fit
-    spreads: dict[object, tuple[Array, Array]] = field(default_factory=dict, init=False)
-    _fits: dict[object, Fit] = field(default_factory=dict, init=False)
+    # Of the last fit, and of the last ones; the same under all assumptions. No fit is kept: it
+    # holds the data, which would go only with the next collection of what holds itself.
+    spreads: dict[object, tuple[Array, Array]] = field(default_factory=dict, repr=False)
+    known: dict[object, tuple[tuple[Term, ...], Posterior]] = field(
+        default_factory=dict, repr=False
+    )
 
     @cached_property
     def basis(self) -> tuple[Array, NDArray[np.intp]]:
@@ -537,7 +539,8 @@ class LinearModel:
 
     def without_data(self) -> LinearModel:
         """Return it without residual and columns, for what is known of its fits."""
-        found = replace(self, y=self.y[:0].copy(), N=self.N[:0].copy(), parts={}, beside={})
+        y, N = self.y[:0].copy(), self.N[:0].copy()
+        found = replace(self, y=y, N=N, parts={}, spreads={}, known={})
         found.basis = self.basis
         return found
 
@@ -605,7 +608,8 @@ class LinearModel:
                 shares=shares,
                 fitted_rows=None,
                 parts={},
-                beside={},
+                spreads={},
+                known={},
             )
         part = self.parts["fitted"].assuming(self.assumed)
         return part.fit([t.among(rows) for t in fit.optional])
@@ -614,12 +618,9 @@ class LinearModel:
         """Return the same data with another trust in the description, or scale of the zeros."""
         if assumed == self.assumed:
             return self
-        if assumed not in self.beside:
-            other = replace(self, assumed=assumed)
-            other.basis, other.grams = self.basis, self.grams
-            self.beside[assumed] = other
-            self.beside[self.assumed] = self
-        return self.beside[assumed]
+        other = replace(self, assumed=assumed)
+        other.basis, other.grams = self.basis, self.grams
+        return other
 
     def fit(self, terms: Sequence[Term], near: Fit | None = None) -> Fit:
         """Return the posterior of a set of terms beside those that are known to be there.
@@ -627,11 +628,12 @@ class LinearModel:
         near: A fit of a similar set, where its noise starts.
         """
         terms = tuple(terms)
-        return kept(
-            self._fits, frozenset(t.ident for t in terms), lambda: self._fitted(terms, near), FITS
-        )
+        key = self.assumed, frozenset(t.ident for t in terms)
+        return Fit(self, *kept(self.known, key, lambda: self._fitted(terms, near), FITS))
 
-    def _fitted(self, terms: tuple[Term, ...], near: Fit | None) -> Fit:
+    def _fitted(
+        self, terms: tuple[Term, ...], near: Fit | None
+    ) -> tuple[tuple[Term, ...], Posterior]:
         whole, (V, kinds) = (*self.always, *terms), self.basis
         free = np.full(V.shape[1], np.inf)
         prior = Prior(
@@ -640,9 +642,7 @@ class LinearModel:
             np.concatenate([-free, *(t.low for t in whole)]),
             np.concatenate([free, *(t.high for t in whole)]),
         )
-        return Fit(
-            self, whole, self._posterior(whole, prior, None if near is None else near.found.v)
-        )
+        return whole, self._posterior(whole, prior, None if near is None else near.found.v)
 
 
 Gains = tuple[Array, Array, list[float | None]]

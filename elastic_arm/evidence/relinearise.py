@@ -1,5 +1,7 @@
 """Select a set of terms and linearise about it, alternately, until neither changes."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -71,6 +73,13 @@ class Explanation:
             found[trust] = found.get(trust, 0.0) + p
         return found
 
+    def without_screens(self) -> Explanation:
+        """Let go of what may be added at its linearisation, which takes most of the memory, and
+        return it."""
+        for name in ("pool", "laws"):
+            self.linear.cache.pop(name, None)
+        return self
+
     def probability(self, held: Callable[[Key], bool]) -> float:
         """Return the probability of the sets that hold a term whose key is one of those."""
         return sum(p for p, fit in self.sets if any(held(key) for key in fit.keys))
@@ -104,9 +113,7 @@ def explain(problem: Problem, *, refit: bool, watch: Watch | None = None) -> Exp
     watch = watch or Watch()
     watch.say("fit of ordinary deviations")
     shared = Shared(watch=watch)
-    starts = _begun(problem, refit, shared)
-    for one in starts:
-        _drop_screens(one.linear)
+    starts = [found.without_screens() for found in _begun(problem, refit, shared)]
     log = [line for one in starts for line in one.log]
     of_one = starts[0].best.frame
     starts.sort(key=lambda found: -found.best.compared_in(of_one).score)
@@ -135,18 +142,20 @@ def explain(problem: Problem, *, refit: bool, watch: Watch | None = None) -> Exp
         log.extend(found.log)
         node.found = found
         if moves == ALL or node is not frontier.best:
-            _drop_screens(node.linear)  # nothing more is looked for from there
+            found.without_screens()  # nothing more is looked for from there
         return found.path
+
+    def follow_up(other: Node) -> None:
+        # What each start leads to is judged where its own numbers lie.
+        if other.fit.keys not in frontier.scores:
+            frontier.take(other.fit, other)
 
     start = Node(first.path[0], first.linear, found=first)
     frontier = Frontier(start, linearise, expand, depths=2, is_over=watch.is_over)
     frontier.follow(first.path)
     del first, start, starts  # they hold all data of their linearisations
     while others and not watch.is_over():
-        # What each start leads to is judged where its own numbers lie.
-        other = others.pop(0)
-        if other.fit.keys not in frontier.scores:
-            frontier.take(other.fit, other)
+        follow_up(others.pop(0))
     best = frontier.run()
     tried: set[frozenset[Key]] = set()
     for _ in range(ELSEWHERE):
@@ -370,12 +379,6 @@ def _screens(linear: Linearisation, model: LinearModel, *, laws: bool) -> list[S
     if laws and "laws" not in linear.cache:
         linear.cache["laws"] = Screen(model.grams, law_terms(linear))
     return [linear.cache[name] for name in ("pool", *["laws"] * laws)]
-
-
-def _drop_screens(linear: Linearisation) -> None:
-    """Let go of what may be added, which takes most of the memory."""
-    for name in ("pool", "laws"):
-        linear.cache.pop(name, None)
 
 
 def _explained(
