@@ -816,7 +816,7 @@ class Answer:
         model, fit = self.best.model, self.best
         left = model.y - model.N @ (fit.numbers - fit.far_off)
         for t in fit.terms:
-            sizes = [*np.ones(t.offset is not None), *fit.raw(t)]
+            sizes = [*np.ones(int(t.offset is not None)), *fit.raw(t)]
             left = left - np.hstack(t.parts) @ sizes
         return left
 

@@ -355,8 +355,8 @@ class Screen:
         begin, start = np.searchsorted(beside.needed, [raw.start, self.columns.begins[g]])
         own = slice(int(begin - start), int(begin - start) + raw.stop - raw.start)
         weights = beta if mixed is None else mixed @ beta
-        found = [np.tensordot(weights, one[own], 1) for one in beside.pieces[g]]
-        return np.pad(np.concatenate(found, axis=1), ((first, 0), (0, 0)))
+        products = np.concatenate([one[own] for one in beside.pieces[g]], axis=2)
+        return np.pad(np.tensordot(weights, products, 1), ((first, 0), (0, 0)))
 
     def beside(self, fit: Fit) -> tuple[Array, Array]:
         """Return the products (c, c) of the columns of its only term and of these with the residual
