@@ -290,9 +290,7 @@ class Screen:
             values.append(own.ravel())
         places = np.concatenate(rows), np.concatenate(columns)
         shape = int(self.at[-1]), self.columns.count
-        found = csr_array((np.concatenate(values), places), shape=shape)
-        found.eliminate_zeros()
-        return found
+        return csr_array((np.concatenate(values), places), shape=shape)
 
     def _own(self, t: int) -> Array:
         """Return the products (B, k, k) of the columns of a term with one another."""
@@ -316,14 +314,17 @@ class Screen:
     def _beside(self, fit: Fit, among: NDArray[np.intp] | None = None) -> Beside:
         """Return what the columns of terms have in common with a fit; among: of which; None for
         all."""
-        mix, needed = self._mix, np.arange(self.columns.count)
+        mix = self._mix
+        needed = np.arange(self.columns.count)
         if among is not None and len(among) < len(self.terms):
             mix = mix[np.concatenate([np.arange(self.at[t], self.at[t + 1]) for t in among])]
             needed = np.unique(mix.indices)
             mix = mix[:, needed]
         lacking = fit.model.lacking(fit.terms)
         terms = [self.grams.less(t, lacking) for t in fit.terms]
-        w, pieces, left = 1.0 / fit.found.v, list[list[Array]](), list[Array]()
+        w = 1.0 / fit.found.v
+        pieces: list[list[Array]] = []
+        left: list[Array] = []
         for g, some in enumerate(self.columns.among(needed)):
             base = self.with_base[g][some]
             numbers, rest = base[:, :, 1:], base[:, :, 0]

@@ -101,9 +101,10 @@ class Term:
 
     def with_rows(self, made_of: Tail) -> Self:
         """Return it with what it is made of (:attr:`made_of`)."""
+        whole = made_of.whole
         if self.offset is None:
-            return replace(self, columns=made_of.whole)
-        return replace(self, offset=made_of.whole[:, 0], columns=made_of.whole[:, 1:])
+            return replace(self, columns=whole)
+        return replace(self, offset=whole[:, 0], columns=whole[:, 1:])
 
     @property
     def count(self) -> int:
