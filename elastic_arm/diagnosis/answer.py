@@ -816,7 +816,8 @@ class Answer:
         model, fit = self.best.model, self.best
         left = model.y - model.N @ (fit.numbers - fit.far_off)
         for t in fit.terms:
-            left = left - (0.0 if t.offset is None else t.offset) - t.columns @ fit.raw(t)
+            sizes = [*np.ones(int(t.offset is not None)), *fit.raw(t)]
+            left = left - np.hstack(t.parts) @ sizes
         return left
 
     def imperfections(self) -> tuple[Imperfection, ...]:

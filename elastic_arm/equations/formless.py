@@ -20,6 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.interpolate import BSpline
+from scipy.linalg import block_diag
 from scipy.signal import lfilter
 
 from elastic_arm.arrays import Array
@@ -52,14 +53,19 @@ class GeneralLaw:
     joint: int  # index of the joint on which it acts
     side: str  # "link", "drive", "motor", or "sensor" for what a torque sensor reads
     argument: str  # what it depends on, in words
-    shapes: Callable[[Signals], Array]  # signals -> (N, k) functions
+    shapes: Callable[[Signals], Array]  # signals -> (N, k)
+    mixed: Array  # (k, k') combinations of these that are its functions
     # whether it is a general form of friction: dry friction of one size is among its functions
     friction: bool = False
     smoothness: str = ROUGH  # prior of its functions
 
     def plain(self, data: WhitenedData) -> list[Array]:
-        """Return its columns (N', R, k) in the band, one array a stretch; coefficients of 1 make
+        """Return its columns (N', R, k') in the band, one array a stretch; coefficients of 1 make
         about 1 Nm."""
+        return [shapes @ self.mixed for shapes in self.plain_shapes(data)]
+
+    def plain_shapes(self, data: WhitenedData) -> list[Array]:
+        """Return the shapes that its columns are made of, (N', R, k)."""
         parts = [part.stretch.in_band(self.shapes(part.signals)) for part in data.parts]
         return placed(data, self.side, self.joint, parts)
 
@@ -73,12 +79,14 @@ def general_laws(
     repeat with its turns.
     """
     n, sides = sets[0].layout.n, sets[0].layout.sides
-    found = []
-    for smoothness in (ROUGH, SMOOTH):
-        found += _laws_over_a_range(sets, joint, smoothness)
+    found = _laws_over_a_range(sets, joint)
+
+    def add(side: str, argument: str, shapes: Argument, count: int) -> None:
+        found.append(GeneralLaw(joint, side, argument, shapes, np.eye(count)))
+
     if "drive" in sides:
         remembered = _scaled(sets, _relaxed(_load(joint), RELAXATIONS))
-        found.append(GeneralLaw(joint, "drive", "its earlier load", remembered))
+        add("drive", "its earlier load", remembered, len(RELAXATIONS))
     elastic = sets[0].parts[0].signals.values["x"].shape[1] > n
     if gear is not None and elastic:
         for acting in ("drive", "motor"):
@@ -88,49 +96,50 @@ def general_laws(
             ):
                 if acting in sides:
                     waves = _waves(_signal("x", n + joint), ratio)
-                    found.append(
-                        GeneralLaw(joint, acting, f"the angle within a turn of its {turn}", waves)
-                    )
+                    add(acting, f"the angle within a turn of its {turn}", waves, 2 * WAVES)
     if n > 1:
-        found.append(
-            GeneralLaw(
-                joint, "sensor", "the loads of other joints", _scaled(sets, _loads_but(joint))
-            )
-        )
+        loads = _scaled(sets, _loads_but(joint))
+        add("sensor", "the loads of other joints", loads, n - 1)
     return found
 
 
-def _laws_over_a_range(
-    sets: Sequence[WhitenedData], joint: int, smoothness: str
-) -> list[GeneralLaw]:
-    """Return the laws of a joint that are functions of one argument over its range."""
+def _laws_over_a_range(sets: Sequence[WhitenedData], joint: int) -> list[GeneralLaw]:
+    """Return the laws of a joint that are functions of one argument over its range, of each prior
+    side by side."""
     n, sides = sets[0].layout.n, sets[0].layout.sides
     load = _load(joint)
     found = []
 
     def over(argument: Argument, count: int) -> Argument:
-        return _splines(sets, argument, count, smoothness)
+        return _splines(sets, argument, count)
 
-    def add(side: str, argument: str, shapes: Argument, *, friction: bool = False) -> None:
-        found.append(GeneralLaw(joint, side, argument, shapes, friction, smoothness))
+    def add(
+        side: str, argument: str, shapes: Argument, *counts: int, friction: bool = False
+    ) -> None:
+        for smoothness, functions in PRIORS.items():
+            mixed = block_diag(*(functions(count) for count in counts))
+            found.append(GeneralLaw(joint, side, argument, shapes, mixed, friction, smoothness))
 
     for side in (side for side in ("link", "motor") if side in sides):
         first = n if side == "motor" and sets[0].parts[0].signals.values["x"].shape[1] > n else 0
         angle, speed = _signal("x", first + joint), _signal("dx", first + joint)
         sign = _signal(f"sign_{side}", joint)
-        over_speed = over(_root(speed), SPEEDS)
-        add(side, "its speed", _and(_times(sign, over_speed), over_speed), friction=True)
+        over_speed = _and_times(sign, over(_root(speed), SPEEDS))
+        add(side, "its speed", over_speed, SPEEDS, SPEEDS, friction=True)
         over_angle = _times(sign, over(angle, PLACES))
-        add(side, "its direction, with a size that depends on its angle", over_angle, friction=True)
+        by_angle = "its direction, with a size that depends on its angle"
+        add(side, by_angle, over_angle, PLACES, friction=True)
         over_load = _times(sign, over(load, PLACES))
-        add(side, "its direction, with a size that depends on its load", over_load, friction=True)
+        by_load = "its direction, with a size that depends on its load"
+        add(side, by_load, over_load, PLACES, friction=True)
         over_time = _times(sign, over(_signal("progress", 0), TIMES))
-        add(side, "its direction, with a size that depends on time", over_time, friction=True)
-        add(side, "its angle", over(angle, ANGLES))
+        by_time = "its direction, with a size that depends on time"
+        add(side, by_time, over_time, TIMES, friction=True)
+        add(side, "its angle", over(angle, ANGLES), ANGLES)
     if "drive" in sides:
-        add("drive", "its load", over(load, LOADS))
+        add("drive", "its load", over(load, LOADS), LOADS)
     if "link" in sides or "drive" in sides:
-        add("sensor", "its load", _but_linear(sets, load, over(load, LOADS)))
+        add("sensor", "its load", _but_linear(sets, load, over(load, LOADS)), LOADS)
     return found
 
 
@@ -168,8 +177,14 @@ def _times(factor: Argument, shapes: Argument) -> Argument:
     return lambda signals: factor(signals)[:, None] * shapes(signals)
 
 
-def _and(first: Argument, second: Argument) -> Argument:
-    return lambda signals: np.hstack([first(signals), second(signals)])
+def _and_times(factor: Argument, shapes: Argument) -> Argument:
+    """Return shapes times a factor, and the shapes themselves."""
+
+    def both(signals: Signals) -> Array:
+        own = shapes(signals)
+        return np.hstack([factor(signals)[:, None] * own, own])
+
+    return both
 
 
 def _scaled(sets: Sequence[WhitenedData], shapes: Argument) -> Argument:
@@ -179,25 +194,22 @@ def _scaled(sets: Sequence[WhitenedData], shapes: Argument) -> Argument:
     return lambda signals: shapes(signals) / size
 
 
-def _splines(
-    sets: Sequence[WhitenedData], argument: Argument, count: int, smoothness: str = ROUGH
-) -> Argument:
-    """Return shapes over the range of an argument in all recordings, made of cubic B-splines.
+def _splines(sets: Sequence[WhitenedData], argument: Argument, count: int) -> Argument:
+    """Return cubic B-splines over the range of an argument in all recordings.
 
-    argument: signals -> (N,); count: number of splines; smoothness: prior of their coefficients.
+    argument: signals -> (N,); count: number of splines.
     """
     values = np.concatenate([argument(part.signals) for data in sets for part in data.parts])
     low, high = float(values.min()), float(values.max())
     high = max(high, low + 1e-9)
     step = (high - low) / (count - DEGREE)
     knots = low + step * np.arange(-DEGREE, count + 1)
-    shapes_of_splines = _random_walk(count) if smoothness == ROUGH else _gaussian_process(count)
 
     def shapes(signals: Signals) -> Array:
         within = np.clip(argument(signals), low, high)
         # The right end belongs to the last interval.
         local = BSpline.design_matrix(np.minimum(within, high - 1e-9 * step), knots, DEGREE)
-        return np.asarray(local @ shapes_of_splines)
+        return np.asarray(local.toarray())
 
     return shapes
 
@@ -226,6 +238,10 @@ def _matern(distance: Array) -> Array:
     """Return the Matern 5/2 kernel at distances in its length."""
     s = np.sqrt(5.0) * distance
     return np.asarray((1.0 + s + s**2 / 3.0) * np.exp(-s))
+
+
+# prior of the functions over a range, by name: count -> (count, k) combinations of splines
+PRIORS = {ROUGH: _random_walk, SMOOTH: _gaussian_process}
 
 
 def _but_linear(sets: Sequence[WhitenedData], argument: Argument, shapes: Argument) -> Argument:

@@ -49,6 +49,12 @@ class Node:
     found: Any = None  # what the last search from it found
     is_expanded: bool = False  # whether there was one
 
+    def let_go(self) -> None:
+        """Let go of the data of its linearisation: where they are needed, they are made anew."""
+        self.linear = self.linear.anew()
+        self.fit = self.fit.without_data()
+        self.found = None
+
 
 Path = Sequence[Scored]
 
@@ -69,7 +75,7 @@ class Frontier:
     depths: int
     is_over: Callable[[], bool] = Watch().is_over
     scores: dict[Hashable, float] = field(default_factory=dict)
-    # The likeliest sets behind the best one; few, as each holds its linearisation.
+    # The likeliest sets behind the best one; few, as each costs a search.
     runners_up: list[Node] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -81,10 +87,12 @@ class Frontier:
             node = self._next()
             if node is None:
                 break
-            path = self.expand(node, self.scores)
+            # A path holds the data of its linearisation: none outlives its use.
+            is_better = self.follow(self.expand(node, self.scores), node)
             node.is_expanded = True
-            if not self.follow(path, node):
+            if not is_better:
                 node.depth += 1
+            self._let_go(node)
         return self.best
 
     def _next(self) -> Node | None:
@@ -96,6 +104,11 @@ class Frontier:
             if node.fit.score > least and not node.is_expanded:
                 return node
         return None
+
+    def _let_go(self, node: Node) -> None:
+        """Let go of the data of a set that is not the best one: memory."""
+        if node.linear is not self.best.linear:
+            node.let_go()
 
     def follow(self, path: Path, start: Node | None = None) -> bool:
         """Return whether a set on a path is better than the best at its own linearisation; it is
@@ -127,5 +140,6 @@ class Frontier:
         other = node
         if node.fit.score > self.best.fit.score + WORTH:
             self.best, other = node, self.best
+        self._let_go(other)
         ranked = sorted([*self.runners_up, other], key=lambda one: -one.fit.score)
         self.runners_up = ranked[:RUNNERS_UP]

@@ -25,6 +25,7 @@ OCTAVES = np.array([0.5, 1, 2, 4, 8, 16, 32])
 # sets whose products, and whose columns side by side, and sets of shares whose products with the
 # numbers are kept; memory
 MADE, STACKS, LACKING = 16, 4, 8
+COLUMNS = 8  # terms whose columns are kept that are not the terms' own
 
 K = TypeVar("K")
 V = TypeVar("V")
@@ -116,18 +117,22 @@ class Grams:
     def columns(self, term: Term) -> Array:
         """Return the columns (rows, [1 +] k) of a term in the order of the bands, its offset first
         where it has one."""
-        if term.ident not in self._columns:
-            self._columns[term.ident] = self.bands.side_by_side(term.parts)
-        return self._columns[term.ident]
+        own = term.columns
+        if term.offset is None and len(own) and own.flags.f_contiguous:
+            return own
+        return kept(self._columns, term.ident, lambda: self.bands.side_by_side(term.parts), COLUMNS)
+
+    @staticmethod
+    def lacks(term: Term, lacking: Sequence[ShareTerm]) -> bool:
+        """Whether some shares are parts of a term's columns."""
+        return isinstance(term, NumberTerm) and bool(term.shared(lacking))
 
     def less(self, term: Term, lacking: Sequence[ShareTerm]) -> Term:
         """Return a term without some shares of its columns: the same, where it moves none of their
         numbers."""
-        if not isinstance(term, NumberTerm):
+        if not isinstance(term, NumberTerm) or not self.lacks(term, lacking):
             return term
         own = term.shared(lacking)
-        if not own:
-            return term
         key = (term.ident, *(share.ident for share in own))
         if key not in self._less:
             self._less[key] = term.without(own)

@@ -125,6 +125,10 @@ class Linearisation:
             self.model, self.data, self.problem.numbers, self.problem.directions
         )
 
+    def anew(self) -> Linearisation:
+        """Return the same linearisation with nothing made of it yet."""
+        return replace(self)
+
     def moved(self, values: Array, acting: tuple[ActingEffect, ...]) -> Linearisation:
         """Return the linearisation at other values, which takes what depends on the motion alone
         from here."""

@@ -3,13 +3,14 @@ would gain."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 from scipy.special import logsumexp
 
 from elastic_arm.arrays import Array
@@ -26,6 +27,8 @@ from elastic_arm.evidence.priors import (
     ZEROS,
     Assumed,
 )
+from elastic_arm.evidence.side_by_side import SideBySide, tail_of
+from elastic_arm.evidence.tails import Tail
 from elastic_arm.evidence.terms.change import ChangeTerm
 from elastic_arm.evidence.terms.law import LawTerm
 from elastic_arm.evidence.terms.number import NumberTerm
@@ -84,6 +87,10 @@ class Fit:
     def compared_in(self, frame: Frame) -> Fit:
         """Return the fit with a score that compares with that of the fit of a frame."""
         return replace(self, correction=frame.level + frame.share * self.model.density)
+
+    def without_data(self) -> Fit:
+        """Return it without the data: what its score and its coefficients say stays."""
+        return replace(self, model=self.model.without_data())
 
     @cached_property
     def slices(self) -> dict[Ident, slice]:
@@ -214,47 +221,81 @@ class Fit:
         return rows @ self.found.S @ rows.T
 
 
-class Screen:
-    """Products of many terms with the residual and the numbers, for what each would gain."""
+class Beside(NamedTuple):
+    """What columns of terms have in common with a fit."""
 
-    def __init__(self, grams: Grams, terms: Sequence[Term]) -> None:
-        self.grams, self.terms = grams, list(terms)
-        bands = grams.bands
+    C: Array  # (c, p) products with its columns, at its noise
+    left: Array  # (c, B) products with what it leaves
+    needed: NDArray[np.intp]  # the stored columns of which they are made
+    # of each group of these, products (c', B', p') with the fit's columns in several pieces
+    pieces: list[list[Array]]
+
+
+class Screen:
+    """Products of many terms with the residual and the numbers, for what each would gain.
+
+    terms: one after the other, as all rows of all of them are large.
+    """
+
+    def __init__(self, grams: Grams, terms: Iterable[Term]) -> None:
+        self.grams = grams
+        self.terms: list[Term] = []  # without their rows
+        raw: list[int] = []  # in which of the tails the shapes of each term are
+        mixed: list[Array | None] = []
+
+        def tails() -> Iterator[Tail]:
+            before, count = None, 0
+            for t in terms:
+                shapes, combinations = t.made_of
+                if shapes is not before:
+                    before = shapes
+                    count += 1
+                    yield tail_of(grams.bands, shapes)
+                raw.append(count - 1)
+                mixed.append(combinations)
+                self.terms.append(t.without_rows())
+
+        self.columns = SideBySide(grams.bands, tails())
+        self._raw = [self.columns.slices[k] for k in raw]
+        self._mixed = mixed
         self.sizes = np.array([t.count + (t.offset is not None) for t in self.terms], dtype=int)
         self.at = np.concatenate([[0], np.cumsum(self.sizes)])
-        self.X = bands.side_by_side(
-            [part for t in self.terms for part in t.parts] or [grams.base[:, :0]]
-        )
-        # The same memory holds the terms' columns: rows of one linearisation are in the order of
-        # its bands.
-        self.terms = [
-            replace(
-                t,
-                columns=self.X[:, j - t.count : j],
-                offset=None if t.offset is None else self.X[:, i],
-            )
-            for t, i, j in zip(self.terms, self.at[:-1], self.at[1:], strict=True)
-        ]
-        self.with_base = self._products(grams.base)
-        own = [
-            bands.products(self.X[:, i:j], self.X[:, i:j])
-            for i, j in zip(self.at[:-1], self.at[1:], strict=True)
-        ]
+        self._mix = self._combinations()
+        self.with_base = self.columns.products(grams.base)
         # Terms of as many columns side by side.
+        own = [self._own(t) for t in range(len(self.terms))]
         self.place = np.zeros(len(self.terms), dtype=int)
         self.own: dict[int, Array] = {}
         for k in np.unique(self.sizes):
             alike = np.flatnonzero(self.sizes == k)
             self.place[alike] = np.arange(len(alike))
             self.own[int(k)] = np.stack([own[t] for t in alike])
-        self.squares = np.zeros((len(bands.n), 0))
+        self.squares = np.zeros((len(grams.bands.n), 0))
         if own:
             self.squares = np.concatenate([np.einsum("bii->bi", one) for one in own], axis=1)
         self.chosen: dict[int, float] = {}
         self._proposed: dict[int, Term] = {}
-        self._with: dict[object, Array] = {}
+        self._with: dict[object, list[Array]] = {}
         self._screens: dict[object, Screen] = {}
-        self._whole: tuple[Fit, Array, Array] | None = None  # of the last fit
+        self._whole: tuple[Posterior, Array, Array] | None = None  # of the last fit
+
+    def _combinations(self) -> csr_array:
+        """Return of what combinations (c, raw) of the stored columns those of the terms are."""
+        rows, columns, values = [np.zeros(0, dtype=int)], [np.zeros(0, dtype=int)], [np.zeros(0)]
+        for raw, mixed, at in zip(self._raw, self._mixed, self.at, strict=False):
+            own = np.eye(raw.stop - raw.start) if mixed is None else mixed
+            of, to = np.indices(own.shape)
+            rows.append(at + to.ravel())
+            columns.append(raw.start + of.ravel())
+            values.append(own.ravel())
+        places = np.concatenate(rows), np.concatenate(columns)
+        shape = int(self.at[-1]), self.columns.count
+        return csr_array((np.concatenate(values), places), shape=shape)
+
+    def _own(self, t: int) -> Array:
+        """Return the products (B, k, k) of the columns of a term with one another."""
+        found, mixed = self.columns.squares(self._raw[t]), self._mixed[t]
+        return found if mixed is None else mixed.T @ found @ mixed
 
     def _apart(self, terms: tuple[Term, ...]) -> Screen:
         """Return the screen of terms without some shares of their columns."""
@@ -262,75 +303,83 @@ class Screen:
             self._screens, tuple(t.ident for t in terms), lambda: Screen(self.grams, terms), SCREENS
         )
 
-    def _products(self, columns: Array) -> Array:
-        """Return the products (c, B, m) of the terms' columns with some columns (rows, m).
-
-        What belongs to one column of the terms stands in memory as a whole: most gains are looked
-        for of some terms alone.
-        """
-        found = self.grams.bands.products(columns, self.X)
-        return np.ascontiguousarray(found.transpose(2, 0, 1))
-
-    def _with_term(self, term: Term) -> Array:
+    def _with_term(self, term: Term) -> list[Array]:
         return kept(
             self._with,
             term.ident,
-            lambda: self._products(self.grams.columns(term)),
+            lambda: self.columns.products(self.grams.columns(term)),
             PRODUCTS,
         )
 
-    def _columns(self, among: NDArray[np.intp]) -> NDArray[np.intp] | slice:
-        if len(among) == len(self.terms):
-            return slice(None)
-        return np.concatenate([np.arange(self.at[t], self.at[t + 1]) for t in among])
-
-    def _beside(self, fit: Fit, columns: NDArray[np.intp] | slice) -> tuple[list[Array], Array]:
-        """Return the products (c, B, p') of terms' columns with those of a fit, in several pieces,
-        and with what the fit leaves (c, B)."""
-        base = self.with_base[columns]
-        numbers = base[:, :, 1:]
-        left = base[:, :, 0]
+    def _beside(self, fit: Fit, among: NDArray[np.intp] | None = None) -> Beside:
+        """Return what the columns of terms have in common with a fit; among: of which; None for
+        all."""
+        mix = self._mix
+        needed = np.arange(self.columns.count)
+        if among is not None and len(among) < len(self.terms):
+            mix = mix[np.concatenate([np.arange(self.at[t], self.at[t + 1]) for t in among])]
+            needed = np.unique(mix.indices)
+            mix = mix[:, needed]
         lacking = fit.model.lacking(fit.terms)
-        for share in lacking:
-            numbers = numbers - self._with_term(share)[columns] @ self.grams.basis[share.moved]
-        pieces = [numbers]
-        for t in (self.grams.less(t, lacking) for t in fit.terms):
-            first = int(t.offset is not None)
-            with_term = self._with_term(t)[columns]
-            pieces.append(with_term[:, :, first:])
-            if first:
-                left = left - with_term[:, :, 0]
-        at = 0
-        for one in pieces:
-            left = left - one @ fit.found.x[at : at + one.shape[2]]
-            at += one.shape[2]
-        return pieces, left
+        terms = [self.grams.less(t, lacking) for t in fit.terms]
+        w = 1.0 / fit.found.v
+        pieces: list[list[Array]] = []
+        left: list[Array] = []
+        for g, some in enumerate(self.columns.among(needed)):
+            base = self.with_base[g][some]
+            numbers, rest = base[:, :, 1:], base[:, :, 0]
+            for share in lacking:
+                numbers = numbers - self._with_term(share)[g][some] @ self.grams.basis[share.moved]
+            pieces.append([numbers])
+            for t in terms:
+                first = int(t.offset is not None)
+                with_term = self._with_term(t)[g][some]
+                pieces[g].append(with_term[:, :, first:])
+                if first:
+                    rest = rest - with_term[:, :, 0]
+            at = 0
+            for one in pieces[g]:
+                rest = rest - one @ fit.found.x[at : at + one.shape[2]]
+                at += one.shape[2]
+            left.append(np.pad(rest, ((0, 0), (self.columns.firsts[g], 0))))
+        C = [
+            np.hstack([w[first:] @ one for one in own])
+            for first, own in zip(self.columns.firsts, pieces, strict=True)
+        ]
+        return Beside(mix @ np.concatenate(C), mix @ np.concatenate(left), needed, pieces)
+
+    def _moving_with(self, beside: Beside, t: int, beta: Array) -> Array:
+        """Return the products (B, p) of what a term adds with the columns of a fit."""
+        raw, mixed = self._raw[t], self._mixed[t]
+        g = self.columns.group_of(raw)
+        first = self.columns.firsts[g]
+        begin, start = np.searchsorted(beside.needed, [raw.start, self.columns.begins[g]])
+        own = slice(int(begin - start), int(begin - start) + raw.stop - raw.start)
+        weights = beta if mixed is None else mixed @ beta
+        products = np.concatenate([one[own] for one in beside.pieces[g]], axis=2)
+        return np.pad(np.tensordot(weights, products, 1), ((first, 0), (0, 0)))
 
     def beside(self, fit: Fit) -> tuple[Array, Array]:
-        """Return the products (c, c) of the columns of all terms and of these with the residual
+        """Return the products (c, c) of the columns of its only term and of these with the residual
         (c,) beside a fit.
 
         What the fit's coefficients can take is taken off (a Schur complement), at the noise of the
         fit.
         """
-        w = 1.0 / fit.found.v
-        pieces, left = self._beside(fit, slice(None))
-        C = np.hstack([w @ one for one in pieces])
-        own = np.tensordot(w, self.grams.bands.products(self.X, self.X), 1)
-        return own - C @ fit.found.S @ C.T, left @ w
+        (own,) = self.own.values()
+        w, found = 1.0 / fit.found.v, self._beside(fit)
+        return np.tensordot(w, own[0], 1) - found.C @ fit.found.S @ found.C.T, found.left @ w
 
     def related(self, fit: Fit, term: Term) -> set[int]:
         """Return the terms that could stand for a term of a fit, by the correlation of their
         coefficients."""
         if not self.terms:
             return set()
-        if self._whole is None or self._whole[0] is not fit:
-            w = 1.0 / fit.found.v
-            pieces, _ = self._beside(fit, slice(None))
-            C = np.hstack([w @ one for one in pieces])
+        if self._whole is None or self._whole[0] is not fit.found:
+            w, C = 1.0 / fit.found.v, self._beside(fit).C
             CS = C @ fit.found.S
             left = w @ self.squares - np.einsum("ij,ij->i", C, CS)
-            self._whole = fit, CS, np.maximum(left, 0.0)
+            self._whole = fit.found, CS, np.maximum(left, 0.0)
         _, CS, G = self._whole
         own = fit.slices[term.ident]
         shared = CS[:, own].T ** 2
@@ -349,9 +398,9 @@ class Screen:
         lacking = fit.model.lacking(fit.terms)
         which = range(len(self.terms)) if among is None else sorted(among)
         apart = {
-            t: one
+            t: self.grams.less(self._whole_term(t), lacking)
             for t in which
-            if (one := self.grams.less(self.terms[t], lacking)) is not self.terms[t]
+            if self.grams.lacks(self.terms[t], lacking)
         }
         if apart:
             screen = self._apart(tuple(apart.values()))
@@ -361,8 +410,8 @@ class Screen:
         if not len(some):
             return gains
         w, S = 1.0 / fit.found.v, fit.found.S
-        pieces, left = self._beside(fit, self._columns(some))
-        C = np.hstack([w @ one for one in pieces])
+        beside = self._beside(fit, some)
+        C, left = beside.C, beside.left
         b = left @ w
         CS = C @ S
         at = np.concatenate([[0], np.cumsum(self.sizes[some])])
@@ -394,16 +443,11 @@ class Screen:
             np.concatenate([np.argsort(-first)[:LOOKED_AT], np.argsort(-rough)[:LOOKED_AT]])
         )
         # What is there already moves with it.
-        H, own_left = kept(fit.model.spreads, fit.terms, fit.spread, 1)
+        of_fit = fit.model.assumed, fit.terms
+        H, own_left = kept(fit.model.spreads, of_fit, fit.spread, 1)
         changes = [(slice(at[t], at[t + 1]), mean[int(t)]) for t in short]
         back = -np.stack([beta @ CS[own] for own, beta in changes], axis=1)
-        X = np.concatenate(
-            [
-                np.stack([np.tensordot(beta, one[own], 1) for own, beta in changes], axis=2)
-                for one in pieces
-            ],
-            axis=1,
-        )
+        X = np.stack([self._moving_with(beside, int(some[t]), mean[int(t)]) for t in short], axis=2)
         moved = (
             less[:, short]
             + 2.0 * (own_left @ back)
@@ -427,12 +471,15 @@ class Screen:
     def term(self, t: int) -> Term:
         """Return a term as :meth:`gains` found it best, with columns of its own: a set that holds
         it outlives these."""
-        if t not in self._proposed:
-            term = self.terms[t]
-            offset = None if term.offset is None else term.offset.copy()
-            self._proposed[t] = replace(term, columns=term.columns.copy(order="K"), offset=offset)
-        term = self._proposed[t]
+        term = self._whole_term(t)
         return term.at_size(self.chosen[t]) if t in self.chosen else term
+
+    def _whole_term(self, t: int) -> Term:
+        """Return a term with its rows."""
+        if t not in self._proposed:
+            shapes = self.columns.some(self._raw[t]).copy()
+            self._proposed[t] = self.terms[t].with_rows(shapes)
+        return self._proposed[t]
 
 
 @dataclass(eq=False)
@@ -463,11 +510,12 @@ class LinearModel:
     usual: frozenset[Key] = frozenset()
     # the same data without the judging rows
     parts: dict[str, LinearModel] = field(default_factory=dict)
-    # the same data under other assumptions
-    beside: dict[Assumed, LinearModel] = field(default_factory=dict, repr=False)
-    # of the last fit
-    spreads: dict[object, tuple[Array, Array]] = field(default_factory=dict, init=False)
-    _fits: dict[object, Fit] = field(default_factory=dict, init=False)
+    # Of the last fit, and of the last ones; the same under all assumptions. No fit is kept: it
+    # holds the data, which would go only with the next collection of what holds itself.
+    spreads: dict[object, tuple[Array, Array]] = field(default_factory=dict, repr=False)
+    known: dict[object, tuple[tuple[Term, ...], Posterior]] = field(
+        default_factory=dict, repr=False
+    )
 
     @cached_property
     def basis(self) -> tuple[Array, NDArray[np.intp]]:
@@ -489,6 +537,13 @@ class LinearModel:
         return np.hstack([np.zeros((len(self.mean), 0)), *found]), np.concatenate(
             [np.zeros(0, dtype=int), *kinds]
         )
+
+    def without_data(self) -> LinearModel:
+        """Return it without residual and columns, for what is known of its fits."""
+        y, N = self.y[:0].copy(), self.N[:0].copy()
+        found = replace(self, y=y, N=N, parts={}, spreads={}, known={})
+        found.basis = self.basis
+        return found
 
     def factors(self, kinds: NDArray[np.intp]) -> Array:
         """Return the factors on the standard deviations of numbers of some kinds."""
@@ -554,7 +609,8 @@ class LinearModel:
                 shares=shares,
                 fitted_rows=None,
                 parts={},
-                beside={},
+                spreads={},
+                known={},
             )
         part = self.parts["fitted"].assuming(self.assumed)
         return part.fit([t.among(rows) for t in fit.optional])
@@ -563,12 +619,9 @@ class LinearModel:
         """Return the same data with another trust in the description, or scale of the zeros."""
         if assumed == self.assumed:
             return self
-        if assumed not in self.beside:
-            other = replace(self, assumed=assumed)
-            other.basis, other.grams = self.basis, self.grams
-            self.beside[assumed] = other
-            self.beside[self.assumed] = self
-        return self.beside[assumed]
+        other = replace(self, assumed=assumed)
+        other.basis, other.grams = self.basis, self.grams
+        return other
 
     def fit(self, terms: Sequence[Term], near: Fit | None = None) -> Fit:
         """Return the posterior of a set of terms beside those that are known to be there.
@@ -576,11 +629,12 @@ class LinearModel:
         near: A fit of a similar set, where its noise starts.
         """
         terms = tuple(terms)
-        return kept(
-            self._fits, frozenset(t.ident for t in terms), lambda: self._fitted(terms, near), FITS
-        )
+        key = self.assumed, frozenset(t.ident for t in terms)
+        return Fit(self, *kept(self.known, key, lambda: self._fitted(terms, near), FITS))
 
-    def _fitted(self, terms: tuple[Term, ...], near: Fit | None) -> Fit:
+    def _fitted(
+        self, terms: tuple[Term, ...], near: Fit | None
+    ) -> tuple[tuple[Term, ...], Posterior]:
         whole, (V, kinds) = (*self.always, *terms), self.basis
         free = np.full(V.shape[1], np.inf)
         prior = Prior(
@@ -589,9 +643,7 @@ class LinearModel:
             np.concatenate([-free, *(t.low for t in whole)]),
             np.concatenate([free, *(t.high for t in whole)]),
         )
-        return Fit(
-            self, whole, self._posterior(whole, prior, None if near is None else near.found.v)
-        )
+        return whole, self._posterior(whole, prior, None if near is None else near.found.v)
 
 
 Gains = tuple[Array, Array, list[float | None]]

@@ -1,6 +1,8 @@
 """Select a set of terms and linearise about it, alternately, until neither changes."""
 
-from collections.abc import Callable, Mapping, Sequence, Set
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -13,7 +15,7 @@ from elastic_arm.arrays import Array
 from elastic_arm.effects.effect import ControllerEffect, SensorEffect
 from elastic_arm.estimation.known_torques import ActingEffect
 from elastic_arm.evidence.frontier import Frontier, Node
-from elastic_arm.evidence.grams import Bands, kept
+from elastic_arm.evidence.grams import Bands
 from elastic_arm.evidence.keys import Key
 from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.model import KINDS, Fit, Frame, LinearModel, Screen
@@ -40,7 +42,7 @@ from elastic_arm.evidence.terms.known import coefficients_of, known_terms, theta
 from elastic_arm.evidence.terms.law import law_terms
 from elastic_arm.evidence.terms.number import number_terms
 from elastic_arm.evidence.terms.share import shares_of
-from elastic_arm.evidence.terms.term import Term
+from elastic_arm.evidence.terms.term import Term, odds_among
 from elastic_arm.evidence.watch import Watch
 
 STEPS = 8  # of Gauss and Newton beside a set; numerical
@@ -71,6 +73,13 @@ class Explanation:
             found[trust] = found.get(trust, 0.0) + p
         return found
 
+    def without_screens(self) -> Explanation:
+        """Let go of what may be added at its linearisation, which takes most of the memory, and
+        return it."""
+        for name in ("pool", "laws"):
+            self.linear.cache.pop(name, None)
+        return self
+
     def probability(self, held: Callable[[Key], bool]) -> float:
         """Return the probability of the sets that hold a term whose key is one of those."""
         return sum(p for p, fit in self.sets if any(held(key) for key in fit.keys))
@@ -92,10 +101,6 @@ class Shared:
     """What searches at several linearisations share."""
 
     thetas: Thetas = field(default_factory=dict)  # where nonlinear numbers were most probable
-    # What may be added, of the last linearisations, and laws without a form, of the last: they take
-    # most of the memory.
-    screens: dict[Linearisation, Screen] = field(default_factory=dict)
-    laws: dict[Linearisation, Screen] = field(default_factory=dict)
     watch: Watch = field(default_factory=Watch)
 
 
@@ -108,8 +113,7 @@ def explain(problem: Problem, *, refit: bool, watch: Watch | None = None) -> Exp
     watch = watch or Watch()
     watch.say("fit of ordinary deviations")
     shared = Shared(watch=watch)
-    starts = _begun(problem, refit, shared)
-    shared.screens.clear()
+    starts = [found.without_screens() for found in _begun(problem, refit, shared)]
     log = [line for one in starts for line in one.log]
     of_one = starts[0].best.frame
     starts.sort(key=lambda found: -found.best.compared_in(of_one).score)
@@ -137,17 +141,21 @@ def explain(problem: Problem, *, refit: bool, watch: Watch | None = None) -> Exp
         )
         log.extend(found.log)
         node.found = found
+        if moves == ALL or node is not frontier.best:
+            found.without_screens()  # nothing more is looked for from there
         return found.path
+
+    def follow_up(other: Node) -> None:
+        # What each start leads to is judged where its own numbers lie.
+        if other.fit.keys not in frontier.scores:
+            frontier.take(other.fit, other)
 
     start = Node(first.path[0], first.linear, found=first)
     frontier = Frontier(start, linearise, expand, depths=2, is_over=watch.is_over)
     frontier.follow(first.path)
     del first, start, starts  # they hold all data of their linearisations
     while others and not watch.is_over():
-        # What each start leads to is judged where its own numbers lie.
-        other = others.pop(0)
-        if other.fit.keys not in frontier.scores:
-            frontier.take(other.fit, other)
+        follow_up(others.pop(0))
     best = frontier.run()
     tried: set[frozenset[Key]] = set()
     for _ in range(ELSEWHERE):
@@ -281,8 +289,7 @@ def _usual_terms(linear: Linearisation) -> list[Term]:
     """Return what every real drive has and the description does not state."""
     problem = linear.problem
     features = [feature for feature in problem.candidates if feature.key in problem.usual]
-    terms = effect_terms(linear, linear.placed(features))
-    return _chosen_among(terms, problem.usual)
+    return list(effect_terms(linear, linear.placed(features), problem.usual))
 
 
 def _stated(problem: Problem) -> tuple[ActingEffect, ...]:
@@ -365,21 +372,13 @@ def linear_model(linear: Linearisation, assumed: Assumed) -> LinearModel:
     return linear.cache["model"].assuming(assumed)
 
 
-def _screens(
-    linear: Linearisation, model: LinearModel, shared: Shared, *, laws: bool
-) -> list[Screen]:
-    """Return what may be added, laws without a form apart."""
-    found = [kept(shared.screens, linear, lambda: Screen(model.grams, pool_of(linear)), 2)]
-    if laws:
-        found.append(
-            kept(
-                shared.laws,
-                linear,
-                lambda: Screen(model.grams, _chosen_among(law_terms(linear))),
-                1,
-            )
-        )
-    return found
+def _screens(linear: Linearisation, model: LinearModel, *, laws: bool) -> list[Screen]:
+    """Return what may be added, laws without a form apart; made once."""
+    if "pool" not in linear.cache:
+        linear.cache["pool"] = Screen(model.grams, pool_of(linear))
+    if laws and "laws" not in linear.cache:
+        linear.cache["laws"] = Screen(model.grams, law_terms(linear))
+    return [linear.cache[name] for name in ("pool", *["laws"] * laws)]
 
 
 def _explained(
@@ -401,7 +400,7 @@ def _explained(
     assumptions = _assumptions(linear.problem, refit)
     model = linear_model(linear, assumed)
     log: list[str] = []
-    screens = _screens(linear, model, shared, laws=moves == ALL)
+    screens = _screens(linear, model, laws=moves == ALL)
     terms = start
     # What is most probably assumed beside the set, and the set beside it, until both stay.
     tried: dict[Assumed, Search] = {}
@@ -434,28 +433,17 @@ def _words(assumed: Assumed) -> str:
     return f"{assumed.trust}, zeros x {assumed.zeros:g}"
 
 
-def pool_of(linear: Linearisation) -> list[Term]:
-    """Return the effects, numbers and stated effects that may be there."""
+def pool_of(linear: Linearisation) -> Iterator[Term]:
+    """Yield the effects, numbers and stated effects that may be there."""
     problem = linear.problem
-    kinds = (
-        effect_terms(linear, linear.placed(problem.candidates)),
+    yield from effect_terms(linear, linear.placed(problem.candidates), problem.usual)
+    others: tuple[Sequence[Term], ...] = (
         number_terms(problem.numbers, linear.numbers, problem.far),
         known_terms(linear)[1],
     )
-    return [t for terms in kinds for t in _chosen_among(terms, problem.usual)]
-
-
-def _chosen_among(terms: Sequence[Term], usual: Set[Key] = frozenset()) -> list[Term]:
-    """Return terms of which each effect is as likely, and each of its places; what is usual is at
-    each of them."""
-    places: dict[str, set[Key]] = {}
-    for t in terms:
-        places.setdefault(t.key[0], set()).add(t.key)
-    found = []
-    for t in terms:
-        odds = float(np.log(len(places)) + np.log(len(places[t.key[0]])))
-        found.append(t.with_odds(0.0 if t.key in usual else odds))
-    return found
+    for terms in others:
+        odds = odds_among((t.key for t in terms), problem.usual)
+        yield from (t.with_odds(odds[t.key]) for t in terms)
 
 
 def _acting(fit: Fit) -> tuple[ActingEffect, ...]:

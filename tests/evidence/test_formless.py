@@ -5,14 +5,14 @@ from typing import Any
 
 import numpy as np
 
-from elastic_arm.equations.formless import FINE_SHARE, ROUGH, SMOOTH, _splines
+from elastic_arm.equations.formless import FINE_SHARE, PRIORS, ROUGH, SMOOTH, _splines
 
 
 def test_smooth_laws_are_likelier_than_rough_ones() -> None:
     angle = np.linspace(-1.0, 1.0, 400)
     signals: Any = SimpleNamespace(values={"x": angle[:, None]})
     sets: Any = [SimpleNamespace(parts=[SimpleNamespace(signals=signals)])]
-    X = _splines(sets, lambda s: s.values["x"][:, 0], 32)(signals)
+    X = _splines(sets, lambda s: s.values["x"][:, 0], 32)(signals) @ PRIORS[ROUGH](32)
     bends = X[:, :-1]
     np.testing.assert_allclose(
         np.mean(np.sum(bends**2, axis=1)), 1.0, rtol=0.2
@@ -43,9 +43,9 @@ def test_a_law_reaches_as_far_as_the_argument_does_in_any_recording() -> None:
         signals.append(SimpleNamespace(values={"x": angle[:, None]}))
     each: list[Any] = [SimpleNamespace(parts=[SimpleNamespace(signals=one)]) for one in signals]
     beyond = signals[1].values["x"][:, 0] > 1.2
-    for smoothness in (ROUGH, SMOOTH):
+    for functions in PRIORS.values():
         whole, first = (
-            _splines(sets, lambda s: s.values["x"][:, 0], 16, smoothness)(signals[1])[beyond]
+            _splines(sets, lambda s: s.values["x"][:, 0], 16)(signals[1])[beyond] @ functions(16)
             for sets in (each, each[:1])
         )
         assert np.ptp(first, axis=0).max() < 1e-6
@@ -56,6 +56,6 @@ def test_a_smooth_law_has_fewer_shapes_and_the_variance_of_its_kernel() -> None:
     angle = np.linspace(-1.0, 1.0, 400)
     signals: Any = SimpleNamespace(values={"x": angle[:, None]})
     sets: Any = [SimpleNamespace(parts=[SimpleNamespace(signals=signals)])]
-    X = _splines(sets, lambda s: s.values["x"][:, 0], 32, SMOOTH)(signals)
+    X = _splines(sets, lambda s: s.values["x"][:, 0], 32)(signals) @ PRIORS[SMOOTH](32)
     assert X.shape[1] < 20
     np.testing.assert_allclose(np.sum(X**2, axis=1), 2.0 + FINE_SHARE**2, rtol=0.05)

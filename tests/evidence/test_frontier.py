@@ -105,3 +105,47 @@ def test_a_runner_up_within_a_few_nats_is_expanded() -> None:
     frontier.take(made("d", 100.0))
     assert letters(frontier.run().fit.keys) == "bc"
     assert ("d", 0) not in problem.expanded
+
+
+@dataclass
+class MadeLinearisation:
+    """A linearisation that knows whether it was made anew."""
+
+    is_new: bool = False
+
+    def anew(self) -> "MadeLinearisation":
+        """Return it as made anew."""
+        return MadeLinearisation(is_new=True)
+
+
+@dataclass(frozen=True)
+class SetWithData(MadeSet):
+    """A set that knows whether it holds data."""
+
+    has_data: bool = True
+
+    def without_data(self) -> "SetWithData":
+        """Return it without them."""
+        return SetWithData(self.keys, self.score, has_data=False)
+
+
+def test_only_the_best_set_keeps_its_data() -> None:
+    """Sets behind the best one let go of their data, the one that was the best as well; what shares
+    the linearisation of the best one keeps it."""
+    own, shared = {"a": 5.0, "b": 3.0, "c": 4.0}, MadeLinearisation()
+
+    def linearise(fit: MadeSet, near: Node) -> Node:
+        linear = shared if fit.keys <= {"a", "c"} else MadeLinearisation()
+        return Node(SetWithData(fit.keys, own[letters(fit.keys)]), linear)
+
+    start = Node(SetWithData(frozenset(), 0.0), MadeLinearisation(), found="a search")
+    frontier = Frontier(start, linearise, lambda node, scores: [node.fit], depths=1)
+    for one in "bac":
+        frontier.take(made(one, 0.0))
+    assert letters(frontier.best.fit.keys) == "a"
+    assert not start.fit.has_data
+    assert start.linear.is_new
+    assert start.found is None
+    kept = {letters(node.fit.keys): node.fit.has_data for node in frontier.runners_up}
+    assert kept == {"c": True, "b": False}
+    assert frontier.best.fit.has_data

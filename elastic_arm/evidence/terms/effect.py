@@ -6,7 +6,7 @@ The derivatives by the nonlinear numbers theta are further columns, whose coeffi
 prior of theta over its range.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence, Set
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any
@@ -14,15 +14,16 @@ from typing import Any
 import numpy as np
 
 from elastic_arm.arrays import Array
-from elastic_arm.codegen.parallel import share_out
+from elastic_arm.codegen.parallel import ahead
 from elastic_arm.effects.effect import ControllerEffect, SensorEffect
 from elastic_arm.effects.parameters import Parameter
 from elastic_arm.equations.places import scaling
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.known_torques import ActingEffect
+from elastic_arm.evidence.keys import Key
 from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.priors import ODDS, SCALES, USUAL
-from elastic_arm.evidence.terms.term import Coefficients, Term
+from elastic_arm.evidence.terms.term import Coefficients, Term, odds_among
 
 COARSE, ORDERS = 5, 12  # values tried of each of several nonlinear numbers, and of an order
 # where bounds are looked for
@@ -179,8 +180,14 @@ def linear_prior(feature: Feature, largest: float) -> tuple[Array, Array, Array]
     return std, low_, high_
 
 
-def effect_terms(linear: Linearisation, features: Sequence[Feature]) -> list[EffectTerm]:
-    """Return the terms of effects, at several values of their nonlinear numbers."""
+def effect_terms(
+    linear: Linearisation, features: Sequence[Feature], usual: Set[Key]
+) -> Iterator[EffectTerm]:
+    """Yield the terms of effects, at several values of their nonlinear numbers, one after the
+    other: together they are large.
+
+    usual: what every real drive has.
+    """
     wanted: list[tuple[Feature, tuple[float, ...], float]] = []
     for feature in features:
         feature = scaling(feature, linear.acting)
@@ -188,6 +195,7 @@ def effect_terms(linear: Linearisation, features: Sequence[Feature]) -> list[Eff
             continue
         points = starting_points(feature, linear)
         wanted += [(feature, point, float(np.log(len(points)))) for point in points]
+    odds = odds_among((feature.key for feature, _, _ in wanted), usual)
 
     def made(one: tuple[Feature, tuple[float, ...], float]) -> EffectTerm:
         feature, point, price = one
@@ -226,7 +234,8 @@ def effect_terms(linear: Linearisation, features: Sequence[Feature]) -> list[Eff
             theta=point,
         )
 
-    return share_out(made, wanted)
+    for term in ahead(made, wanted):
+        yield term.with_odds(odds[term.key])
 
 
 def _relaxed(linear: Linearisation, feature: Feature, largest: float) -> EffectTerm:

@@ -1,17 +1,21 @@
 """Laws without a form: smooth functions of speed, angle, load or time at one place."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import groupby
 from typing import Any, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elastic_arm.arrays import Array
-from elastic_arm.codegen.parallel import share_out
+from elastic_arm.codegen.parallel import ahead
 from elastic_arm.equations.formless import GeneralLaw, general_laws
+from elastic_arm.evidence.keys import Key
 from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.priors import FORMLESS, ODDS, SIZES
-from elastic_arm.evidence.terms.term import Coefficients, Term
+from elastic_arm.evidence.tails import Tail
+from elastic_arm.evidence.terms.term import Coefficients, Term, odds_among
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,6 +23,9 @@ class LawTerm(Term):
     """A law without a form; its size is one of :data:`.priors.SIZES`, averaged over."""
 
     law: Any = None  # GeneralLaw
+    # Whitened shapes (rows, m) of which its columns are combinations: these are made when they are
+    # needed. None where it has columns.
+    shapes: Tail | None = None
 
     kind = "law"
     says_cause = False
@@ -26,6 +33,31 @@ class LawTerm(Term):
     def doubt(self, is_usual: bool) -> float:
         """Return -ln of its prior odds: the catalogue has what arms mostly have."""
         return -float(np.log(ODDS * FORMLESS))
+
+    @property
+    def parts(self) -> list[Array]:
+        """Its columns, (rows, k)."""
+        if self.shapes is None:
+            return [self.columns]
+        return [(self.law.mixed.T @ self.shapes.whole.T).T]
+
+    @property
+    def made_of(self) -> tuple[Array, Array | None]:
+        """Shapes (rows, m) of which its columns are combinations (m, k); None where they are
+        these."""
+        return super().made_of if self.shapes is None else (self.shapes.whole, self.law.mixed)
+
+    def without_rows(self) -> Self:
+        """Return it without the memory of its shapes."""
+        return replace(super().without_rows(), shapes=None)
+
+    def with_rows(self, made_of: Tail) -> Self:
+        """Return it with its shapes."""
+        return super().with_rows(made_of) if self.law is None else replace(self, shapes=made_of)
+
+    def among(self, rows: NDArray[np.bool_]) -> Self:
+        """Return it at some of the rows (rows,)."""
+        return replace(self, columns=self.parts[0][rows], shapes=None)
 
     def at_size(self, size: float) -> Self:
         """Return it at one of the sizes that it may have, Nm."""
@@ -37,7 +69,8 @@ class LawTerm(Term):
         self, linear: Linearisation, fit: Coefficients, others: Sequence[Term]
     ) -> Sequence[Term]:
         """Return it at another linearisation."""
-        return [replace(self, columns=linear.data.whiten(self.law.plain(linear.data)))]
+        columns = linear.data.whiten(self.law.plain(linear.data))
+        return [replace(self, columns=columns, shapes=None)]
 
     def plain(self, linear: Linearisation, fit: Coefficients, along: Array) -> list[Array]:
         """Return its columns (N', R, k) of each stretch, Nm."""
@@ -45,8 +78,9 @@ class LawTerm(Term):
         return found
 
 
-def law_terms(linear: Linearisation) -> list[LawTerm]:
-    """Return the laws without a form, their size open."""
+def law_terms(linear: Linearisation) -> Iterator[LawTerm]:
+    """Yield the laws without a form, their size open, one after the other: together they are
+    large."""
     data = linear.data
     joints = linear.problem.robot.joints
     laws = [
@@ -54,10 +88,27 @@ def law_terms(linear: Linearisation) -> list[LawTerm]:
         for j, joint in enumerate(joints)
         for law in general_laws((data,), j, joint.transmission)
     ]
+    odds = odds_among(law_key(law) for law in laws)
+    alike = [list(own) for _, own in groupby(laws, key=lambda law: id(law.shapes))]
 
-    def made(law: GeneralLaw) -> LawTerm:
-        X = data.whiten(law.plain(data))
-        key = "law", str(law.joint), (law.side, law.argument, law.smoothness)
-        return LawTerm(key, X, np.ones(X.shape[1]), law=law)
+    def made(own: list[GeneralLaw]) -> list[LawTerm]:
+        shapes = Tail(0, data.whiten(own[0].plain_shapes(data)))
+        return [
+            LawTerm(
+                law_key(law),
+                np.empty((0, law.mixed.shape[1])),
+                np.ones(law.mixed.shape[1]),
+                odds=odds[law_key(law)],
+                law=law,
+                shapes=shapes,
+            )
+            for law in own
+        ]
 
-    return share_out(made, laws)
+    for terms in ahead(made, alike):
+        yield from terms
+
+
+def law_key(law: GeneralLaw) -> Key:
+    """Return the key of a law without a form."""
+    return "law", str(law.joint), (law.side, law.argument, law.smoothness)

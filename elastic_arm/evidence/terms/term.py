@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence, Set
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Protocol, Self
 
@@ -13,6 +13,7 @@ from elastic_arm.arrays import Array
 from elastic_arm.evidence.keys import Ident, Key
 from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.priors import ODDS, SCALES
+from elastic_arm.evidence.tails import Tail
 
 
 class Coefficients(Protocol):
@@ -30,6 +31,19 @@ class Coefficients(Protocol):
 
     def covariance(self, term: Term) -> Array:
         """Return the covariance (k, k) of the coefficients of a term."""
+
+
+def odds_among(keys: Iterable[Key], usual: Set[Key] = frozenset()) -> dict[Key, float]:
+    """Return the odds of terms by their keys: each effect is as likely, and each of its places;
+    what is usual is at each of them."""
+    places: dict[str, set[Key]] = {}
+    for key in keys:
+        places.setdefault(key[0], set()).add(key)
+    return {
+        key: 0.0 if key in usual else float(np.log(len(places)) + np.log(len(own)))
+        for own in places.values()
+        for key in own
+    }
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +87,24 @@ class Term:
     def parts(self) -> list[Array]:
         """What it adds whatever the coefficients, (rows, 1), where it does, and its columns."""
         return [self.columns] if self.offset is None else [self.offset[:, None], self.columns]
+
+    @property
+    def made_of(self) -> tuple[Array, Array | None]:
+        """Columns (rows, m) of which its parts, side by side, are combinations (m, k); None where
+        they are these."""
+        return (self.columns if self.offset is None else np.hstack(self.parts)), None
+
+    def without_rows(self) -> Self:
+        """Return it without the memory of its columns, for what else there is of it."""
+        offset = None if self.offset is None else np.empty(0)
+        return replace(self, columns=np.empty((0, self.count)), offset=offset)
+
+    def with_rows(self, made_of: Tail) -> Self:
+        """Return it with what it is made of (:attr:`made_of`)."""
+        whole = made_of.whole
+        if self.offset is None:
+            return replace(self, columns=whole)
+        return replace(self, offset=whole[:, 0], columns=whole[:, 1:])
 
     @property
     def count(self) -> int:
