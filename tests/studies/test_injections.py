@@ -6,16 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.injections import (
-    CHANGES,
-    STILL,
-    Bench,
-    ServoBench,
-    against,
-    is_named,
-    with_mass,
-)
+from benchmarks.injections import against, is_named
 from benchmarks.judge import ANY, Arm, row
+from benchmarks.known_changes import CHANGES, STILL, Bench, ServoBench, with_mass
 from elastic_arm.dynamics import build_model
 from elastic_arm.recording import Recording, Side
 from elastic_arm.robot import JointController
