@@ -86,6 +86,22 @@ def test_a_change_goes_with_its_size(bench: Bench, name: str) -> None:
     assert sizes[1] / sizes[0] == pytest.approx(2.0, rel=0.15)
 
 
+def test_ripple_turns_with_the_rotor() -> None:
+    """Of an elastic arm the motor gives a sine of the rotor's angle more than its torque says."""
+    rng = np.random.default_rng(3)
+    robot = random_arm(2, rng, elastic=True)
+    t = np.arange(0.0, 4.0, 0.002)
+    q, dq, _ = random_motion(rng, 2, 4.0).evaluate(t)
+    side = Side((t * 1e9).astype(np.int64), q, dq, np.ones_like(q))
+    bench = Bench(robot, [Recording(robot.joint_names, motor=side)])
+    (change,), truth = changes_of(bench, "ripple", 1.0)
+    gear = robot.joints[JOINT].transmission
+    assert gear is not None
+    amplitude = truth["parameters"]["amplitude"]
+    expected = -amplitude * np.sin(gear.r_tot * bench.motions[0].q[:, JOINT])
+    np.testing.assert_allclose(change[:, JOINT], expected, atol=1e-12)
+
+
 def test_another_arm_takes_other_torques(bench: Bench) -> None:
     """A mass weighs at rest, and a zero is read as true angle and offset."""
     motion = bench.motions[0]
