@@ -3,6 +3,8 @@
 A change is one effect of the catalogue, of a size in units of what a workshop would notice
 (`CHANGES`). It is added to the recorded torques by its law, written here once more, or by the
 inverse dynamics of a changed arm on the smoothed motion.
+
+    python -m benchmarks.known_changes    # lists them
 """
 
 from collections.abc import Callable, Sequence
@@ -406,3 +408,14 @@ def truth_of(effect: str, joint: str | None, sizes: dict[str, float]) -> dict[st
 def place_of(name: str, robot: Robot, j: int) -> str | None:
     """Return the joint at which a change is to be named."""
     return {"tilt": None, "delay": ANY}.get(name, robot.joint_names[j])
+
+
+def main() -> None:
+    """Print the changes and the sizes that a workshop would notice."""
+    for changes in (CHANGES, SERVO_CHANGES):
+        for name, change in changes.items():
+            print(f"{name:15} {change.effect:24} {change.size:g} {change.unit}")
+
+
+if __name__ == "__main__":
+    main()
