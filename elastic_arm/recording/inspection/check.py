@@ -308,9 +308,7 @@ def _check_drift(content: Content, report: Report) -> None:
         return
     drift = _clock_rate(both[1]) - _clock_rate(both[0])
     steps = [float(np.median(np.diff(series.stamp_ns))) for series in both]
-    # Mean intervals without gaps.
-    every = [(np.diff(series.stamp_ns), step) for series, step in zip(both, steps, strict=True)]
-    rates = [float(np.mean(apart[apart < 1.5 * step])) for apart, step in every]
+    rates = [_counted_interval(series.stamp_ns) for series in both]
     # rates this close are meant to be equal
     if abs(drift) <= _DRIFT and abs(rates[1] / rates[0] - 1) < 0.01:
         drift = rates[1] / rates[0] - 1
@@ -322,6 +320,14 @@ def _check_drift(content: Content, report: Report) -> None:
             " ms over the recording"
         )
         report.add("warning", "drift", message, topic=both[1].topic)
+
+
+def _counted_interval(stamp_ns: Stamps) -> float:
+    """Return the time from sample to sample, ns: that of stamps over the numbers of their samples,
+    which count those that were lost."""
+    step = np.diff(stamp_ns)
+    number = np.concatenate([[0.0], np.cumsum(np.round(step / np.median(step)))])
+    return float(np.polyfit(number - number.mean(), stamp_ns - stamp_ns.mean(), 1)[0])
 
 
 def _clock_rate(series: Series) -> float:
