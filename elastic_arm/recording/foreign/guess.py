@@ -140,8 +140,8 @@ def guess_mapping(
             chosen[guess.side, guess.channel] = another
         ignored += [(key, reason) for key in table.keys]
     if not chosen:
-        why = {key: f"{key} ({fault})" for key, fault in faults.items()}
-        listed = ", ".join(why.get(key, key) for key in arrays)
+        told = {key: f"{key} ({fault})" for key, fault in faults.items()}
+        listed = ", ".join(told.get(key, key) for key in arrays)
         raise RecordingError(
             f"no array contains positions or torques of {len(joints)} joints; the arrays"
             f" are {listed[:300]}",
