@@ -49,8 +49,7 @@ _NUMBER = re.compile(r"(?<!\w)\d[\d.e+-]*")  # which findings of two parts may n
 _STATES = (JOINT_STATES, MOTOR_STATES)
 _SIDES = {"link": JOINT_STATES, "motor": MOTOR_STATES, "reference": REFERENCE}
 _GAP = 2.5  # sample intervals: more is a gap, not jitter
-_BRIDGED = 0.1  # s of a gap that nothing which follows misses
-_LOST = 0.03  # share of the samples that nothing which follows misses
+_LOST = 0.05  # share of the samples that nothing which follows misses: a convention
 _JITTER = 0.05  # of the sample interval
 _DRIFT = 20e-6  # two good crystals differ by less
 
@@ -283,10 +282,10 @@ def _check_stamps(topic: str, stamp_ns: Stamps, report: Report) -> None:
             f"{topic} has {count} {'gap' if count == 1 else 'gaps'} (about {lost} samples lost), "
             f"the longest of {step[longest] * 1e-9:.4g} s after {moment(stamp_ns, int(longest))}"
         )
-        # What readers bridge: a few samples now and then.
-        short = step[longest] < _BRIDGED * 1e9 and lost < _LOST * len(stamp_ns)
+        # Readers bridge short gaps, and take what is before and after a long one as two parts.
+        few = lost < _LOST * len(stamp_ns)
         at = float((stamp_ns[longest] - stamp_ns[0]) * 1e-9)
-        report.add("note" if short else "warning", "gaps", message, topic=topic, time=at)
+        report.add("note" if few else "warning", "gaps", message, topic=topic, time=at)
     even = step[step <= _GAP * usual]
     usual = float(np.median(even))
     parts = [float(np.median(part)) for part in np.array_split(even, min(10, len(even) // 5))]
