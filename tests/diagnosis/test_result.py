@@ -525,7 +525,7 @@ def test_an_unknown_says_what_it_is_owed_to_and_what_to_record() -> None:
     and the motion fits what the residual follows."""
     place = UnexplainedResidual("joint_3", "motor", "load", 0.004)
     owed, worth, then = unknown_sentences(unknown(place))
-    assert "because of 0.004 Nm at joint_3, motor side" in owed and "depends on load" in owed
+    assert "because of 0.004 Nm at joint_3, motor side" in owed and "depends on the load" in owed
     assert "explain 96.1 % of the gap" in worth and "0.004 Nm" in worth
     assert "joint_3 alone" in then and "weight at the flange" in then
 

@@ -221,7 +221,7 @@ def _column(column: Any, most: int) -> np.ndarray:
 
 
 def _texts(texts: Sequence[str], most: int) -> np.ndarray:
-    """Return texts as an array, in which each takes the room of the longest."""
+    """Return texts as an array, in which each takes as many bytes as the longest."""
     longest = max(map(len, texts), default=0)
     if 4 * longest * len(texts) > most // 8:
         return np.full(len(texts), f"texts of up to {longest} characters")
