@@ -109,7 +109,7 @@ def _lists_of(cells: Sequence[Any], kind: type) -> bool:
 def _table(name: str, cells: Sequence[Any]) -> dict[str, np.ndarray]:
     """Return lists of numbers as one array (N, k); the empty ones of a column are NaN.
 
-    Lists of several lengths are no table: a text says so.
+    Lists of several lengths are no table: a text states it.
     """
     width = max(len(cell) for cell in cells if cell is not None)
     if not width:
