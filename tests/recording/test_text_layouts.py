@@ -615,6 +615,27 @@ def test_a_draft_goes_by_names_and_values() -> None:
     assert ticks.unit == "turns" and "1/4096" in ticks.missing["factor"]
 
 
+def test_a_draft_knows_names_of_simulators_and_controllers() -> None:
+    """MuJoCo's ctrl, of angles or torques, what a controller adds or wants, forces at the tool,
+    currents of an axis, and encoders."""
+    tau = 5.0 * np.cos(Q)
+    angles = guessed(qpos=Q, ctrl=Q + 0.01 * np.cos(Q))
+    assert angles["command", "position"] == ("ctrl", "rad")
+    assert guessed(qpos=Q, ctrl=tau)["command", "effort"] == ("ctrl", "Nm")
+    measured = guessed(q=Q, torque_feedforward=0.5 * tau, external_torque=0.1 * tau, torque=tau)
+    assert measured["motor", "effort"] == ("torque", "Nm")
+    franka = guessed(q=Q, q_d=Q + 0.01, tau_J=tau, tau_J_d=0.9 * tau, tau_ext_hat_filtered=0.1 * Q)
+    assert franka == {
+        ("link", "position"): ("q", "rad"),
+        ("link", "effort"): ("tau_J", "Nm"),
+        ("command", "position"): ("q_d", "rad"),
+        ("command", "effort"): ("tau_J_d", "Nm"),
+    }
+    assert guessed(q=Q, iq=tau)["motor", "effort"] == ("iq", "A")
+    assert guessed(q=Q, tcp_force=tau) == {("link", "position"): ("q", "rad")}
+    assert guessed(enc=np.round(4096.0 * Q))["link", "position"] == ("enc", "turns")
+
+
 @pytest.mark.parametrize("values", [np.round(885.0 * Q), 0.8 * Q, 80.0 * Q])
 @pytest.mark.parametrize("name", ["pwm", "present_pwm", "goal_pwm", "duty_cycle"])
 def test_a_share_of_the_voltage_is_no_torque(name: str, values: np.ndarray) -> None:
