@@ -345,7 +345,7 @@ def closed_loop_sentences(found: Diagnosis) -> list[str]:
         sizes = (
             f"to {_short(worse, one.unit)}"
             if np.isfinite(worse)
-            else "without limit (no simulator accepts these numbers)"
+            else "until the simulation diverges"
         )
         moved.append(f"{joint} {sizes} ({_short(one.described, one.unit)} with the description)")
     if len(found.taken_back) >= len(found.joints):

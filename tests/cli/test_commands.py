@@ -322,6 +322,7 @@ def test_missing_channel_maps_and_arrays_are_said_without_numbers_of_the_system(
 ) -> None:
     """No such file is no such file, for maps and arrays too."""
     assert "no such file" in refusal("bag", "info", bag, "--channels", tmp_path / "none.yaml")
+    assert refusal("replay", bag, "--robot", tmp_path / "none.xml").count("none.xml") == 1
     (tmp_path / "map.yaml").write_text(
         "joints: [a]\ntimes: {rate: 100}\nlink: {position: {key: t}}\n"
     )
