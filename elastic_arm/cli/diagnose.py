@@ -38,6 +38,7 @@ from elastic_arm.diagnosis.words import (
     merged_notes,
     prediction_sentence,
     probability_text,
+    regime_text,
     scale_sentence,
     sides_text,
     summary,
@@ -360,8 +361,8 @@ def print_diagnosis(found: Diagnosis, folder: Path) -> None:
     for place in found.unexplained:
         size = f"{place.rmse:.3g} {found.units.at(place.joint, 'Nm')}"
         out.print(
-            f"unexplained: {escape(place.joint)}, {place.side} side, {size}, depends on"
-            f" {place.regime}"
+            f"unexplained: {escape(place.joint)}, {place.side} side, {size}:"
+            f" {regime_text(place.regime)}"
         )
     for sentence in unknown_sentences(found):
         out.print(f"what now: {escape(sentence)}")

@@ -1,5 +1,6 @@
 """`elastic-arm excite`: find a motion that determines an arm's parameters, within its limits."""
 
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
@@ -32,7 +33,10 @@ from elastic_arm.identification.verdict import Excitation
 
 Limit = Annotated[
     float | None,
-    typer.Option(help="Reduce the limit of all joints to this value.", show_default=False),
+    typer.Option(
+        help="Limit of all joints; higher ones in the arm file are reduced to it.",
+        show_default=False,
+    ),
 ]
 
 
@@ -64,7 +68,7 @@ def excite(
     ] = None,
     criterion: Annotated[
         str, typer.Option(help="Criterion of the search: condition, d_optimal or a_optimal.")
-    ] = "condition",
+    ] = "a_optimal",
     evaluations: Annotated[
         int, typer.Option(help="Maximum number of evaluations in the search.")
     ] = 3000,
@@ -130,21 +134,24 @@ def excite(
         print_json({**arm, **result.to_dict(), "excitation": said})
     else:
         _print_result(result, limits, base, told, file)
-        _print_judgement(judgement, done)
+        _print_judgement(judgement, done, told)
 
 
-def _print_judgement(judgement: Excitation, periods: int) -> None:
+def _print_judgement(judgement: Excitation, periods: int, model: Model) -> None:
     times = f"{periods} period{'s' * (periods > 1)}"
     if not judgement.poor:
         out.print(f"`identify` will rate this motion [green]good[/] ({times})")
         return
+    reasons = escape("; ".join(judgement.reasons))
+    out.print(f"`identify` will rate this motion [yellow]poor[/] ({times}): {reasons}")
+    if judgement.undetermined:
+        bodies = Counter(name.partition(".")[0] for name in judgement.undetermined)
+        counted = ", ".join(f"{count} of {body}" for body, count in bodies.items())
+        out.print(f"  not determined: {escape(counted)}", soft_wrap=True)
     out.print(
-        f"`identify` will rate this motion [yellow]poor[/] ({times}):"
-        f" {escape('; '.join(judgement.reasons))}"
-    )
-    out.print(
-        "  try faster motion (--period 5, higher limits of the arm), or another --criterion"
-        " (a_optimal)"
+        "  Higher limits (--acceleration, --velocity) allow a faster motion. Links whose torques"
+        " stay below the noise show with a known mass at the flange.",
+        soft_wrap=True,
     )
 
 
@@ -187,21 +194,24 @@ def _print_result(
     low, median, high = (
         np.percentile(result.random, [0, 50, 100]) if len(result.random) else [np.nan] * 3
     )
-    out.print(f"condition number of the base regressor ({len(result.columns)} columns)")
-    out.print(
-        f"  {len(result.random)} random motions  {low:.4g} … [bold]{median:.4g}[/] (median) …"
-        f" {high:.4g}"
-    )
-    out.print(f"  start (best random motion)  {result.condition_before:.4g}")
-    out.print(
-        f"  optimised          [bold green]{result.condition_after:.4g}[/]  after"
-        f" {result.evaluations} evaluations"
-    )
-    if result.criterion != "condition":
+    if result.criterion == "a_optimal":
+        times = 10.0 ** (result.value_before - result.value_after)
         out.print(
-            f"{result.criterion}: {result.value_before:.4g} before,"
-            f" [bold]{result.value_after:.4g}[/] after"
+            f"standard deviations of the {len(result.columns)} base parameters:"
+            f" [bold green]{times:.3g}[/] times smaller than with the best random motion, after"
+            f" {result.evaluations} evaluations"
         )
+    elif result.criterion == "d_optimal":
+        out.print(
+            f"d_optimal: {result.value_before:.4g} with the best random motion,"
+            f" [bold green]{result.value_after:.4g}[/] after {result.evaluations} evaluations"
+        )
+    out.print(
+        f"condition number of the base regressor: [bold]{result.condition_after:.4g}[/]; of the"
+        f" motion that the search began with {result.condition_before:.4g}, of"
+        f" {len(result.random)} random motions {low:.4g} … {median:.4g} (median) … {high:.4g}",
+        soft_wrap=True,
+    )
     for sentence in indistinct_words(result, base, model):
         out.print(
             "[yellow]excluded from the search because only nearly exact encoders determine it:[/]"

@@ -20,7 +20,7 @@ from elastic_arm.cli.outputs import Force, claim_folder
 from elastic_arm.diagnosis import Question, diagnose
 from elastic_arm.diagnosis.history import Course, courses, together, with_steps
 from elastic_arm.diagnosis.result import Diagnosis, from_dict
-from elastic_arm.diagnosis.words import size_text, step_text
+from elastic_arm.diagnosis.words import regime_text, size_text, step_text
 from elastic_arm.effects import Catalogue
 from elastic_arm.effects.text import known_effects
 from elastic_arm.errors import ElasticArmError
@@ -249,5 +249,5 @@ def print_history(found: Diagnosis, all_of: Sequence[Course], dates: Sequence[st
     for joint, side, regime in dict.fromkeys(
         (p.joint, p.side, p.regime) for p in found.unexplained
     ):
-        out.print(f"unexplained: {escape(joint)}, {side} side, depends on {regime}")
+        out.print(f"unexplained: {escape(joint)}, {side} side: {regime_text(regime)}")
     out.print(f"notes on the recordings: {len(found.notes)}, in {RESULTS[0]}")

@@ -205,7 +205,10 @@ def _write(
 def _print(result: Identification, out_dir: Path, corrected: Exported | str | None) -> None:
     if result.excitation["poor"]:
         reasons = "; ".join(result.excitation["reasons"])
-        remedy = "`elastic-arm excite` finds a better motion"
+        remedy = (
+            "`elastic-arm excite` finds a better motion. What this one determines all the same has"
+            " the word `well` below."
+        )
         out.print(
             "[bold yellow]the excitation is poor[/], judged by the motion alone:"
             f" {escape(reasons)}; {remedy}"

@@ -251,11 +251,27 @@ def motion_that_shows(regime: str) -> str:
     return SHOWN_BY.get(regime, SHOWN_BY["always"])
 
 
+# When a residual is large, as the predicate of a sentence.
+REGIME_WORDS = {
+    "always": "is equally large in every motion",
+    "velocity_reversal": "changes when the joint reverses",
+    "low_speed": "is largest at low speed",
+    "high_speed": "increases with speed",
+    "acceleration": "follows the acceleration",
+    "load": "depends on the load of the joint",
+    "position": "depends on the position of the joint",
+    "rotor_angle": "repeats with each turn of the rotor",
+    "wave_generator_angle": "repeats with each turn of the wave generator",
+    "frequency": "oscillates at one frequency",
+    "start": "is largest at the start of the recording",
+    "drift": "drifts over time",
+    "event": "occurs once, in a short interval",
+}
+
+
 def regime_text(regime: str) -> str:
     """Return when a residual is large, as the predicate of a sentence."""
-    if regime == "always":
-        return "is as large in any motion"
-    return f"depends on {regime.replace('_', ' ')}"
+    return REGIME_WORDS.get(regime, f"depends on {regime.replace('_', ' ')}")
 
 
 def unknown_sentences(found: Diagnosis) -> list[str]:
@@ -329,7 +345,7 @@ def closed_loop_sentences(found: Diagnosis) -> list[str]:
         sizes = (
             f"to {_short(worse, one.unit)}"
             if np.isfinite(worse)
-            else "without limit (no simulator accepts these numbers)"
+            else "until the simulation diverges"
         )
         moved.append(f"{joint} {sizes} ({_short(one.described, one.unit)} with the description)")
     if len(found.taken_back) >= len(found.joints):

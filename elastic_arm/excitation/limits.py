@@ -94,15 +94,22 @@ class MotionLimits:
     ) -> MotionLimits:
         """Take the limits of `robot`, lowered to the given ones.
 
-        Defaults where it states none; the given ones are for all joints alike.
+        Where it states none, the given ones count, else defaults; the given ones are for all joints
+        alike.
         """
         values: dict[str, Array] = {}
         assumed: list[str] = []
+        given = {"velocity": velocity, "acceleration": acceleration, "torque": torque}
         for name in DEFAULTS:
             defaults = [
                 (LINEAR_DEFAULTS if joint.prismatic else DEFAULTS)[name] for joint in robot.joints
             ]
             stated = [getattr(joint.limits, name) for joint in robot.joints]
+            limit = given.get(name)
+            if limit is not None:
+                positive = bool(np.isfinite(limit)) and limit > 0.0
+                require(positive, f"the {name} limit is {limit:g}", "Give a number above zero")
+                stated = [limit if value is None else min(value, limit) for value in stated]
             both = list(zip(stated, defaults, strict=True))
             values[name] = np.array(
                 [default if value is None else value for value, default in both], dtype=float
@@ -119,15 +126,6 @@ class MotionLimits:
                 f"{what} of {', '.join(joints)}: {words} assumed"
                 for words, joints in unknown.items()
             ]
-        for name, given in (
-            ("velocity", velocity),
-            ("acceleration", acceleration),
-            ("torque", torque),
-        ):
-            if given is not None:
-                positive = bool(np.isfinite(given)) and given > 0.0
-                require(positive, f"the {name} limit is {given:g}", "Give a number above zero")
-                values[name] = np.minimum(values[name], given)
         workspace = workspace or Workspace.of(robot)
         return cls(
             robot.joint_names,

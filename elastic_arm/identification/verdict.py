@@ -59,6 +59,8 @@ class Excitation:
     poor: bool
     reasons: tuple[str, ...]  # Why, in words
     one_way: tuple[str, ...] = ()  # Joints that turn in one direction only
+    # Base parameters whose expected standard deviations are above half of their usual size
+    undetermined: tuple[str, ...] = ()
 
 
 @dataclass
@@ -155,7 +157,9 @@ def excitation(
         statistics, int(equations.equations.live.sum()), relative[np.isfinite(scales)], len(names)
     )
     one_way = tuple(equations.joints[j] for j in statistics.one_way.tolist())
-    return Excitation(condition, relative, weakest, bool(reasons), reasons, one_way)
+    beyond = np.isfinite(scales) & ~(relative <= POORLY)
+    undetermined = tuple(names[k] for k in np.flatnonzero(beyond).tolist())
+    return Excitation(condition, relative, weakest, bool(reasons), reasons, one_way, undetermined)
 
 
 def _reasons(

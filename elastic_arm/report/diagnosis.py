@@ -111,7 +111,9 @@ def sections(found: Diagnosis) -> list[Section]:
     if found.prediction is not None:
         shown.append(Section("Prediction horizon", _prediction(found), folded=True))
     if context is not None:
-        shown.append(Section("Regimes of the residuals", [_regimes(found, context)], folded=True))
+        shown.append(
+            Section("What the residuals depend on", [_regimes(found, context)], folded=True)
+        )
     shown.append(Section("Basis of this diagnosis", _grounds(found), folded=True))
     return shown
 

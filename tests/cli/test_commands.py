@@ -39,7 +39,7 @@ def motion(tmp_path: Path) -> Path:
 
 
 def test_excite_writes_a_trajectory_and_says_what_it_reached(tmp_path: Path) -> None:
-    """`elastic-arm excite` writes a file that loads, and JSON with the condition before and
+    """`elastic-arm excite` writes a file that loads, and JSON with the criterion before and
     after."""
     file = tmp_path / "t.yaml"
     further = ("--csv", tmp_path / "traj.csv", "--goal", tmp_path / "goal.yaml")
@@ -47,7 +47,7 @@ def test_excite_writes_a_trajectory_and_says_what_it_reached(tmp_path: Path) -> 
     result = run("excite", "--out", file, *search, "--json", *further)
     assert result.exit_code == 0, result.output
     told = json.loads(result.stdout)
-    assert told["condition_number"]["after"] <= told["condition_number"]["before"]
+    assert told["criterion"] == "a_optimal" and told["value"]["after"] <= told["value"]["before"]
     assert load_trajectory(file).joints == ("joint_1", "joint_2", "joint_3")
     assert told["excitation"]["poor"] is False and told["excitation"]["reasons"] == []
     assert load_trajectory(file).duration == pytest.approx(
@@ -322,6 +322,7 @@ def test_missing_channel_maps_and_arrays_are_said_without_numbers_of_the_system(
 ) -> None:
     """No such file is no such file, for maps and arrays too."""
     assert "no such file" in refusal("bag", "info", bag, "--channels", tmp_path / "none.yaml")
+    assert refusal("replay", bag, "--robot", tmp_path / "none.xml").count("none.xml") == 1
     (tmp_path / "map.yaml").write_text(
         "joints: [a]\ntimes: {rate: 100}\nlink: {position: {key: t}}\n"
     )

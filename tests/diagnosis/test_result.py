@@ -449,7 +449,7 @@ def test_a_joint_that_moves_worse_is_said_first_and_not_explained(tmp_path: Path
         "unknown: With all corrections, the errors under the recorded commands increase"
     )
     assert "joint_2 to 102 mrad (30.8 mrad with the description)" in first
-    assert "joint_3 without limit (no simulator accepts these numbers)" in first
+    assert "joint_3 until the simulation diverges" in first
     assert "The correction of joint_2 and joint_3 is not written" in first
     assert second.startswith(
         "By the torques alone, joint 2 has dry friction of 6 Nm, which the model lacks"
@@ -525,7 +525,7 @@ def test_an_unknown_says_what_it_is_owed_to_and_what_to_record() -> None:
     and the motion fits what the residual follows."""
     place = UnexplainedResidual("joint_3", "motor", "load", 0.004)
     owed, worth, then = unknown_sentences(unknown(place))
-    assert "because of 0.004 Nm at joint_3, motor side" in owed and "depends on load" in owed
+    assert "because of 0.004 Nm at joint_3, motor side" in owed and "depends on the load" in owed
     assert "explain 96.1 % of the gap" in worth and "0.004 Nm" in worth
     assert "joint_3 alone" in then and "weight at the flange" in then
 

@@ -46,6 +46,10 @@ def test_stated_limits_hold_and_missing_ones_are_said() -> None:
     said = " ".join(limits.assumed)
     assert "acceleration of j0, j1" in said
     assert "velocity" not in said
+    given = MotionLimits.of(planar_arm(2, velocity=0.7), velocity=2.0, acceleration=20.0)
+    np.testing.assert_array_equal(given.velocity, 0.7)
+    np.testing.assert_array_equal(given.acceleration, 20.0)
+    assert "acceleration" not in " ".join(given.assumed)
     with pytest.raises(ExcitationError, match="velocity limit is -1"):
         MotionLimits.of(planar_arm(2), velocity=-1.0)
 

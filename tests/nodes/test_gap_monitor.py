@@ -199,8 +199,9 @@ def test_the_log_has_a_verdict_in_words() -> None:
     """Of an unknown the largest place is said beside the causes, or alone; of a sound arm that it
     is one."""
     left = (
-        "the largest unexplained residual, at joint_1 (motor side), depends on load; to find its"
-        " law, move joint_1 alone: one path with and without a known weight at the flange"
+        "the largest unexplained residual, at joint_1 (motor side), depends on the load of the"
+        " joint; to find its law, move joint_1 alone: one path with and without a known weight at"
+        " the flange"
     )
     assert in_words({**FOUND, "verdict": "unknown"}) == f"unknown: time_delay; {left}"
     assert in_words({**FOUND, "verdict": "unknown", "causes": []}) == f"unknown: {left}"

@@ -175,9 +175,9 @@ def test_bad_arrays_are_refused(tmp_path: Path) -> None:
     np.savez(tmp_path / "words.npz", **{**make_arrays(), "q": np.array([["a", "b"]] * 50)})
     with pytest.raises(RecordingError, match="not a table of numbers"):
         import_arrays(tmp_path / "words.npz", mapping)
-    (tmp_path / "a.xlsx").write_bytes(b"")
-    with pytest.raises(RecordingError, match=r"extensions \.csv, \.txt"):
-        import_arrays(tmp_path / "a.xlsx", mapping)
+    (tmp_path / "a.docx").write_bytes(b"")
+    with pytest.raises(RecordingError, match=r"extensions \.csv, \.tsv, \.txt"):
+        import_arrays(tmp_path / "a.docx", mapping)
 
 
 @pytest.mark.skipif(not KUKA.exists(), reason=f"the KUKA LWR 4+ recordings are not in {KUKA}")

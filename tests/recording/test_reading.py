@@ -4,12 +4,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from mcap.writer import CompressionType, IndexType
 from mcap.writer import Writer as McapWriter
 from rosbags.rosbag2 import Writer
 from rosbags.rosbag2.enums import CompressionFormat, CompressionMode
 
 from elastic_arm.recording import Recording, message_types, read_recording, write_recording
+from elastic_arm.recording.inspection.check import check_bag
 from elastic_arm.recording.inspection.info import bag_info
 from tests.helpers.bags import (
     JOINT_STATE,
@@ -144,6 +146,29 @@ def test_several_bags_make_one_recording(tmp_path: Path) -> None:
     for number, bag in enumerate(bags):
         next(bag.glob("*.mcap")).rename(tmp_path / "split" / f"run_{number}.mcap")
     assert_equal(read_recording(tmp_path / "split"), joined)
+
+
+def test_a_bag_split_by_size_is_read_in_the_order_of_its_metadata(tmp_path: Path) -> None:
+    """As `ros2 bag record --max-bag-size` writes it: the tenth file follows the ninth."""
+    parts = np.array_split(stamps(240), 12)
+    folder = tmp_path / "bag"
+    for number, part in enumerate(parts):
+        messages = states("/joint_states", part) + states("/motor_states", part)
+        bag = write_foreign(tmp_path / f"part_{number}", messages)
+        folder.mkdir(exist_ok=True)
+        next(bag.glob("*.mcap")).rename(folder / f"bag_{number}.mcap")
+    metadata = yaml.safe_load((bag / "metadata.yaml").read_text())
+    information = metadata["rosbag2_bagfile_information"]
+    information["relative_file_paths"] = [f"bag_{number}.mcap" for number in range(12)]
+    information.pop("files", None)
+    information["message_count"] = 480
+    for topic in information["topics_with_message_count"]:
+        topic["message_count"] = 240
+    (folder / "metadata.yaml").write_text(yaml.safe_dump(metadata))
+    recording = read_recording(folder)
+    np.testing.assert_array_equal(recording.link.stamp_ns, stamps(240))
+    np.testing.assert_array_equal(recording.motor.stamp_ns, stamps(240))
+    assert not [one for one in check_bag(folder).findings if one.severity == "error"]
 
 
 def test_one_side_alone_is_read_with_its_effort_as_motor_torque(tmp_path: Path) -> None:

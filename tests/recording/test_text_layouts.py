@@ -2,7 +2,10 @@
 from each."""
 
 import json
+import pickle
 from collections.abc import Callable
+from datetime import date
+from decimal import Decimal
 from pathlib import Path
 
 import h5py
@@ -210,6 +213,137 @@ def matlab_7_3_cells(file: Path) -> None:
     file.write_bytes(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM" + data[128:])
 
 
+def lists_of_topics(file: Path) -> None:
+    """Write a row for each topic and time, with the numbers of all joints in a list, as Parquet."""
+    commands = Q + 0.01 * np.cos(7.0 * Q)
+    both = np.stack([Q, commands], axis=1).reshape(-1, 2)
+    columns = {"time": np.repeat(T, 2), "topic": ["/state", "/cmd"] * 60, "pos": list(both)}
+    pq.write_table(pa.table(columns), file)
+
+
+def messages_in_parquet(file: Path) -> None:
+    """Write messages of ROS as structs and lists, whose names come in another order every other
+    row."""
+    stamps = [{"sec": 1_700_000_000, "nanosec": round(1e9 * t)} for t in T]
+    ways = [slice(None, None, 1 if k % 2 else -1) for k in range(len(T))]
+    columns = {
+        "header": [{"stamp": stamp, "frame_id": ""} for stamp in stamps],
+        "name": [list(NAMES[way]) for way in ways],
+        "position": [q[way].tolist() for q, way in zip(Q, ways, strict=True)],
+    }
+    pq.write_table(pa.table(columns), file)
+
+
+def objects_in_parquet(file: Path) -> None:
+    """Write a list of objects a row, a joint each."""
+    rows = [[{"name": n, "pos": x} for n, x in zip(NAMES, q, strict=True)] for q in Q.tolist()]
+    pq.write_table(pa.table({"t": T, "joints": rows}), file)
+
+
+def typed_parquet(file: Path) -> None:
+    """Write a categorical column of names, decimal numbers and times of day."""
+    day = pa.array(np.repeat(np.round(1e6 * T).astype(int), 2) + 10**9, pa.time64("us"))
+    columns = {
+        "time": day,
+        "joint": pa.array(np.tile(NAMES, len(T))).dictionary_encode(),
+        "position": [Decimal(f"{x:.9f}") for x in Q.ravel()],
+    }
+    pq.write_table(pa.table(columns), file)
+
+
+def records_in_hdf5(file: Path) -> None:
+    """Write one dataset of records."""
+    with h5py.File(file, "w") as content:
+        content["log"] = records_of_numpy()
+
+
+def texts_in_hdf5(file: Path) -> None:
+    """Write a row for each joint and time."""
+    with h5py.File(file, "w") as content:
+        content["time"] = np.repeat(T, 2)
+        content["joint"] = np.array([*NAMES] * len(T), dtype=h5py.string_dtype())
+        content["position"] = Q.ravel()
+
+
+def records_of_numpy() -> np.ndarray:
+    """Return times and angles as records."""
+    records = np.zeros(len(T), dtype=[("t", "f8"), ("q", "f8", (2,))])
+    records["t"], records["q"] = T, Q
+    return records
+
+
+def dates_of_numpy(file: Path) -> None:
+    """Write NumPy's dates."""
+    start = np.datetime64("2026-11-28T06:00:00", "ns")
+    np.savez(file, time=start + np.round(1e9 * T).astype("m8[ns]"), q=Q)
+
+
+def pandas_columns(file: Path) -> None:
+    """Write an object of columns, each by the numbers of its rows: `DataFrame.to_json`."""
+    columns = dict(zip(("time", "shoulder_pos", "elbow_pos"), (T, *Q.T), strict=True))
+    numbered = {name: dict(enumerate(cells.tolist())) for name, cells in columns.items()}
+    file.write_text(json.dumps(numbered))
+
+
+def pandas_rows(file: Path) -> None:
+    """Write an object of records by their numbers: `to_json(orient="index")`."""
+    rows = zip(T.tolist(), *Q.T.tolist(), strict=True)
+    names = ("time", "shoulder_pos", "elbow_pos")
+    file.write_text(json.dumps({k: dict(zip(names, r, strict=True)) for k, r in enumerate(rows)}))
+
+
+def pandas_split(file: Path) -> None:
+    """Write names and rows apart: `to_json(orient="split")`."""
+    rows = np.column_stack([T, Q]).tolist()
+    names = ["time", "shoulder_pos", "elbow_pos"]
+    file.write_text(json.dumps({"columns": names, "index": list(range(len(T))), "data": rows}))
+
+
+def json_of_protobuf(file: Path) -> None:
+    """Write what `mcap cat --json` makes of Foxglove's JointStates."""
+    lines = []
+    for t, q in zip(T, Q.round(9).tolist(), strict=True):
+        joints = [{"name": n, "position": x} for n, x in zip(NAMES, q, strict=True)]
+        stamp = f"2026-11-28T06:00:{t:012.9f}Z"
+        message = {"timestamp": stamp, "joints": joints}
+        lines.append(json.dumps({"topic": "/joint_states", "log_time": 1.0, "data": message}))
+    file.write_text("\n".join(lines))
+
+
+def under_two_lines(file: Path) -> None:
+    """Write names of two levels, as data frames have them."""
+    rows = [f"{t:.3f},{a:.9f},{b:.9f}" for t, (a, b) in zip(T, Q, strict=True)]
+    file.write_text("\n".join(["time,position,position", ",shoulder,elbow", *rows]))
+
+
+def under_a_title(file: Path) -> None:
+    """Write lines about the recording before the names, and units in brackets below them."""
+    degrees = np.degrees(Q)
+    rows = [f"{1e3 * t:.0f},{a:.9f},{b:.9f}" for t, (a, b) in zip(T, degrees, strict=True)]
+    head = ["Robot logger 1.2", "Started 28.11.2026", "", "time,shoulder,elbow", "(ms),(deg),[deg]"]
+    file.write_text("\n".join([*head, *rows]))
+
+
+def under_excel_s_mark(file: Path) -> None:
+    """Write the mark that parts the columns first."""
+    rows = [f"{t:.3f};{a:.9f};{b:.9f}" for t, (a, b) in zip(T, Q, strict=True)]
+    file.write_text("\n".join(["sep=;", "time;shoulder_pos;elbow_pos", *rows]))
+
+
+def under_matlab_s_comments(file: Path) -> None:
+    """Write comments with per cent, the names in the last."""
+    rows = [f"{t:.3f} {a:.9f} {b:.9f}" for t, (a, b) in zip(T, Q, strict=True)]
+    file.write_text("\n".join(["% logged on 28.11.2026", "% time pos1 pos2", *rows]))
+
+
+def stamps_in_two_columns(file: Path) -> None:
+    """Write nothing but numbers, parted by tabs."""
+    rows = [
+        f"1700000000\t{round(1e9 * t)}\t{a:.9f}\t{b:.9f}" for t, (a, b) in zip(T, Q, strict=True)
+    ]
+    file.write_text("\n".join(["stamp.sec\tstamp.nanosec\tpos1\tpos2", *rows]))
+
+
 WRITERS: dict[str, tuple[str, Callable[[Path], None]]] = {
     "long by signal": (".csv", long_by_signal),
     "long by joint": (".csv", long_by_joint),
@@ -233,6 +367,23 @@ WRITERS: dict[str, tuple[str, Callable[[Path], None]]] = {
     "cells of MATLAB": (".mat", matlab_cells),
     "structs of MATLAB": (".mat", matlab_structs),
     "cells of MATLAB 7.3": (".mat", matlab_7_3_cells),
+    "lists of topics": (".parquet", lists_of_topics),
+    "messages in Parquet": (".parquet", messages_in_parquet),
+    "objects in Parquet": (".parquet", objects_in_parquet),
+    "typed Parquet": (".parquet", typed_parquet),
+    "records in HDF5": (".h5", records_in_hdf5),
+    "texts in HDF5": (".h5", texts_in_hdf5),
+    "records of NumPy": (".npy", lambda file: np.save(file, records_of_numpy())),
+    "dates of NumPy": (".npz", dates_of_numpy),
+    "columns of pandas": (".json", pandas_columns),
+    "rows of pandas": (".json", pandas_rows),
+    "split by pandas": (".json", pandas_split),
+    "JSON of protobuf": (".jsonl", json_of_protobuf),
+    "names of two levels": (".csv", under_two_lines),
+    "a title": (".csv", under_a_title),
+    "a mark": (".csv", under_excel_s_mark),
+    "comments of MATLAB": (".txt", under_matlab_s_comments),
+    "stamps in two columns": (".tsv", stamps_in_two_columns),
 }
 
 
@@ -250,6 +401,25 @@ def test_the_same_numbers_come_of_every_layout(tmp_path: Path, kind: str) -> Non
     np.testing.assert_allclose(
         (recording.link.stamp_ns - recording.link.stamp_ns[0]) * 1e-9, T, atol=2e-5
     )
+
+
+def test_nothing_of_a_file_vanishes(tmp_path: Path) -> None:
+    """What is no table says so; commands with times of their own, and runs below each other, are
+    kept as they are."""
+    file = tmp_path / "run.parquet"
+    lists = [[1.0] * (1 + k % 2) for k in range(len(T))]
+    pq.write_table(pa.table({"time": T, "pos": lists, "at": [date(2026, 11, 28)] * len(T)}), file)
+    with pytest.raises(RecordingError, match=r"pos \('lists of 1 to 2 numbers' is not a number"):
+        guess_mapping(load_arrays(file), NAMES)
+    assert load_arrays(file)["at"][0] == "2026-11-28"
+    commands = [{"t": t, "goal": q} for t, q in zip(T[::2].tolist(), Q[::2].tolist(), strict=True)]
+    states = [{"t": t, "q": q} for t, q in zip(T.tolist(), Q.tolist(), strict=True)]
+    (tmp_path / "run.json").write_text(json.dumps({"states": states, "commands": commands}))
+    found = load_arrays(tmp_path / "run.json")
+    assert found["q"].shape == (60, 2) and found["commands.goal"].shape == (30, 2)
+    rows = [f"{t:.2f},{k},lift,{q[0]}" for k in range(2) for t, q in zip(T, Q, strict=True)]
+    (tmp_path / "runs.csv").write_text("\n".join(["timestamp,episode_index,task,q", *rows]))
+    assert len(load_arrays(tmp_path / "runs.csv")["q"]) == 2 * len(T)
 
 
 def test_the_reports_are_read() -> None:
@@ -346,24 +516,35 @@ def test_texts_of_parquet_neither_break_nor_part_a_data_set(tmp_path: Path) -> N
 
 
 def test_texts_that_are_none_of_these_stay_texts(tmp_path: Path) -> None:
-    """A column of modes beside numbers is no long table; lists of several lengths are refused."""
+    """A column of modes beside numbers is no long table, and lists of several lengths are no
+    table."""
     file = tmp_path / "a.csv"
     file.write_text("time,mode,q\n" + "\n".join(f"{t},run,{t}" for t in T))
     found = load_arrays(file)
     assert found["mode"].dtype.kind == "U" and len(found["q"]) == 60 and "mode" in found.faults
     file.write_text('time,q\n0,"[1, 2]"\n1,"[1, 2, 3]"\n')
-    with pytest.raises(RecordingError, match="2 to 3 numbers"):
-        load_arrays(file)
+    assert "lists of 2 to 3 numbers" in load_arrays(file).faults["q"]
     (tmp_path / "a.json").write_text("{}")
     with pytest.raises(RecordingError, match="contains no table"):
         load_arrays(tmp_path / "a.json")
 
 
-@pytest.mark.parametrize(("suffix", "words"), [(".pkl", "read_pickle"), (".feather", "Parquet")])
+@pytest.mark.parametrize(
+    ("suffix", "words"),
+    [
+        (".pkl", "read_pickle"),
+        (".npy", "pickled objects"),
+        (".feather", "Parquet"),
+        (".xlsx", "sheet as .csv"),
+        (".csv.gz", "Unpack it"),
+        (".yaml", "ros2 bag record"),
+        (".log", "rename it to .csv"),
+    ],
+)
 def test_what_is_not_read_has_a_way_out(tmp_path: Path, suffix: str, words: str) -> None:
     """Pickled frames are refused for safety."""
     file = tmp_path / f"a{suffix}"
-    file.write_bytes(b"\x80\x04.")
+    file.write_bytes(pickle.dumps([1.0]))
     assert words in refusal(
         "bag",
         "import",
@@ -432,6 +613,27 @@ def test_a_draft_goes_by_names_and_values() -> None:
         Arrays({"time": T, "position": np.round(2048 + 900.0 * Q)}), NAMES
     ).channels[0]
     assert ticks.unit == "turns" and "1/4096" in ticks.missing["factor"]
+
+
+def test_a_draft_knows_names_of_simulators_and_controllers() -> None:
+    """MuJoCo's ctrl, of angles or torques, what a controller adds or wants, forces at the tool,
+    currents of an axis, and encoders."""
+    tau = 5.0 * np.cos(Q)
+    angles = guessed(qpos=Q, ctrl=Q + 0.01 * np.cos(Q))
+    assert angles["command", "position"] == ("ctrl", "rad")
+    assert guessed(qpos=Q, ctrl=tau)["command", "effort"] == ("ctrl", "Nm")
+    measured = guessed(q=Q, torque_feedforward=0.5 * tau, external_torque=0.1 * tau, torque=tau)
+    assert measured["motor", "effort"] == ("torque", "Nm")
+    franka = guessed(q=Q, q_d=Q + 0.01, tau_J=tau, tau_J_d=0.9 * tau, tau_ext_hat_filtered=0.1 * Q)
+    assert franka == {
+        ("link", "position"): ("q", "rad"),
+        ("link", "effort"): ("tau_J", "Nm"),
+        ("command", "position"): ("q_d", "rad"),
+        ("command", "effort"): ("tau_J_d", "Nm"),
+    }
+    assert guessed(q=Q, iq=tau)["motor", "effort"] == ("iq", "A")
+    assert guessed(q=Q, tcp_force=tau) == {("link", "position"): ("q", "rad")}
+    assert guessed(enc=np.round(4096.0 * Q))["link", "position"] == ("enc", "turns")
 
 
 @pytest.mark.parametrize("values", [np.round(885.0 * Q), 0.8 * Q, 80.0 * Q])

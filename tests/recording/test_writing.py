@@ -58,6 +58,29 @@ def test_joint_torques_alone_stay_joint_torques(tmp_path: Path, rng: np.random.G
     assert_equal(read_recording(write_recording(tmp_path / "bag", recording)), recording)
 
 
+def test_rosbag2_reads_the_same_numbers(tmp_path: Path, rng: np.random.Generator) -> None:
+    """The reader of `ros2 bag`, which comes with ROS alone, finds all messages and their types."""
+    rosbag2_py = pytest.importorskip("rosbag2_py", reason="rosbag2 comes with ROS, not as a wheel")
+    serialization = pytest.importorskip("rclpy.serialization")
+    utilities = pytest.importorskip("rosidl_runtime_py.utilities")
+    recording = two_sided(rng, 300)
+    folder = write_recording(tmp_path / "bag", recording)
+    reader = rosbag2_py.SequentialReader()
+    reader.open(
+        rosbag2_py.StorageOptions(uri=str(folder), storage_id="mcap"),
+        rosbag2_py.ConverterOptions("cdr", "cdr"),
+    )
+    types = {topic.name: topic.type for topic in reader.get_all_topics_and_types()}
+    positions = []
+    while reader.has_next():
+        topic, data, log_ns = reader.read_next()
+        message = serialization.deserialize_message(data, utilities.get_message(types[topic]))
+        stamp = message.header.stamp
+        assert log_ns == stamp.sec * 10**9 + stamp.nanosec
+        positions += [list(message.position)] if topic == "/joint_states" else []
+    np.testing.assert_array_equal(positions, recording.link.position)
+
+
 @pytest.mark.parametrize("compression", COMPRESSIONS)
 def test_rosbags_reads_the_same_numbers(
     tmp_path: Path, rng: np.random.Generator, compression: str

@@ -56,7 +56,7 @@ def test_report_shows_verdict_map_causes_and_prediction_in_a_browser(
     titles = re.findall(r"<h2>([^<]*)</h2>", page)
     assert titles[:2] == ["Verdict", "Location of the gap"]
     assert {"coulomb friction, joint_2", "transmission error, joint_1"} < set(titles)
-    assert {"Before and after", "Prediction horizon", "Regimes of the residuals"} < set(titles)
+    assert {"Before and after", "Prediction horizon", "What the residuals depend on"} < set(titles)
     assert page.index("explained: ") < page.index("<svg")
     # Map, two causes, horizons are drawings; what is over time can be zoomed: two causes, and nine
     # residuals.

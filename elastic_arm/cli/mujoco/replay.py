@@ -74,6 +74,9 @@ def replay_command(
 
 def open_arm(path: Path, chain: str | None, at: str | None) -> MjcfArm:
     """Open the arm of an MJCF."""
+    if not os.path.exists(path):
+        remedy = "Give the path of an MJCF file; `diagnose` prints the name of the one it writes."
+        raise RobotError(f"{path}: no such file", remedy)
     if os.path.isfile(path) and not is_mjcf(path):
         raise RobotError(
             f"{path} is not an MJCF", "Write one with elastic-arm export ROBOT --to mjcf --out FILE"

@@ -13,7 +13,7 @@ import tokenize
 import zipfile
 import zlib
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from types import MappingProxyType
@@ -23,10 +23,9 @@ import numpy as np
 from elastic_arm.errors import MissingExtraError, RecordingError
 from elastic_arm.recording import limits
 from elastic_arm.recording.foreign.compiled_readers import load_compiled
-from elastic_arm.recording.foreign.text_layouts import arrays_of, is_long, records
-from elastic_arm.recording.storage.bag import ARRAY_FILES, METADATA, RECORD_FILES
+from elastic_arm.recording.foreign.text_layouts import arrays_of, has_layout, records
+from elastic_arm.recording.storage.bag import ARRAY_FILES, METADATA, RECORD_FILES, TEXT_TABLES
 
-TABLES = (".csv", ".txt", ".dat")
 LEARNERS = (".parquet", ".h5", ".hdf5")
 KINDS = (*ARRAY_FILES, *RECORD_FILES)
 _PICKLED = (
@@ -45,9 +44,30 @@ _A_BAG = (
     ),
 )
 _ELSEWHERE |= dict.fromkeys((".mcap", ".db3"), _A_BAG)
-_ELSEWHERE[".feather"] = (
-    "is a Feather file",
-    "Save it as Parquet: pandas.read_feather('{0}').to_parquet('t.parquet').",
+_ELSEWHERE |= dict.fromkeys(
+    (".feather", ".arrow"),
+    (
+        "is a Feather file",
+        "Save it as Parquet: pandas.read_feather('{0}').to_parquet('t.parquet').",
+    ),
+)
+_ELSEWHERE |= dict.fromkeys(
+    (".xlsx", ".xls", ".ods"), ("is a spreadsheet", "Save its sheet as .csv.")
+)
+_ELSEWHERE |= dict.fromkeys(
+    (".gz", ".bz2", ".xz", ".zst", ".zip", ".tar", ".7z"),
+    ("is a packed file", "Unpack it, and give the file or folder in it."),
+)
+_ELSEWHERE |= dict.fromkeys(
+    (".yaml", ".yml"),
+    (
+        "is YAML, as `ros2 topic echo` prints messages",
+        "Record them instead: `ros2 bag record TOPIC`; bags need no import.",
+    ),
+)
+_ELSEWHERE[".tdms"] = (
+    "is a TDMS file of LabVIEW",
+    "Save it as .csv: nptdms.TdmsFile.read('{0}').as_dataframe().to_csv('table.csv').",
 )
 FILE_INDEX = (  # array that numbers the files of a folder whose files hold the same arrays
     "file_index"
@@ -74,6 +94,7 @@ _UNREADABLE: tuple[type[Exception], ...] = (
     zlib.error,
 )
 _WHOLE_TABLE = ""
+_REMARK = "#%"  # begin of a line that is a comment, as numpy and MATLAB write it
 _BLANK = ("", "na", "n/a", "#n/a", "null", "none", "-", "--")  # cells that hold no number
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?$")
 
@@ -201,7 +222,7 @@ def _load(paths: Sequence[Path], decimal: str | None) -> list[Arrays]:
     if kind not in KINDS:
         raise RecordingError(
             f"{path} does not have one of the extensions {', '.join(KINDS)}",
-            "Convert it to one of these formats.",
+            "Convert it to one of these formats; if it is a table as text, rename it to .csv.",
         )
     try:
         for file in paths:
@@ -210,23 +231,28 @@ def _load(paths: Sequence[Path], decimal: str | None) -> list[Arrays]:
                     f"{file} is a pipe or a device, not a file", "Save its content as a file first."
                 )
         _refuse_large(path, sum(file.stat().st_size for file in paths))
-        if kind in TABLES:
+        if kind in TEXT_TABLES:
             return [_table(path, decimal)]
         if kind in RECORD_FILES:
             return [_json(path)]
         if kind == ".npz":
             return [_npz(path)]
         if kind == ".npy":
-            return [Arrays({_WHOLE_TABLE: np.load(path, allow_pickle=False)})]
+            return [_plain(path, {_WHOLE_TABLE: np.load(path, allow_pickle=False)})]
         found = load_compiled(paths, limits.unpacked_bytes())
         if empty := [file for file, arrays in zip(paths, found, strict=True) if not arrays]:
             raise RecordingError(
                 f"{empty[0]} contains no tables of numbers", "Give a file with joint states."
             )
-        return [_widened(file, arrays) for file, arrays in zip(paths, found, strict=True)]
+        return [_plain(file, arrays) for file, arrays in zip(paths, found, strict=True)]
     except (RecordingError, MissingExtraError):
         raise
     except _UNREADABLE as error:
+        if kind in (".npy", ".npz") and "pickle" in str(error):
+            raise RecordingError(
+                f"{path} cannot be read: it holds pickled objects, which could run any program",
+                "Save arrays of numbers: numpy.savez('table.npz', time=…, position=…).",
+            ) from None
         reason = (
             getattr(error, "strerror", None)
             or " ".join(str(error).split())[:200]
@@ -255,11 +281,11 @@ def _npz(path: Path) -> Arrays:
         raise ValueError(f"it contains two arrays called {twice[0][:60]!r}")
     _refuse_large(path, sum(entry.file_size for entry in entries))
     with np.load(path, allow_pickle=False) as content:
-        arrays = Arrays(dict(content))
+        arrays = dict(content)
     # Where the head of an entry is damaged, numpy returns its bytes.
     if strange := [name for name, values in arrays.items() if not isinstance(values, np.ndarray)]:
         raise ValueError(f"its entry {strange[0][:60]!r} is not an array")
-    return arrays
+    return _plain(path, arrays)
 
 
 def _table(path: Path, decimal: str | None) -> Arrays:
@@ -267,26 +293,18 @@ def _table(path: Path, decimal: str | None) -> Arrays:
     blank cells."""
     lines = _text(path).split("\n")
     numbered = [(n, line) for n, line in enumerate(lines, start=1) if line.strip()]
-    # Names stand in the first line that is no comment, or in the last of the comments before it, as
-    # numpy writes them.
-    remarks = sum(
-        1 for _ in itertools.takewhile(lambda row: row[1].lstrip().startswith("#"), numbered)
-    )
-    named = remarks < len(numbered) and not any(
-        map(_is_number, re.split(r"[;,\s]+", numbered[remarks][1]))
-    )
-    numbered = numbered[remarks if named else max(remarks - 1, 0) :]
     if not numbered:
         raise RecordingError(
             f"{path} cannot be read: it is empty", "Give a file with a table of numbers."
         )
+    numbered = numbered[_before_names([line for _, line in numbered]) :]
     delimiter = _delimiter([line for _, line in numbered[:2]], decimal)
     # Blanks may come several at a time, and stand behind the comment mark that numpy writes.
-    head = numbered[0][1].lstrip("#")
+    head = numbered[0][1].lstrip(_REMARK)
     if delimiter is not None:
         numbered = _whole_rows(lines, numbered[0][0], delimiter)
-        head = numbered[0][1].lstrip("#")
-    names = [name.strip().lstrip("#").strip() for name in _cells(head, delimiter)]
+        head = numbered[0][1].lstrip(_REMARK)
+    names = [name.strip().lstrip(_REMARK).strip() for name in _cells(head, delimiter)]
     nameless = all(_is_number(name) or _DECIMAL_COMMA.match(name) for name in names)
     below = numbered if nameless else numbered[1:]
     rows = [(n, line) for n, line in below if line.partition("#")[0].strip()]
@@ -295,7 +313,13 @@ def _table(path: Path, decimal: str | None) -> Arrays:
     if nameless:
         names = [str(column) for column in range(len(names))]
     elif len(set(names)) < len(names):
-        raise ValueError(f"two columns are called {Counter(names).most_common(1)[0][0][:60]!r}")
+        # A second line of names says which joint, as data frames with names of two levels have it.
+        further = [cell.strip() for cell in _cells(rows.pop(0)[1], delimiter)]
+        if len(further) == len(names) and not any(map(_is_number, further)):
+            both = zip(names, further, strict=True)
+            names = [f"{name}.{more}" if more else name for name, more in both]
+        if len(set(names)) < len(names) or not rows:
+            raise ValueError(f"two columns are called {Counter(names).most_common(1)[0][0][:60]!r}")
     units = [cell.strip() for cell in _cells(rows[0][1], delimiter)]
     stated = (
         len(rows) > 1
@@ -328,13 +352,35 @@ def _table(path: Path, decimal: str | None) -> Arrays:
             )
     except ValueError:
         arrays = _by_cells(path, names, rows, delimiter, "." if comma is None else ",")
+    units = [unit[1:-1] if re.fullmatch(r"\(.*\)|\[.*\]", unit) else unit for unit in units]
     arrays.units = {name: unit for name, unit in zip(names, units, strict=False) if stated and unit}
-    if arrays.faults or is_long(arrays):
+    if arrays.faults or has_layout(arrays):
         arrays = _laid_out(path, arrays)
     arrays.decimal = "." if comma is None else ","
     if nameless and not arrays.faults:
         arrays[_WHOLE_TABLE] = np.column_stack(list(arrays.values()))
     return arrays
+
+
+def _before_names(lines: Sequence[str]) -> int:
+    """Return how many lines there are before the line of names.
+
+    Names stand in the first line that is no comment, or in the last of the comments before it, as
+    numpy writes them. Lines before them may name the mark that parts the columns, as Excel writes
+    it, or be a title, which holds no such mark.
+    """
+    if re.fullmatch(r"sep=.", lines[0].strip()):
+        return 1
+    remarks = sum(1 for _ in itertools.takewhile(lambda line: line.lstrip()[0] in _REMARK, lines))
+    mark = _delimiter(lines[-2:], None)
+    words = len(lines[-1].split())
+    # Blanks part a table with decimal commas.
+    titles = itertools.takewhile(
+        lambda line: mark and mark not in line and len(line.split()) != words, lines[remarks:]
+    )
+    first = remarks + sum(1 for _ in titles)
+    named = first < len(lines) and not any(map(_is_number, re.split(r"[;,\s]+", lines[first])))
+    return first if named or first > remarks else max(remarks - 1, 0)
 
 
 def _whole_rows(lines: Sequence[str], first: int, delimiter: str) -> list[tuple[int, str]]:
@@ -412,10 +458,36 @@ def _by_cells(
     return arrays
 
 
-def _widened(path: Path, arrays: dict[str, np.ndarray]) -> Arrays:
-    """Return arrays of a compiled format; a table with a row a joint as one column a joint."""
-    columns = Arrays({name: values for name, values in arrays.items() if values.ndim == 1})
-    return _laid_out(path, columns) if is_long(columns) else Arrays(arrays)
+def _plain(path: Path, arrays: Mapping[str, np.ndarray]) -> Arrays:
+    """Return arrays of numbers and texts: records by their fields, dates as ns, and tables with
+    texts, stamps in two columns or a row a joint laid out as those of text files are."""
+    found = Arrays()
+    for name, values in arrays.items():
+        found.update(_fields(name, values))
+    lengths = {len(v) for v in found.values() if v.ndim == 1 and v.size > 1}
+    rows = {name: v for name, v in found.items() if v.ndim and len(v) in lengths}
+    table = Arrays(
+        {n: v for n, v in rows.items() if v.ndim == 1 or (v.ndim == 2 and v.dtype.kind in "biuf")}
+    )
+    if not has_layout(table):
+        return found
+    laid_out = _laid_out(path, table)
+    laid_out.update({name: v for name, v in found.items() if name not in table})
+    return laid_out
+
+
+def _fields(name: str, values: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield an array, or the fields of one of records."""
+    if values.dtype.names is not None:
+        for field in values.dtype.names:
+            yield from _fields(f"{name}.{field}" if name else field, values[field])
+    elif values.dtype.kind in "mM":
+        kind = "datetime64[ns]" if values.dtype.kind == "M" else "timedelta64[ns]"
+        yield name, values.astype(kind).astype(np.int64)
+    elif values.dtype.kind == "S":
+        yield name, np.char.decode(values, "utf-8", "replace")
+    else:
+        yield name, values
 
 
 def _laid_out(path: Path, table: Arrays) -> Arrays:
@@ -427,7 +499,9 @@ def _laid_out(path: Path, table: Arrays) -> Arrays:
         raise RecordingError(f"{path}: {error.problem}", error.remedy) from None
     stated = {name: unit for name, unit in table.units.items() if name in found}
     arrays = _with_faults(found, stated | units)
-    arrays.faults |= {name: fault for name, fault in table.faults.items() if name in arrays.faults}
+    for name in arrays.faults.keys() & table.faults.keys():
+        if np.array_equal(arrays[name], table[name]):
+            arrays.faults[name] = table.faults[name]  # with its line
     return arrays
 
 

@@ -10,6 +10,7 @@ remedy.
 
 import importlib
 import io
+import json
 import os
 import resource
 import signal
@@ -39,7 +40,7 @@ def load_compiled(paths: Sequence[Path], most: int) -> list[dict[str, np.ndarray
 
     Fields of a MATLAB struct are called `struct.field`, HDF5's datasets by their paths with dots. A
     Parquet column of lists of equally many numbers, such as LeRobot's `observation.state`, is one
-    array. Pictures are left out, and texts but those of Parquet.
+    array. Pictures are left out, and texts of MATLAB.
     """
     kinds = sorted({path.suffix.lower() for path in paths})
     require_libraries(f"{' and '.join(kinds)} files need", *_libraries(paths))
@@ -145,56 +146,92 @@ def _parquet(path: str, most: int) -> Iterator[tuple[str, np.ndarray]]:
         _refuse_large(
             8 * sum(c.num_values for c in columns if c.physical_type != "BYTE_ARRAY"), most
         )
-        table = file.read(
-            columns=[field.name for field in file.schema_arrow if _is_read(field.type)]
-        )
+        leaves = [file.schema.column(k) for k in range(len(file.schema))]
+        table = file.read(columns=[leaf.path for leaf in leaves if _is_read(leaf)])
     for name in table.column_names:
-        if (values := _column(table.column(name), most)) is not None:
-            yield name, values
+        for leaf_name, column in _leaves(name, table.column(name)):
+            yield leaf_name, _column(column, most)
 
 
-def _is_read(kind: Any) -> bool:
-    """Return whether a column holds numbers, or texts, which may name the joint of a row."""
-    from pyarrow import types
-
-    if types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind):
-        kind = kind.value_type
-        if types.is_string(kind) or types.is_large_string(kind):
-            return False
-    return bool(
-        types.is_integer(kind)
-        or types.is_floating(kind)
-        or types.is_boolean(kind)
-        or types.is_timestamp(kind)
-        or types.is_string(kind)
-        or types.is_large_string(kind)
-    )
+def _is_read(leaf: Any) -> bool:
+    """Return whether the innermost part of a column holds numbers, times or texts, not bytes as
+    those of pictures."""
+    of_bytes = leaf.physical_type in ("BYTE_ARRAY", "FIXED_LEN_BYTE_ARRAY")
+    return not of_bytes or leaf.logical_type.type in ("STRING", "DECIMAL", "FLOAT16")
 
 
-def _column(column: Any, most: int) -> np.ndarray | None:
-    """Return a column as (N,), or as (N, k) where it has lists of k; None where these differ in
-    length, and of texts that are long."""
+def _leaves(name: str, column: Any) -> Iterator[tuple[str, Any]]:
+    """Yield a column, or those of its structs by their names with dots; lists of structs as a list
+    for each of their fields."""
     import pyarrow as pa
     import pyarrow.compute as pc
+    from pyarrow import types
 
-    if pa.types.is_timestamp(column.type):
+    kind = column.type
+    if types.is_struct(kind):
+        for field in kind:
+            yield from _leaves(f"{name}.{field.name}", pc.struct_field(column, field.name))
+    elif (types.is_list(kind) or types.is_large_list(kind)) and types.is_struct(kind.value_type):
+        for field in kind.value_type:
+            chunks = [
+                type(lists).from_arrays(lists.offsets, pc.struct_field(lists.values, field.name))
+                for lists in column.chunks
+            ]
+            yield from _leaves(f"{name}.{field.name}", pa.chunked_array(chunks))
+    elif types.is_dictionary(kind):
+        yield name, column.cast(kind.value_type)
+    else:
+        yield name, column
+
+
+def _column(column: Any, most: int) -> np.ndarray:
+    """Return a column as (N,), or as (N, k) where it has lists of k numbers; other lists as JSON,
+    dates and times as ns, and what is left as a text that names its type."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+    from pyarrow import types
+
+    kind = column.type
+    if types.is_timestamp(kind):
         return np.asarray(column.cast(pa.timestamp("ns")).cast(pa.int64()).to_numpy())
-    if pa.types.is_string(column.type) or pa.types.is_large_string(column.type):
-        longest = pc.max(pc.utf8_length(column)).as_py() or 0
-        if column.null_count or 4 * longest * len(column) > most // 8:
-            return None
-        return np.array(column.to_pylist(), dtype=np.str_)
-    if not pa.types.is_nested(column.type):
+    if types.is_duration(kind):
+        return np.asarray(column.cast(pa.duration("ns")).cast(pa.int64()).to_numpy())
+    if types.is_time(kind):
+        return np.asarray(column.cast(pa.time64("ns")).cast(pa.int64()).to_numpy())
+    if types.is_decimal(kind):
+        return np.asarray(column.cast(pa.float64()).to_numpy())
+    if types.is_string(kind) or types.is_large_string(kind):
+        return _texts(pc.fill_null(column, "").to_pylist(), most)
+    if types.is_date(kind):
+        return _texts(column.cast(pa.string()).to_pylist(), most)
+    if not types.is_nested(kind):
         values = np.asarray(column.to_numpy())
-        return values if values.dtype.kind in "biuf" else values.astype(str)
+        return values if values.dtype.kind in "biuf" else np.full(len(values), str(kind))
+    of = kind.value_type
     lengths = {n for n in pc.unique(pc.list_value_length(column)).to_pylist() if n is not None}
-    if len(lengths) != 1:
-        return None
-    values = np.full((len(column), lengths.pop()), np.nan)
-    values[column.is_valid().to_numpy()] = (
-        pc.list_flatten(column).to_numpy().reshape(-1, values.shape[1])
-    )
-    return values
+    if _is_number(of) and len(lengths) == 1:
+        values = np.full((len(column), lengths.pop()), np.nan)
+        values[column.is_valid().to_numpy()] = (
+            pc.list_flatten(column).to_numpy().reshape(-1, values.shape[1])
+        )
+        return values
+    if _is_number(of) or types.is_string(of) or types.is_large_string(of):
+        return _texts([json.dumps(cell) for cell in column.to_pylist()], most)
+    return np.full(len(column), f"lists of {of}"[:60])
+
+
+def _texts(texts: Sequence[str], most: int) -> np.ndarray:
+    """Return texts as an array, in which each takes as many bytes as the longest."""
+    longest = max(map(len, texts), default=0)
+    if 4 * longest * len(texts) > most // 8:
+        return np.full(len(texts), f"texts of up to {longest} characters")
+    return np.array(texts, dtype=np.str_)
+
+
+def _is_number(kind: Any) -> bool:
+    from pyarrow import types
+
+    return bool(types.is_integer(kind) or types.is_floating(kind) or types.is_boolean(kind))
 
 
 def _hdf5(path: str, most: int) -> Iterator[tuple[str, np.ndarray]]:
@@ -208,7 +245,8 @@ def _hdf5(path: str, most: int) -> Iterator[tuple[str, np.ndarray]]:
             item = file[name] if isinstance(link, h5py.HardLink) else None
             if not isinstance(item, h5py.Dataset) or item.attrs.get("MATLAB_class", b"") == b"char":
                 continue
-            if item.dtype.kind in "biuf" and _width(item.shape) in (1, 2):
+            plain = item.dtype.kind in "biuf" and _width(item.shape) in (1, 2)
+            if plain or (len(item.shape) == 1 and _is_rows(item.dtype)):
                 if item.external or item.is_virtual:
                     problem = (
                         f": {name[:60]} is in other files, which could be any file on this machine"
@@ -219,6 +257,9 @@ def _hdf5(path: str, most: int) -> Iterator[tuple[str, np.ndarray]]:
                 found.append((name, item))
         _refuse_large(sum(item.size * item.dtype.itemsize for _, item in found), most)
         for name, item in found:
+            if h5py.check_string_dtype(item.dtype):
+                yield name.replace("/", "."), _texts(item.asstr(errors="replace")[()], most)
+                continue
             # MATLAB gives every array two axes and more.
             values = item[()]
             yield (
@@ -233,6 +274,14 @@ def _hdf5(path: str, most: int) -> Iterator[tuple[str, np.ndarray]]:
                 else link.path
             )
             yield name.replace("/", "."), np.array([f"a link to {where}, which is not followed"])
+
+
+def _is_rows(kind: np.dtype[Any]) -> bool:
+    """Return whether an array holds texts, or records of numbers."""
+    import h5py
+
+    is_text = h5py.check_string_dtype(kind) is not None
+    return is_text or (kind.names is not None and not kind.hasobject)
 
 
 def _cells_of_hdf5(path: str, most: int) -> Iterator[tuple[str, np.ndarray]]:

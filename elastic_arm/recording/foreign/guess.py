@@ -65,21 +65,26 @@ _SPEEDS = {unit: TO_SI["velocity"][unit] for unit in ("rad/s", "deg/s", "turns/s
 _WORDS = {
     "other": (
         r"temp|volt|supply|batter|cmpt|error|status|mode(?!l?led)|noise|friction|grav|model|predict|simul|init"
-        r"|(?<!e)ff(?=_|\d|$)"
+        r"|(?<!e)ff(?=_|\d|$)|feed_?forward|external|(?<![a-z])ext(?=_|\d|$)|tcp|wrench|cartesian"
     ),
     "acceleration": r"acc|ddq|qdd|d2",
     "velocity": r"vel|drehzahl|dq|qd|omega|speed|rpm|dtheta",
     "effort": (
         r"torq|strom|tau|force|eff(?!ect)|cur(?!v|rent_?(?:pos|ang|vel|q|state|joint))|load|moment|pwm|duty"
-        r"|(?<![a-z])i(?=_|\d|$)"
+        r"|(?<![a-z])iq?(?=_|\d|$)"
     ),
-    "position": r"pos|winkel|ang|theta|(?<![a-z])q(?=_|\.|\d|$)|joint_state|(?<![a-z])state$",
+    "position": (
+        r"pos|winkel|ang|theta|enc(?=_|\d|$)|encoder|(?<![a-z])q(?=_|\.|\d|$)"
+        r"|joint_state|(?<![a-z])state$"
+    ),
 }
 # What the arm was told; without a further word its positions, as a dataset's `action`.
 _COMMAND = (
     r"target|goal|demand|soll|desired|des(?=_|\d|$)|ref(?!l)|cmd|command(ed)?|set_?point"
-    r"|(?<![a-z])action(?![a-z])"
+    r"|(?<![a-z])action(?![a-z])|(?<![a-z])ctrl(?![a-z])"
+    r"|(?:(?<=q)|(?<=tau)|(?<=tau_j))_d(?=_|\d|$)"
 )
+_EITHER = re.compile(r"(?<![a-z])ctrl(?![a-z])", re.I)  # MuJoCo's commands, of angles or torques
 # Read in this order: a sensor of a motor's torque is rarer than a torque sensor.
 _SIDE_WORDS: dict[SideName, str] = {
     "command": _COMMAND,
@@ -88,7 +93,7 @@ _SIDE_WORDS: dict[SideName, str] = {
     ),
     "motor": (
         r"mot|strom|rotor|theta|drive|actuat|cur(?!v|rent_?(?:pos|ang|vel|q|state|joint))"
-        r"|tau_?m|(?<![a-z])i(?=_|\d|$)"
+        r"|tau_?m|(?<![a-z])iq?(?=_|\d|$)"
     ),
 }
 # Of several arrays for one channel the one with more of these in its name is taken.
@@ -140,9 +145,11 @@ def guess_mapping(
             chosen[guess.side, guess.channel] = another
         ignored += [(key, reason) for key in table.keys]
     if not chosen:
+        told = {key: f"{key} ({fault})" for key, fault in faults.items()}
+        listed = ", ".join(told.get(key, key) for key in arrays)
         raise RecordingError(
             f"no array contains positions or torques of {len(joints)} joints; the arrays"
-            f" are {', '.join(arrays)[:300]}",
+            f" are {listed[:300]}",
             "Check --robot: its number of joints has to equal the number of columns; or"
             " write the mapping by hand.",
         )
@@ -153,7 +160,9 @@ def guess_mapping(
     followed = chosen.get(("link", "position")) or chosen.get(("motor", "position"))
     if command is not None and followed is not None:
         ranges = [np.median(np.std(guess.table.values, axis=0)) for guess in (followed, command)]
-        why = f"{followed.table.name} moves {ranges[0] / ranges[1]:.3g} times as much"
+        why = (
+            f"the positions, {followed.table.name}, swing {ranges[0] / ranges[1]:.3g} times as far"
+        )
         chosen["command", "position"] = _alike(command, followed).because(why)
     found = {
         place: _with_lengths(guess, slides.tolist()) for place, guess in _with_ratio(chosen).items()
@@ -273,6 +282,8 @@ class _Reader:
         if _is_command(table):
             if made := self._made(table):
                 return table, made
+            if quantity is None and _EITHER.search(table.name) and self.positions:
+                quantity = "effort" if self._commanded(table) is None else "position"
             return self._guess(table, quantity or "position", by_name)
         # That of a rotor follows the joint's, by the ratio.
         if (
@@ -534,7 +545,7 @@ def _counts(table: JointTable) -> bool:
 
 
 def _torque_unit(table: JointTable) -> tuple[str, str]:
-    current = re.search(r"cur(?!v)|strom|(?<!st)amp(?!l)|(?<![a-z])i(?=_|\d|$)", table.name, re.I)
+    current = re.search(r"cur(?!v)|strom|(?<!st)amp(?!l)|(?<![a-z])iq?(?=_|\d|$)", table.name, re.I)
     if current is not None and "torq" not in table.name.lower():
         return "A", "a current according to its name"
     largest = float(np.abs(table.values).max())

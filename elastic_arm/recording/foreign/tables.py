@@ -9,7 +9,9 @@ from types import MappingProxyType
 
 import numpy as np
 
+from elastic_arm.errors import RecordingError
 from elastic_arm.recording.foreign.channels import NANOSECONDS, stated_unit, time_unit
+from elastic_arm.recording.foreign.text_layouts import RUN_NAME
 from elastic_arm.recording.inspection.report import check_stamped
 from elastic_arm.recording.sides import Array, short_names
 
@@ -18,7 +20,10 @@ _RATES = (15.0, 12_000.0)
 TIME_NAME = re.compile(
     r"(^|[._ ])(t|time|times|stamp|stamps|timestamp|timestamps|sec|secs|seconds)($|[._ \[(])", re.I
 )
-_RUN_NAME = re.compile(r"(episode|file|run|trial|traj(ectory)?)(_?(index|id|number|nr))?$", re.I)
+_NO_TIMES = (
+    "Export the times in double precision (float64), or map the channels by hand with"
+    " `times: {rate: HZ}`, if the samples are regular."
+)
 _NONE: Mapping[str, str] = MappingProxyType({})
 _COUNTED = re.compile(r"^(.*?)(\d+)(\D*)$")
 
@@ -156,7 +161,7 @@ def _find_runs(arrays: Mapping[str, np.ndarray]) -> tuple[str, int] | None:
     are."""
     for key, values in arrays.items():
         if (
-            _RUN_NAME.search(key)
+            RUN_NAME.search(key)
             and values.ndim == 1
             and len(values) > 1
             and np.array_equal(values, np.round(values))
@@ -197,13 +202,19 @@ def _find_times(
     called = [
         key for key, values in arrays.items() if values.shape == (count,) and TIME_NAME.search(key)
     ]
+    unusable: list[RecordingError] = []
     for key in called:
         largest = np.abs(arrays[key].astype(np.float64)).max(initial=0.0)
         fitting = (size for size in NANOSECONDS.values() if largest * size < 9e18)
         size = next(fitting, None)
         if size is not None and np.isfinite(arrays[key]).all():
             stamps = np.round(size * arrays[key].astype(np.float64))
-            check_stamped(stamps.astype(np.int64), key)
+            try:
+                check_stamped(stamps.astype(np.int64), key)
+            except RecordingError as error:
+                unusable.append(error)
+    if unusable and len(unusable) == len(called):
+        raise RecordingError(unusable[0].problem, _NO_TIMES)
     for key, values in arrays.items():
         # Where one is called time no other that happens to grow is.
         if values.shape != (count,) or count < 2 or (called and key not in called):

@@ -7,7 +7,7 @@ A column is a list of cells: numbers, lists of numbers or of names, texts, or No
 import ast
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime
 from typing import Any
@@ -24,6 +24,9 @@ _CLOCK = re.compile(r"(\d{1,2}):(\d{2}):(\d{2}(?:[.,]\d+)?)(?:\s*([AP])\.?M\.?)?
 _MINUTES = re.compile(r"(\d{1,3}):(\d{2}[.,]\d+)$")  # as Excel shows times of day
 _DATED = re.compile(r"\d{1,2}:\d{2}|\d{8}T?\d{6}")  # a text that may be a date with a time
 _SECONDS = re.compile(r"(.*[._]?)(?:secs?|seconds)$", re.I)
+_NANOSECONDS = ("nsecs", "nsec", "nanosec", "nanosecs", "nanoseconds")
+# A column that numbers several runs below each other.
+RUN_NAME = re.compile(r"(episode|file|run|trial|traj(ectory)?)(_?(index|id|number|nr))?$", re.I)
 _NAMES = re.compile(r"(^|[._ ])(joint_?)?names?$", re.I)
 # Two numbers that are one with a decimal comma, or a date and a time.
 _ONE_VALUE = re.compile(r"[+-]?\d+,\d+|\d{8}[ T]\d{6}(?:\.\d+)?")
@@ -38,15 +41,31 @@ def arrays_of(columns: Columns) -> tuple[dict[str, np.ndarray], dict[str, str]]:
 
     Cells that hold lists of one length become an array of two axes, or with a column of names one
     array a name; a table with a row for each name and time becomes one column a name; dates become
-    ns since 1970, times of day s.
+    ns since 1970, times of day s. Columns of other lengths are tables of their own.
     """
+    arrays: dict[str, np.ndarray] = {}
+    units: dict[str, str] = {}
+    for length in dict.fromkeys(len(cells) for cells in columns.values()):
+        table = {name: cells for name, cells in columns.items() if len(cells) == length}
+        found, stated = _arrays_of_table(table)
+        arrays |= found
+        units |= stated
+    return arrays, units
+
+
+def _arrays_of_table(columns: Columns) -> tuple[dict[str, np.ndarray], dict[str, str]]:
     read = {name: [_cell(cell) for cell in cells] for name, cells in columns.items()}
     units: dict[str, str] = {}
     for name, cells in read.items():
         found = _dates(cells)
         if found is not None:
             read[name], units[name] = found[0].tolist(), found[1]
-    _join_stamps(read, units)
+    for stem, (seconds, rest) in stamp_pairs(read).items():
+        with suppress(TypeError, ValueError):
+            pairs = zip(read[seconds], read[rest], strict=True)
+            read[stem] = [_stamp(whole, fraction) for whole, fraction in pairs]
+            units[stem] = "ns"
+            del read[seconds], read[rest]
     read, units = _wide(_by_joints(read), units)
     arrays: dict[str, np.ndarray] = {}
     for name, cells in read.items():
@@ -88,16 +107,16 @@ def _lists_of(cells: Sequence[Any], kind: type) -> bool:
 
 
 def _table(name: str, cells: Sequence[Any]) -> dict[str, np.ndarray]:
-    """Return lists of numbers as one array (N, k); the empty ones of a column are NaN."""
+    """Return lists of numbers as one array (N, k); the empty ones of a column are NaN.
+
+    Lists of several lengths are no table: a text states it.
+    """
     width = max(len(cell) for cell in cells if cell is not None)
     if not width:
         return {}
     lengths = {len(cell) for cell in cells if cell}
     if len(lengths) > 1:
-        raise RecordingError(
-            f"the lists of {name} have {min(lengths)} to {max(lengths)} numbers",
-            "Give all of them the same number.",
-        )
+        return {name: np.full(len(cells), f"lists of {min(lengths)} to {max(lengths)} numbers")}
     rows = [cell or [np.nan] * width for cell in cells]
     return {name: np.array([[np.nan if x is None else x for x in row] for row in rows], np.float64)}
 
@@ -128,7 +147,9 @@ def _by_joints(columns: Columns) -> Columns:
 
 def _column(cells: Sequence[Any], unit: str | None) -> np.ndarray:
     """Return numbers, or texts where any cell is none."""
-    if unit == "ns" and None not in cells:
+    whole = all(type(cell) is int for cell in cells)
+    # Of nanoseconds since 1970 doubles lose the last ones.
+    if whole and cells and 2**53 < max(map(abs, cells)) < 2**63:
         return np.array(cells, np.int64)
     try:
         return np.array([np.nan if cell in (None, "") else float(cell) for cell in cells])
@@ -200,22 +221,18 @@ def _year_first(date: re.Match[str]) -> str:
     return f"{year if len(year) == 4 else '20' + year}-{int(month):02d}-{int(day):02d}"
 
 
-def _join_stamps(columns: Columns, units: dict[str, str]) -> None:
-    """Make one column of stamps of seconds and nanoseconds beside each other, as ROS has them."""
-    for name in list(columns):
+def stamp_pairs(names: Collection[str]) -> dict[str, tuple[str, str]]:
+    """Return columns of seconds and of the nanoseconds beside them, as ROS has them, by what both
+    are of."""
+    pairs = {}
+    for name in names:
         match = _SECONDS.match(name)
         if match is None or not match[1].strip("._"):
             continue
-        rest = [match[1] + word for word in ("nsecs", "nsec", "nanosec", "nanosecs", "nanoseconds")]
-        beside = next((other for other in rest if other in columns), None)
-        if beside is None:
-            continue
-        with suppress(TypeError, ValueError):
-            pairs = zip(columns[name], columns[beside], strict=True)
-            stem = match[1].strip("._")
-            columns[stem] = [_stamp(s, ns) for s, ns in pairs]
-            units[stem] = "ns"
-            del columns[name], columns[beside]
+        rest = [match[1] + word for word in _NANOSECONDS if match[1] + word in names]
+        if rest:
+            pairs[match[1].strip("._")] = (name, rest[0])
+    return pairs
 
 
 def _stamp(seconds: Any, nanoseconds: Any) -> int | None:
@@ -270,12 +287,12 @@ def _keys(columns: Columns, times: str) -> list[str]:
     texts = []
     numbers = []
     for name, cells in columns.items():
-        if name == times:
+        if name == times or RUN_NAME.search(name):
             continue
         if _is_numbers(cells):
             numbers += [name] if repeated and _counts_rows(stamps, cells) else []
         elif all(isinstance(cell, str) and cell for cell in cells):
-            texts.append(name)
+            texts += [] if _is_of_runs(columns, cells) else [name]
     if not repeated:
         # Signals with times of their own: one column names them.
         few = len(texts) == 1 and len(set(columns[texts[0]])) <= len(stamps) // _FEWEST
@@ -292,6 +309,15 @@ def _keys(columns: Columns, times: str) -> list[str]:
     return texts if len(texts) == 1 else []
 
 
+def _is_of_runs(columns: Columns, cells: Sequence[str]) -> bool:
+    """Return whether a text stays the same in each of several runs, as an episode's task does."""
+    for name, numbers in columns.items():
+        if RUN_NAME.search(name) and len(set(map(str, numbers))) > 1:
+            runs = list(map(str, numbers))
+            return len(set(zip(runs, cells, strict=True))) == len(set(runs))
+    return False
+
+
 def _tells_apart(stamps: Sequence[str], columns: Columns, keys: Sequence[str]) -> bool:
     """Return whether every row has another time or another key."""
     return len(set(zip(stamps, *(columns[key] for key in keys), strict=True))) == len(stamps)
@@ -306,9 +332,11 @@ def _counts_rows(stamps: Sequence[str], cells: Sequence[Any]) -> bool:
     return full - len(set(numbers)) < len(stamps) <= full
 
 
-def is_long(arrays: Mapping[str, np.ndarray]) -> bool:
-    """Return whether a table without texts has several rows a time, and a column that counts
-    them."""
+def has_layout(arrays: Mapping[str, np.ndarray]) -> bool:
+    """Return whether a table holds texts, stamps in two columns, or several rows a time and a
+    column that counts them."""
+    if stamp_pairs(arrays) or any(values.dtype.kind == "U" for values in arrays.values()):
+        return True
     times = next((name for name in arrays if _TIME.search(name)), None)
     if times is None or arrays[times].ndim != 1 or len(arrays[times]) < 2 * _FEWEST:
         return False
@@ -333,27 +361,55 @@ def records(content: Any, path: str) -> Columns:
 
     A list of records may lie beside other things, and a table may have a row a joint.
     """
-    rows = _longest_records(content)
-    columns = _flat(content) if isinstance(content, Mapping) else {}
-    lists = {name: values for name, values in columns.items() if _is_column(values)}
-    # Records beside longer columns describe joints or sensors.
-    if len(rows) > max((len(values) for values in lists.values()), default=0):
+    content = _as_lists(content)
+    within = _flat(content) if isinstance(content, Mapping) else {}
+    lists = {name: values for name, values in within.items() if _is_column(values)}
+    count = max((len(values) for values in lists.values()), default=0)
+    found: Columns = {}
+    for name, values in lists.items():
+        by_joint = all(isinstance(row, list) and len(row) == count for row in values)
+        turned = by_joint and 0 < len(values) < count
+        found[name] = [list(row) for row in zip(*values, strict=True)] if turned else values
+    tables = dict(_record_lists(content))
+    longest = max(tables, key=lambda where: len(tables[where]), default="")
+    for where, rows in tables.items():
         flat = [_flat(row) for row in rows]
         names = list(dict.fromkeys(name for row in flat for name in row))
-        return {name: [row.get(name) for row in flat] for name in names}
-    if not lists:
+        # Records beside longer columns, and those without a time, describe joints or sensors.
+        is_main = where == longest and len(rows) > count
+        if is_main or any(map(_TIME.search, names)):
+            stem = "" if is_main or not where else f"{where}."
+            found |= {f"{stem}{name}": [row.get(name) for row in flat] for name in names}
+    if not found:
         raise RecordingError(
             f"{path} contains no table",
             "Give a list of records, an object of lists, or one record per line (JSON Lines).",
         )
-    count = max(len(values) for values in lists.values())
-    found: Columns = {}
-    for name, values in lists.items():
-        if len(values) == count:
-            found[name] = values
-        elif values and all(isinstance(row, list) and len(row) == count for row in values):
-            found[name] = [list(row) for row in zip(*values, strict=True)]
     return found
+
+
+def _as_lists(content: Any) -> Any:
+    """Return content in which the tables of pandas are lists: those by rows that are numbered,
+    those whose names stand apart, and lists of rows without names."""
+    if isinstance(content, list) and content and all(isinstance(row, list) for row in content):
+        return {str(k): list(column) for k, column in enumerate(zip(*content, strict=False))}
+    if not isinstance(content, Mapping):
+        return content
+    names, rows = content.get("columns"), content.get("data")
+    if isinstance(names, list) and isinstance(rows, list):
+        return dict(zip(map(str, names), map(list, zip(*rows, strict=False)), strict=False))
+    found = {name: _numbered_rows(value) for name, value in content.items()}
+    return _numbered_rows(found)
+
+
+def _numbered_rows(content: Any) -> Any:
+    """Return an object whose keys count from 0 as a list of its values, where these are numbers, or
+    records of numbers."""
+    if not isinstance(content, Mapping) or list(content) != [str(k) for k in range(len(content))]:
+        return content
+    rows = [one if isinstance(one, Mapping) else {"": one} for one in content.values()]
+    of_lists = any(isinstance(cell, list | dict) for row in rows for cell in row.values())
+    return content if of_lists else list(content.values())
 
 
 def _is_column(values: Any) -> bool:
@@ -361,13 +417,13 @@ def _is_column(values: Any) -> bool:
     return isinstance(values, list) and not any(isinstance(one, Mapping) for one in values)
 
 
-def _longest_records(content: Any) -> list[Mapping[str, Any]]:
-    """Return the longest list of records within objects; none where there is none."""
-    if isinstance(content, list):
-        return content if all(isinstance(row, Mapping) for row in content) else []
-    if not isinstance(content, Mapping):
-        return []
-    return max((_longest_records(value) for value in content.values()), key=len, default=[])
+def _record_lists(content: Any, within: str = "") -> Iterator[tuple[str, list[Any]]]:
+    """Yield the lists of records within objects, by the names that lead to them."""
+    if isinstance(content, list) and content and all(isinstance(row, Mapping) for row in content):
+        yield within, content
+    elif isinstance(content, Mapping):
+        for name, value in content.items():
+            yield from _record_lists(value, f"{within}.{name}" if within else str(name))
 
 
 def _flat(record: Mapping[str, Any], within: str = "") -> dict[str, Any]:

@@ -49,8 +49,7 @@ _NUMBER = re.compile(r"(?<!\w)\d[\d.e+-]*")  # which findings of two parts may n
 _STATES = (JOINT_STATES, MOTOR_STATES)
 _SIDES = {"link": JOINT_STATES, "motor": MOTOR_STATES, "reference": REFERENCE}
 _GAP = 2.5  # sample intervals: more is a gap, not jitter
-_BRIDGED = 0.1  # s of a gap that nothing which follows misses
-_LOST = 0.03  # share of the samples that nothing which follows misses
+_LOST = 0.05  # share of the samples that nothing which follows misses: a convention
 _JITTER = 0.05  # of the sample interval
 _DRIFT = 20e-6  # two good crystals differ by less
 
@@ -283,10 +282,10 @@ def _check_stamps(topic: str, stamp_ns: Stamps, report: Report) -> None:
             f"{topic} has {count} {'gap' if count == 1 else 'gaps'} (about {lost} samples lost), "
             f"the longest of {step[longest] * 1e-9:.4g} s after {moment(stamp_ns, int(longest))}"
         )
-        # What readers bridge: a few samples now and then.
-        short = step[longest] < _BRIDGED * 1e9 and lost < _LOST * len(stamp_ns)
+        # Readers bridge short gaps, and take what is before and after a long one as two parts.
+        few = lost < _LOST * len(stamp_ns)
         at = float((stamp_ns[longest] - stamp_ns[0]) * 1e-9)
-        report.add("note" if short else "warning", "gaps", message, topic=topic, time=at)
+        report.add("note" if few else "warning", "gaps", message, topic=topic, time=at)
     even = step[step <= _GAP * usual]
     usual = float(np.median(even))
     parts = [float(np.median(part)) for part in np.array_split(even, min(10, len(even) // 5))]
@@ -308,9 +307,7 @@ def _check_drift(content: Content, report: Report) -> None:
         return
     drift = _clock_rate(both[1]) - _clock_rate(both[0])
     steps = [float(np.median(np.diff(series.stamp_ns))) for series in both]
-    # Mean intervals without gaps.
-    every = [(np.diff(series.stamp_ns), step) for series, step in zip(both, steps, strict=True)]
-    rates = [float(np.mean(apart[apart < 1.5 * step])) for apart, step in every]
+    rates = [_counted_interval(series.stamp_ns) for series in both]
     # rates this close are meant to be equal
     if abs(drift) <= _DRIFT and abs(rates[1] / rates[0] - 1) < 0.01:
         drift = rates[1] / rates[0] - 1
@@ -322,6 +319,14 @@ def _check_drift(content: Content, report: Report) -> None:
             " ms over the recording"
         )
         report.add("warning", "drift", message, topic=both[1].topic)
+
+
+def _counted_interval(stamp_ns: Stamps) -> float:
+    """Return the time from sample to sample, ns: that of stamps over the numbers of their samples,
+    which count those that were lost."""
+    step = np.diff(stamp_ns)
+    number = np.concatenate([[0.0], np.cumsum(np.round(step / np.median(step)))])
+    return float(np.polyfit(number - number.mean(), stamp_ns - stamp_ns.mean(), 1)[0])
 
 
 def _clock_rate(series: Series) -> float:

@@ -18,9 +18,11 @@ LAGS = np.linspace(-0.5, 1.0, 301)  # s that are tried
 DIGITS = 1e-6  # of the positions' spread, beside torques
 SHIFTED = 3  # samples
 MOST = 2000  # samples that are looked at
-# Of the positions' spread, left beside the commands: more is of something else, less is the same
-# numbers. Conventions.
-APART = 0.5
+# Of the positions' spread, left beside the commands: with more than half of its power a joint does
+# something else, and with more than the second where another joint's command is nearer (weak servos
+# under load leave 0.54); with less than the third these are the same numbers. Conventions.
+APART = np.sqrt(0.5)
+LOOSE = 0.5
 COPIED = 1e-4
 # Times its command that an angle is where one of the two has another unit: degrees, turns,
 # thousandths, per cent. A weak drive under load falls short by any other factor.
@@ -36,9 +38,9 @@ def followed(recording: Recording) -> Iterator[Finding]:
     # Computed torque follows as closely as its model is right; only what was copied has the same
     # digits.
     torques = any(side.effort is not None for side in recording.measured().values())
-    near = np.abs(fit.lag) < (SHIFTED + 0.5) * fit.step
-    copied = fit.moves & (fit.left < (DIGITS if torques else COPIED)) & near
-    apart = fit.moves & (fit.left > APART)
+    within = np.abs(fit.lag) < (SHIFTED + 0.5) * fit.step
+    copied = fit.moves & (fit.left < (DIGITS if torques else COPIED)) & within
+    apart = fit.moves & ((fit.left > APART) | (fit.left > fit.least_other))
     good = fit.moves & ~apart & ~(fit.left < COPIED)
     joints = recording.joints
     yield from _copied(joints, fit, copied)
@@ -52,11 +54,13 @@ def followed(recording: Recording) -> Iterator[Finding]:
     rates = f"commands come at {1.0 / fit.given_step:.4g} Hz, positions at {1.0 / fit.step:.4g} Hz"
     words = f"{late}, {size}; {rates}"
     yield from about(joints, good, "commands", "positions", words, severity="note")
-    early = good & (fit.lag < -0.5 * fit.step)
+    # What hardly follows has no certain lag, nor a certain size.
+    near = good & (fit.left < LOOSE)
+    early = near & (fit.lag < -0.5 * fit.step)
     clocks = "do they have different clocks, or are the commands those of the next step?"
     yield from about(joints, early, "early", "positions", "are ahead of the commands", clocks)
     off_by = np.abs(np.log(np.abs(fit.gain)[:, None] / np.array(MISTAKEN))).min(axis=1)
-    odd = good & ((fit.gain < 0.0) | (off_by < np.log(NEAR)))
+    odd = near & ((fit.gain < 0.0) | (off_by < np.log(NEAR)))
     times = f"are {span_of(fit.gain[odd])} times the commands"
     units = "check unit and sign of both"
     yield from about(joints, odd, "command_unit", "positions", times, units)
@@ -69,6 +73,8 @@ class _Fit(NamedTuple):
     lag: Array  # s
     gain: Array
     left: Array  # the rest over the angle's spread
+    # that of another joint's command, the nearest one, where the own leaves more than `LOOSE`
+    least_other: Array
     given_step: float  # s between commands
     step: float  # s between angles
 
@@ -92,8 +98,13 @@ def _fitted(recording: Recording) -> _Fit | None:
     lag, gain, left = np.full((3, recording.n), np.nan)
     for j in np.flatnonzero(moves):
         lag[j], gain[j], left[j] = _lag(given, reference.position[:, j], t, side.position[:, j])
-    given_step = float(np.median(np.diff(given)))
-    return _Fit(moves, lag, gain, left, given_step, float(np.median(np.diff(t))))
+    least_other = np.full(recording.n, np.inf)
+    for j in np.flatnonzero(moves & (left > LOOSE)):
+        others = [k for k in np.flatnonzero(there) if k != j]
+        rests = [_lag(given, reference.position[:, k], t, side.position[:, j])[2] for k in others]
+        least_other[j] = min(rests, default=np.inf)
+    steps = (float(np.median(np.diff(given))), float(np.median(np.diff(t))))
+    return _Fit(moves, lag, gain, left, least_other, *steps)
 
 
 def _copied(joints: Sequence[str], fit: _Fit, copied: NDArray[np.bool_]) -> Iterator[Finding]:

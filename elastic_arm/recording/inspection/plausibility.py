@@ -301,8 +301,10 @@ def _backwards(recording: Recording) -> list[Finding]:
         return []
     path = np.diff(side.position, axis=0)
     effort = 0.5 * (side.effort[1:] + side.effort[:-1])
+    takes_out = np.sum(effort * path, axis=0) < 0.0
     # What follows other joints' speeds is friction and inertia that their motion brings: a coupled
-    # axis may brake them.
+    # axis may brake them. By chance it resembles the joint's own: the whole torque has to take
+    # energy out, too.
     for j in range(effort.shape[1]):
         others = np.delete(path, j, axis=1)
         columns = np.hstack([others, np.sign(others), np.gradient(others, axis=0)])
@@ -313,7 +315,7 @@ def _backwards(recording: Recording) -> list[Finding]:
     lent = 1.5 * np.ptp(side.position, axis=0) + 0.05 * np.abs(path).sum(axis=0)
     # standard deviations
     certain = work.mean(axis=0) < -3.0 * work.std(axis=0, ddof=1) / np.sqrt(_PARTS)
-    found = certain & (work.sum(axis=0) < -np.sqrt(np.mean(effort**2, axis=0)) * lent)
+    found = takes_out & certain & (work.sum(axis=0) < -np.sqrt(np.mean(effort**2, axis=0)) * lent)
     words = "removes energy from the motion in addition to its friction"
     return about(
         joints,

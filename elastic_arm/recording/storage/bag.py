@@ -18,7 +18,8 @@ METADATA = "metadata.yaml"
 _OPENERS: dict[str, Callable[[Path], BagFile]] = {".mcap": open_mcap, ".db3": open_sqlite}
 _PACKED = ("", ".zstd", ".zst")
 # Files that `bag import` makes bags of.
-ARRAY_FILES = (".csv", ".txt", ".dat", ".npy", ".npz", ".mat", ".parquet", ".h5", ".hdf5")
+TEXT_TABLES = (".csv", ".tsv", ".txt", ".dat")
+ARRAY_FILES = (*TEXT_TABLES, ".npy", ".npz", ".mat", ".parquet", ".h5", ".hdf5")
 RECORD_FILES = (".json", ".jsonl", ".ndjson")  # which a folder may hold for other reasons
 _IMPORT = "Convert it to a bag: elastic-arm bag import {} --guess --robot ARM --out import.yaml"
 WHAT_IS_A_BAG = "Give a rosbag2 folder, an .mcap or a .db3 file."
