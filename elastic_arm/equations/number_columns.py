@@ -302,7 +302,7 @@ def _of_gain(model: Model, parameter: Number, part: Part, acting: Sequence[Actin
         kd:           tau_m = s [kp (r - q) + g kd rate], d tau_m / d ln g = s g kd rate
 
     The torque is the predicted one: the angle's own noise is in the made torque, too, and gains of
-    zero would explain all of it. What the controller asks for beyond its limit does not change.
+    zero would explain all of it. What the controller commands beyond its limit does not change.
     Laws without a linear size are left out, as they are of the columns of masses: else they would
     tell the scale that both have.
     """

@@ -38,8 +38,8 @@ def made(
 ) -> Law:
     """Return the law of what the stated controller makes more than the true one.
 
-    It is written in the stated controller and parameters; limited: null where the controller asks
-    for more than its limit; asked: null where the duty is at its limit, as what the firmware
+    It is written in the stated controller and parameters; limited: null where the controller
+    commands more than its limit; asked: null where the duty is at its limit, as what the firmware
     commands then does not count.
     """
 
