@@ -58,10 +58,6 @@ SHORTEST = 2.0  # s
 BRIDGED = 0.5
 # Smoother's cutoff over the band of the residuals: at the band's edge 0.2 % is taken of every term.
 CUTOFF_OVER_BAND = 2.2
-# Order of the smoother, and its highest cutoff in rad a sample: at 0.2 of the sample rate, the
-# widest band, it takes 1e-4 of a motion, and its images are 1e-4 of an acceleration.
-STEEP = 8
-HIGHEST_STEEP_CUTOFF = 2.2
 HIGHEST_BAND = 40.0  # Hz; the drives' resonances and what rotors excite lie below
 # Sample intervals between two parts of a recording up to which its motion counts as going on.
 UNBROKEN = 5.0
@@ -529,12 +525,11 @@ def _wide_smoother(designed: Smoother, n: int, band: float) -> Smoother:
     Its crossovers are those of its own cutoff: a noise that is negligible in the narrow band of the
     designed smoother is not in this one.
     """
-    rate = designed.rate
-    cutoff = min(2 * np.pi * CUTOFF_OVER_BAND * band, HIGHEST_STEEP_CUTOFF * rate)
-    link = designed.link_noise and replace(designed.link_noise, cutoff=cutoff)
-    motor = designed.motor_noise and replace(designed.motor_noise, cutoff=cutoff)
-    wide = Smoother.from_noise(rate, link, motor, n)
-    return Smoother(rate, cutoff, wide.link_crossover, wide.motor_crossover, order=STEEP)
+    steep = designed.steeper(2 * np.pi * CUTOFF_OVER_BAND * band)
+    link = designed.link_noise and replace(designed.link_noise, cutoff=steep.cutoff)
+    motor = designed.motor_noise and replace(designed.motor_noise, cutoff=steep.cutoff)
+    wide = Smoother.from_noise(designed.rate, link, motor, n)
+    return replace(wide, cutoff=steep.cutoff, order=steep.order, link_noise=None, motor_noise=None)
 
 
 def _smoothed(

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,10 @@ from elastic_arm.estimation.motion import Motion
 from elastic_arm.estimation.noise import ORDER, SideNoise, StateNoise, estimate_noise
 from elastic_arm.estimation.resampling import Grid, extended
 
+# Order of a steeper smoother, and its highest cutoff in rad a sample: at 0.2 of the sample rate it
+# takes 1e-4 of a motion, and its images are 1e-4 of an acceleration.
+STEEP = 8
+HIGHEST_STEEP_CUTOFF = 2.2
 # Steps of a sample interval at which the sign of a velocity is taken before it is smoothed.
 FINER = 8
 # The taps are cut where they have fallen to this share.
@@ -81,6 +85,13 @@ class Smoother:
         cutoff = max(side.cutoff for side in sides)
         of_link, of_motor = (_crossover(side, cutoff, rate, n) for side in (link, motor))
         return Smoother(rate, cutoff, of_link, of_motor, link, motor)
+
+    def steeper(self, cutoff: float = np.inf) -> Smoother:
+        """Return a smoother that leaves motion whole up to a fifth of the sample rate.
+
+        cutoff: rad/s, where a lower one does.
+        """
+        return replace(self, cutoff=min(cutoff, HIGHEST_STEEP_CUTOFF * self.rate), order=STEEP)
 
     @functools.cached_property
     def noise(self) -> StateNoise | None:
