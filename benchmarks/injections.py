@@ -143,7 +143,7 @@ def injections(
             j for j in bench.joints(name) if not is_named(base, effect, place_of(name, robot, j))
         ]
         if not free:
-            print(f"{plain.level} {name}: no joint where the base does not name it", flush=True)
+            print(f"{plain.level} {name}: no joint where it can be seen and is new", flush=True)
             continue
         for k in range(rounds):
             times = float(sizes[k % len(sizes)])
