@@ -433,13 +433,15 @@ class Answer:
         return term.says_cause
 
     def _has_size(self, term: Term) -> bool:
-        """Whether the size of a term, by the fitted recordings, is beyond two deviations of none.
+        """Whether the size of a term, by the fitted recordings, is possible and beyond two
+        deviations of none.
 
         A stated effect is beyond its ordinary deviations where it is a cause.
         """
         sized = self.explanation.sized
         if isinstance(term, NumberTerm):
-            return numbers_have_size(sized, term, self.explanation.linear.values)
+            values = self.explanation.linear.values
+            return numbers_have_size(sized, term, values, self.prepared.problem.numbers)
         return isinstance(term, StatedTerm) or has_size(sized, term)
 
     def _share_without(self, term: Term, less: Answer) -> Share | None:

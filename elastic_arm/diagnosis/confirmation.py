@@ -12,6 +12,7 @@ numbers beyond their ordinary deviations take over, they predict as well as the 
 unless it loses, as the description is wrong in either case and the prior has weighed both.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -21,6 +22,7 @@ from scipy.stats import chi2, norm
 
 from elastic_arm.arrays import Array
 from elastic_arm.diagnosis.gap import Gap, shrink
+from elastic_arm.equations.numbers import Number
 from elastic_arm.evidence.model import Fit
 from elastic_arm.evidence.priors import LEFT, ORDINARY, WORTH
 from elastic_arm.evidence.terms.number import NumberTerm
@@ -96,23 +98,30 @@ class NumberConfirmation:
 
 
 def has_size(fit: Fit, term: Term) -> bool:
-    """Whether the size of a term of a fit is beyond two deviations of none, all its coefficients
-    together."""
+    """Whether the size of a term of a fit is physically possible, and beyond two deviations of
+    none, all its coefficients together."""
     if not term.linear:
         return True  # its size is known
     own = slice(term.linear)
-    return _is_beyond(fit.beta(term)[own], fit.covariance(term)[own, own])
+    size = fit.beta(term)[own]
+    is_possible = np.all((term.low[own] <= size) & (size <= term.high[own]))
+    return bool(is_possible) and _is_beyond(size, fit.covariance(term)[own, own])
 
 
-def numbers_have_size(fit: Fit, term: NumberTerm, values: Array) -> bool:
-    """Return whether the numbers that a term of a fit moves are beyond two deviations of what the
-    description states, all together.
+def numbers_have_size(fit: Fit, term: NumberTerm, values: Array, numbers: Sequence[Number]) -> bool:
+    """Return whether the numbers that a term of a fit moves are physically possible, and beyond two
+    deviations of what the description states, all together.
 
     values: (K,) of the numbers at the linearisation, in deviations of their priors.
     """
     own = np.flatnonzero(term.moved)
+    found = values + fit.numbers
+    for k in own.tolist():
+        cause = numbers[k].cause
+        if cause is not None and numbers[k].value(found[k]) <= cause.linear[0].above:
+            return False
     covariance = fit.number_covariance[np.ix_(own, own)]
-    return _is_beyond((values + fit.numbers)[own], covariance)
+    return _is_beyond(found[own], covariance)
 
 
 def _is_beyond(size: Array, covariance: Array) -> bool:

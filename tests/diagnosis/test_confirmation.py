@@ -1,5 +1,7 @@
 """What the recordings that judge gain by a cause, on made-up regressions."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from elastic_arm.diagnosis.confirmation import Confirmation, Share, has_size, held_out
@@ -66,3 +68,14 @@ def test_a_size_within_two_deviations_of_none_is_none() -> None:
     fit = data.fit([present, absent])
     assert has_size(fit, fit.optional[0])
     assert not has_size(fit, fit.optional[1])
+
+
+def test_a_size_that_no_arm_can_have_is_none() -> None:
+    """Friction that drives, or a mass below zero, fits something else."""
+    rng = np.random.default_rng(5)
+    column = rng.standard_normal(ROWS)
+    data = model(rng.standard_normal(ROWS) - column)
+    either = term("either sign", column, 3.0)
+    positive = replace(either, low=np.zeros(1))
+    assert has_size(data.fit([either]), either)
+    assert not has_size(data.fit([positive]), positive)
