@@ -10,7 +10,8 @@ does,
     a, b most probable, b >= a (sensors' noise)
 
 An event is a run of blocks of one power p, any that is larger: p(s) = integral of p^(-n/2)
-exp(-s/2p) dln p. It pays the odds that there is one, at one of so many places, and of so many runs.
+exp(-s/2p) dln p. It begins and ends within a block, so that its first and its last block may have a
+power of their own. It pays the odds that there is one, at one of so many places, and of so many runs.
 The most probable runs follow by dynamic programming; a torque that no law states acts during them
 (:class:`.FreeTorques`).
 """
@@ -143,7 +144,8 @@ def _score(n: Array, s: Array, runs: Runs, price: float) -> tuple[float, tuple[f
     k = int(np.argmax(each))
     best = float(a[k, 0]), float(b[k, 0])
     power = best[1] / best[0]
-    events = sum(float(_event(n[i:j].sum(), s[i:j].sum(), power)) - price for i, j in runs)
+    N, S = _sums(n, s)
+    events = sum(float(_runs_to(N, S, power, j)[i]) - price for i, j in runs)
     return float(each[k]) + events, best
 
 
@@ -158,13 +160,43 @@ def _event(n: Array, s: Array, least: float) -> Array:
     return np.asarray(gammaln(h) + larger - h * np.log(x) - np.log(np.log(LARGER)))
 
 
+def _sums(n: Array, s: Array) -> tuple[Array, Array]:
+    """Return the sums (M + 1,) of the values and squares of all blocks before each."""
+    N, S = (np.concatenate([[0.0], np.cumsum(v)]) for v in (n, s))
+    return N, S
+
+
+def _runs_to(N: Array, S: Array, least: float, j: int) -> Array:
+    """Return ln p of an event from each block (j,) to the one before j.
+
+    An event begins and ends within a block: the first and the last may have a power of their own.
+    """
+
+    def event(first: NDArray[np.intp], end: NDArray[np.intp]) -> Array:
+        n, s = N[end] - N[first], S[end] - S[first]
+        return np.where(n > 0.0, _event(np.maximum(n, 1.0), np.maximum(s, 1e-300), least), 0.0)
+
+    first = np.arange(j)
+    after = first + 1
+    ends = np.full(j, j)
+    before = np.maximum(ends - 1, after)
+    inner = np.minimum(after, before)
+    shapes = (
+        event(first, ends),
+        event(first, after) + event(after, ends),
+        event(first, before) + event(before, ends),
+        event(first, after) + event(inner, before) + event(before, ends),
+    )
+    return np.asarray(np.max(shapes, axis=0)) - float(np.log(len(shapes)))
+
+
 def _most_probable(n: Array, s: Array, a: float, b: float, price: float) -> Runs:
     """Return the most probable runs beside blocks of these ordinary powers."""
-    N, S = (np.concatenate([[0.0], np.cumsum(v)]) for v in (n, s))
+    N, S = _sums(n, s)
     rest = _ordinary(n, s, a, b)
     best, came = np.zeros(len(n) + 1), np.zeros(len(n) + 1, int)
     for j in range(1, len(n) + 1):
-        runs = best[:j] + _event(N[j] - N[:j], S[j] - S[:j], b / a) - price
+        runs = best[:j] + _runs_to(N, S, b / a, j) - price
         i = int(np.argmax(runs))
         ordinary = best[j - 1] + rest[j - 1]
         best[j], came[j] = (runs[i], i) if runs[i] > ordinary else (ordinary, -1)
