@@ -427,7 +427,8 @@ def _print_places(found: Diagnosis) -> None:
         for joint in found.joints
         if any(found.shrink_by_place.get((joint, s)) is not None for s in sides)
     ]
-    sizes = "without → with causes" if found.causes else "size"
+    numbers = "as described → with ordinary deviations"
+    sizes = "without → with causes" if found.causes else numbers
     if apart:
         shown = [f"{side} side" for side in sides]
         table = new_table("joint", *shown, right=shown, whole=("joint", *shown))

@@ -11,9 +11,9 @@ does,
 
 An event is a run of blocks of one power p, any that is larger: p(s) = integral of p^(-n/2)
 exp(-s/2p) dln p. It begins and ends within a block, so that its first and its last block may have a
-power of their own. It pays the odds that there is one, at one of so many places, and of so many runs.
-The most probable runs follow by dynamic programming; a torque that no law states acts during them
-(:class:`.FreeTorques`).
+power of their own. It pays the odds that there is one, at one of so many places, and of so many
+runs. The most probable runs follow by dynamic programming; a torque that no law states acts during
+them (:class:`.FreeTorques`).
 """
 
 from collections.abc import Iterator, Sequence

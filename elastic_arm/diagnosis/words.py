@@ -408,11 +408,9 @@ def summary(found: Diagnosis) -> list[str]:
 def _verdict_sentence(found: Diagnosis, beside: str) -> str:
     if found.verdict == "none":
         gaps = any(share is not None for share in found.shrink_by_place.values())
-        usual = ", with only ordinary deviations of the numbers of arm and sensors" if gaps else ""
-        return (
-            f"recording and model{beside and f' with {beside}'} agree within the noise of the"
-            f" sensors{usual}."
-        )
+        model = f"model with {beside}" if beside else "model"
+        ordinary = _ordinary_sentence(found) if gaps else ""
+        return f"recording and {model} agree within the noise of the sensors{ordinary}."
     if not found.causes:
         places = ", ".join(f"{p.joint} ({p.side} side)" for p in found.unexplained[:3])
         return (
@@ -421,9 +419,7 @@ def _verdict_sentence(found: Diagnosis, beside: str) -> str:
         )
     causes = "it" if len(found.causes) == 1 else f"these {len(found.causes)} causes"
     motion = "on another motion" if found.independent_motion else "on a repetition of the motion"
-    joint, side = place = max(
-        found.before.rmse, key=lambda p: found.before.rmse[p] / (found.noise.get(p) or np.inf)
-    )
+    joint, side = place = _worst_place(found)
     before, after, noise = found.before.rmse[place], found.after.rmse[place], found.noise.get(place)
     unit, verb = found.units.at(joint, "Nm"), "falls" if after < before else "rises"
     where = f"at {joint} ({side} side{f', noise {noise:.3g} {unit}' if noise else ''})"
@@ -439,6 +435,24 @@ def _verdict_sentence(found: Diagnosis, beside: str) -> str:
         f"{sentence}, and the remaining gap has another cause."
         if found.unexplained
         else f"{sentence}."
+    )
+
+
+def _worst_place(found: Diagnosis) -> tuple[str, str]:
+    """Return joint and side at which the description exceeds the noise most."""
+    return max(
+        found.before.rmse, key=lambda p: found.before.rmse[p] / (found.noise.get(p) or np.inf)
+    )
+
+
+def _ordinary_sentence(found: Diagnosis) -> str:
+    """Return what ordinary deviations of the numbers do to the gap of the description."""
+    joint, side = place = _worst_place(found)
+    unit = found.units.at(joint, "Nm")
+    return (
+        ", with only ordinary deviations of the numbers of arm and sensors. As described, the model"
+        f" errs by {found.before.rmse[place]:.3g} {unit} at {joint} ({side} side), with these"
+        f" deviations by {found.after.rmse[place]:.3g} {unit}"
     )
 
 
@@ -576,17 +590,15 @@ def listed_alternatives(cause: Cause) -> tuple[list[Alternative], str]:
 
 
 def gap_at(found: Diagnosis, joint: str, side: str) -> str:
-    """Return the size of a residual without and with the causes, and the share of its own gap that
-    is gone.
+    """Return the size of a residual as described and as corrected, and the share of its own gap
+    that is gone.
 
     joint, side: which residual; "–" where there is no such equation.
     """
     place = (joint, side)
     if place not in found.before.rmse:
         return "–"
-    sizes = f"{found.before.rmse[place]:.3g}"
-    if found.causes:
-        sizes += f" → {found.after.rmse[place]:.3g}"
+    sizes = f"{found.before.rmse[place]:.3g} → {found.after.rmse[place]:.3g}"
     return f"{sizes} ({share_at(found, joint, side)})"
 
 
@@ -595,8 +607,6 @@ def share_at(found: Diagnosis, joint: str, side: str) -> str:
     share = found.shrink_by_place.get((joint, side))
     if share is None:
         return "no significant gap"
-    if not found.causes:
-        return "gap"
     return "larger" if percent(share).startswith("-") else f"{percent(share)} removed"
 
 
