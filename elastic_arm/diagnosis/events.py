@@ -180,12 +180,11 @@ def _runs_to(N: Array, S: Array, least: float, j: int) -> Array:
     after = first + 1
     ends = np.full(j, j)
     before = np.maximum(ends - 1, after)
-    inner = np.minimum(after, before)
     shapes = (
         event(first, ends),
         event(first, after) + event(after, ends),
         event(first, before) + event(before, ends),
-        event(first, after) + event(inner, before) + event(before, ends),
+        event(first, after) + event(after, before) + event(before, ends),
     )
     return np.asarray(np.max(shapes, axis=0)) - float(np.log(len(shapes)))
 

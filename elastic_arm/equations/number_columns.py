@@ -308,7 +308,8 @@ def _of_gain(model: Model, parameter: Number, part: Part, acting: Sequence[Actin
     """
     motion, signals = part.stretch.quiet, part.signals
     j = model.robot.joint_names.index(parameter.joint)
-    controller = model.robot.joints[j].controller
+    joint = model.robot.joints[j]
+    controller = joint.controller
     assert controller is not None
     tau_m, fed, dr = (signals.values[name][:, j] for name in ("tau_m", "fed", "dr"))
     tau_m = tau_m - sum(
@@ -319,9 +320,9 @@ def _of_gain(model: Model, parameter: Number, part: Part, acting: Sequence[Actin
     changed = tau_m - fed if parameter.what == SCALE else damped
     error = signals.values["r"][:, j] - motion.theta[:, j]
     asked = controller.supplied(kp * error) + damped
-    stated = controller.torque, model.robot.joints[j].limits.torque
-    limits = [one for one in stated if one is not None]
-    return np.where(np.abs(asked) < min(limits, default=np.inf), -changed, 0.0)
+    limit = joint.most_torque
+    is_within = np.abs(asked) < (np.inf if limit is None else limit)
+    return np.where(is_within, -changed, 0.0)
 
 
 def _load_noise(part: Part) -> Array:

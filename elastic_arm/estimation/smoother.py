@@ -86,11 +86,9 @@ class Smoother:
         of_link, of_motor = (_crossover(side, cutoff, rate, n) for side in (link, motor))
         return Smoother(rate, cutoff, of_link, of_motor, link, motor)
 
-    def steeper(self, cutoff: float = np.inf) -> Smoother:
-        """Return a smoother that leaves motion whole up to a fifth of the sample rate.
-
-        cutoff: rad/s, where a lower one does.
-        """
+    def steeper(self, cutoff: float) -> Smoother:
+        """Return a smoother of a steeper response, of a cutoff (rad/s) or the highest at which it
+        leaves motion whole up to a fifth of the sample rate."""
         return replace(self, cutoff=min(cutoff, HIGHEST_STEEP_CUTOFF * self.rate), order=STEEP)
 
     @functools.cached_property

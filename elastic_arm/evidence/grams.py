@@ -130,9 +130,11 @@ class Grams:
     def less(self, term: Term, lacking: Sequence[ShareTerm]) -> Term:
         """Return a term without some shares of its columns: the same, where it moves none of their
         numbers."""
-        if not isinstance(term, NumberTerm) or not self.lacks(term, lacking):
+        if not isinstance(term, NumberTerm):
             return term
         own = term.shared(lacking)
+        if not own:
+            return term
         key = (term.ident, *(share.ident for share in own))
         if key not in self._less:
             self._less[key] = term.without(own)

@@ -86,9 +86,9 @@ def with_made_torque(recording: Recording, robot: Robot) -> Recording:
     for i, name in enumerate(recording.joints):
         controller = stated.get(name)
         if controller is not None and there[i] and _is_told(reference, controller, i):
-            limit = robot.joints[robot.joint_names.index(name)].limits.torque
+            limit = robot.joints[robot.joint_names.index(name)].most_torque
             own = controller.with_firmware_gain(recording.firmware_gains.get(name))
-            made[name] = _limited(own, limit)
+            made[name] = replace(own, torque=limit)
     if not made:
         return recording
     given = (reference.stamp_ns - reference.stamp_ns[0]) * 1e-9
@@ -127,12 +127,6 @@ def with_made_torque(recording: Recording, robot: Robot) -> Recording:
         made_by=made,
         notes=(*recording.notes, f"{recording.source or 'the recording'}: {note}"),
     )
-
-
-def _limited(controller: JointController, limit: float | None) -> JointController:
-    """Return a controller with the lower of its own limit of torque and that of its joint."""
-    limits = [one for one in (controller.torque, limit) if one is not None]
-    return replace(controller, torque=min(limits, default=None))
 
 
 def _is_told(reference: Side, controller: JointController, i: int) -> bool:

@@ -83,6 +83,14 @@ class Joint:
         object.__setattr__(self, "before", checked_placement(self.before, "before"))
         object.__setattr__(self, "after", checked_placement(self.after, "after"))
 
+    @property
+    def most_torque(self) -> float | None:
+        """The lower of the limits of torque of the joint and of its controller, Nm; None without
+        either."""
+        own = None if self.controller is None else self.controller.torque
+        limits = [one for one in (own, self.limits.torque) if one is not None]
+        return min(limits, default=None)
+
     def unit(self, unit: str) -> str:
         """Return the unit here of what has `unit` at a revolute joint: N for Nm, m for rad."""
         return linear_unit(unit) if self.prismatic else unit

@@ -53,11 +53,11 @@ def made(
                 "Omit controller effects if torques are given.",
             )
         more = law(motion, i, joint.controller, p)
-        limits = [one for one in (joint.controller.torque, joint.limits.torque) if one is not None]
-        if limits and limited:
+        limit = joint.most_torque
+        if limited and limit is not None:
             wanted = _supplied(joint.controller, asked_for(motion, i))
             wanted += _of_rate(motion, i, joint.controller)
-            more = ca.if_else(ca.fabs(wanted) < min(limits), more, 0.0)
+            more = ca.if_else(ca.fabs(wanted) < limit, more, 0.0)
         stall = joint.controller.stall
         if stall is not None and asked:
             more = ca.if_else(ca.fabs(asked_for(motion, i)) < stall, more, 0.0)
