@@ -7,6 +7,7 @@ drive.
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -32,8 +33,9 @@ def with_common_zeros(recordings: Sequence[Recording], robot: Robot) -> list[Rec
         [joint.transmission.stiffness if joint.transmission else np.inf for joint in robot.joints]
     )
     equations = ArmEquations(robot)
-    found = [_zeros(recording, stiffness, equations) for recording in both]
-    zeros, largest = (np.array(column) for column in zip(*found, strict=True))
+    observed = [_observed(recording, equations) for recording in both]
+    zeros = np.array([_zeros(observed, j, stiffness[j]) for j in range(robot.n)]).T
+    largest = np.array([one.largest for one in observed])
     moved = np.ptp(zeros, axis=0) > BEYOND_LOAD * np.nanmax(largest, axis=0) / stiffness
     if not moved.any():
         return list(recordings)
@@ -48,29 +50,52 @@ def _has_both_encoders(recording: Recording) -> bool:
     return all(side is not None and side.position is not None for side in sides)
 
 
-def _zeros(recording: Recording, stiffness: Array, equations: ArmEquations) -> tuple[Array, Array]:
-    """Return the zeros (n,) rad of the link encoders beside the motors', and the largest torques
-    (n,) Nm.
+class _Observed(NamedTuple):
+    """What the zeros of one recording are estimated from."""
 
-    The lag of one encoder, in proportion to speed, and the deflection under the mean torque are no
-    part of it.
-    """
+    apart: Array  # (N, n) rad, angle of the link beside that of the motor
+    load: Array  # (N, n) Nm, torque that winds the drive
+    speed: Array  # (N, n) rad/s
+    largest: Array  # (n,) Nm, the largest torque or weight
+
+
+def _observed(recording: Recording, equations: ArmEquations) -> _Observed:
     samples = recording.samples()
     assert samples.q is not None and samples.theta is not None
     torque = samples.tau_J if samples.tau_J is not None else samples.tau_m
     load = np.zeros_like(samples.q) if torque is None else torque
-    apart = samples.q - samples.theta + load / stiffness
+    apart = samples.q - samples.theta
     apart[:, [joint for channel, joint in samples.lacking if channel in ("q", "theta")]] = 0.0
-    speed = np.gradient(samples.theta, samples.t, axis=0)
-    slope = np.sum((speed - speed.mean(axis=0)) * apart, axis=0) / np.maximum(
-        np.sum(speed**2, axis=0), 1e-300
-    )
     rest = np.zeros((len(load), 2 * recording.n))  # a torque may be recorded without the weight
     _, pull = equations.moved_and_pulled(
         np.hstack([samples.q, samples.theta]), rest, rest, motors=False
     )
     largest = np.fmax(np.abs(load).max(axis=0), np.abs(pull @ equations.robot.gravity).max(axis=0))
-    return np.asarray(np.mean(apart - slope * speed, axis=0)), largest
+    return _Observed(apart, load, np.gradient(samples.theta, samples.t, axis=0), largest)
+
+
+def _zeros(observed: Sequence[_Observed], joint: int, stiffness: float) -> Array:
+    """Return the zeros (recordings,) rad of the encoder of a link beside that of its motor.
+
+        q - theta = zero_r + lag_r dtheta - (1 + x) tau / K
+
+    The lag of one encoder belongs to its recording. The deviation x of the compliance is common to
+    all recordings: otherwise another stiffness than the described one would count as other zeros
+    where the mean loads differ.
+    """
+    count = len(observed)
+    rows = []
+    apart = []
+    for r, one in enumerate(observed):
+        wound = one.load[:, joint] / stiffness
+        own = np.zeros((len(wound), 2 * count + 1))
+        own[:, r] = 1.0
+        own[:, count + r] = one.speed[:, joint]
+        own[:, -1] = -wound
+        rows.append(own)
+        apart.append(one.apart[:, joint] + wound)
+    found = np.linalg.lstsq(np.vstack(rows), np.concatenate(apart), rcond=None)[0]
+    return np.asarray(found[:count])
 
 
 def _shifted(recording: Recording, zeros: Array, notes: tuple[str, ...]) -> Recording:

@@ -56,6 +56,7 @@ NOISE_FREQUENCIES = 400
 # be exact where shared noise cancels (a torque sensor's; an encoder's at a drive's resonance), and
 # rounding would look like physics.
 FLOOR = 0.1
+LEAST = 1e-8  # Nm², of a row without noise; numerical
 COLUMNS_KEPT = 400  # of features that follow from the motion alone, of a stretch; memory
 
 
@@ -76,7 +77,7 @@ class NoiseModel:
     apart: Array
     # (F, n) of the load that the model predicts for the quiet motion, Nm², in units as `covariance`
     load: Array | None = None
-    measure: Array | None = None  # (F,) ln |dr/dz|², z the recorded values
+    measure: Array | None = None  # (F,) ln of the determinant of the sensors' part of it
     _whiteners: dict[bytes, NDArray[np.complex128]] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )
@@ -167,12 +168,11 @@ def noise_models(
     level = _torque_levels(torque.mean(axis=0).reshape(2, n).max(axis=0))
     accelerations = (2 * np.pi * f[:, None]) ** 4 * observation.quiet_link_spectrum(f)
     load = accelerations @ np.mean([M**2 for M, _, _ in poses], axis=0)
-    recorded = (way + speed2 * inertial.mean(axis=0)) * _shown(observation, made, n)
-    measure = _log_volume(recorded)
+    measure = np.linalg.slogdet(covariance + LEAST * np.eye(equations.rows))[1]
     found = []
     for floor in floors:
         own = covariance * (1.0 + floor**2 * np.eye(equations.rows))
-        own += np.diag(np.tile(floor**2 * level + 1e-8, equations.rows // n))
+        own += np.diag(np.tile(floor**2 * level + LEAST, equations.rows // n))
         found.append(NoiseModel(f, own, observation.rate, equations.apart, load, measure))
     return found
 
@@ -227,30 +227,6 @@ def _torque_levels(noise: Array) -> Array:
     """
     largest = max(float(noise.max()), 1e-12)
     return np.asarray(largest * 2.0 ** np.ceil(np.log2(np.maximum(noise / largest, 1e-9))))
-
-
-def _shown(observation: Observation, made: Array, n: int) -> Array:
-    """Return by what the values z (4 n,) are recorded: torques by their gains, lacking ones by 0.
-
-    Torques stand in z as they were recorded, before they were divided by their gains, and one of
-    two encoders: the other is the motion. Where a controller makes the torque of angles, z has both
-    of them and no torque.
-    """
-    follows = np.isin(np.arange(n), list(observation.made_by))
-    joint = 1.0 / observation.gains.get("tau_J", np.ones(n))
-    motor = 1.0 / observation.gains.get("tau_m", np.ones(n)) * ~follows
-    has_link = made[:, 2 * n : 3 * n].any(axis=0)
-    return np.concatenate([joint, motor, follows, follows | has_link])
-
-
-def _log_volume(recorded: NDArray[np.complex128]) -> Array:
-    """Return ln |dr/dz|² (F,) of maps (F, R, 4 n) from recorded values to residuals.
-
-    Rows that hold nothing of what was recorded have no density.
-    """
-    sizes = np.linalg.svd(recorded, compute_uv=False)
-    there = sizes > np.finfo(float).eps * sizes[:, :1]
-    return np.asarray(2.0 * np.log(np.where(there, sizes, 1.0)).sum(axis=1))
 
 
 def _inertias(
