@@ -58,6 +58,7 @@ from elastic_arm.diagnosis.words import (
     no_separation,
     ringing_notes,
     shape_note,
+    unnamed_note,
 )
 from elastic_arm.effects import EFFECTS, EffectInstance
 from elastic_arm.effects.library.base_tilt import TILT
@@ -73,8 +74,9 @@ from elastic_arm.evidence.search import without
 from elastic_arm.evidence.terms.effect import EffectTerm
 from elastic_arm.evidence.terms.known import KnownTerm, StatedTerm
 from elastic_arm.evidence.terms.law import LawTerm
-from elastic_arm.evidence.terms.number import NumberTerm, number_term
+from elastic_arm.evidence.terms.number import NumberTerm
 from elastic_arm.evidence.terms.term import Term
+from elastic_arm.evidence.terms.unnamed import UnnamedTerm
 from elastic_arm.evidence.watch import Watch
 from elastic_arm.identification.batch.identify import resonances
 from elastic_arm.identification.batch.mounting import CHANCE, STEP
@@ -83,6 +85,7 @@ from elastic_arm.recording import Recording
 from elastic_arm.recording.made_torque import at_common_gain
 from elastic_arm.recording.recording import recordings_of
 
+Unknown = LawTerm | UnnamedTerm
 AGAIN = 3  # times that recordings are explained anew without the events that are found
 # rad, to which a mounting is known where no tilt is found beside it
 MOUNTED = float(np.radians(STEP))
@@ -296,7 +299,7 @@ class Answer:
     @cached_property
     def added(self) -> dict[Any, list[Array]]:
         """What each term of the best set adds to the residuals of each stretch, Nm."""
-        return {t.ident: self._added(t) for t in self.best.terms if not isinstance(t, LawTerm)}
+        return {t.ident: self._added(t) for t in self.best.terms if not isinstance(t, Unknown)}
 
     @property
     def _causes_added(self) -> list[list[Array]]:
@@ -426,11 +429,11 @@ class Answer:
     def _is_cause(self, term: Term) -> bool:
         """Whether a term of the best set is a cause: no law without a form, no ordinary number, not
         what is known."""
-        if _name(term.key) in self._given:
+        if not term.says_cause or _name(term.key) in self._given:
             return False
         if isinstance(term, NumberTerm | StatedTerm):
             return _name(term.key) in self._there(self.explanation.best)
-        return term.says_cause
+        return True
 
     def _has_size(self, term: Term) -> bool:
         """Whether the size of a term, by the fitted recordings, is possible and beyond two
@@ -552,10 +555,11 @@ class Answer:
         """The residuals that an unknown effect leaves open: laws without a form, then power."""
         names = self.prepared.problem.robot.joint_names
         sides = self.prepared.problem.layout.sides
-        of_laws = [
-            self.places.index((names[t.law.joint], t.law.side if t.law.side in sides else sides[0]))
-            for _, t in self.laws
-        ]
+        of_laws = []
+        for _, term in self.laws:
+            joint, side = term.place
+            place = names[joint], side if side in sides else sides[0]
+            of_laws.append(self.places.index(place))
         return [*dict.fromkeys([*of_laws, *self.open_rows])]
 
     def _is_confirmed(self, name: Name) -> bool:
@@ -715,7 +719,7 @@ class Answer:
         first = numbers[own[0]]
         assert first.cause is not None
         moves = np.eye(len(numbers))[:, own]
-        return [number_term(first, fit.model.N, first.cause.key, moves)]
+        return [NumberTerm.of(first, fit.model.N, first.cause.key, moves)]
 
     def _added_alone(self, term: Term) -> list[Array]:
         """Return what a cause alone adds to the residuals of each stretch, Nm."""
@@ -758,18 +762,18 @@ class Answer:
                 )
 
     @cached_property
-    def laws(self) -> list[tuple[float, LawTerm]]:
-        """Return the laws without a form that are likelier there than not."""
-        found: dict[Key, tuple[float, LawTerm]] = {}
+    def laws(self) -> list[tuple[float, Unknown]]:
+        """Return what no cause of the catalogue names and is likelier there than not."""
+        found: dict[Key, tuple[float, Unknown]] = {}
         for p, fit in self.sets:
             for t in fit.optional:
-                if isinstance(t, LawTerm):
+                if isinstance(t, Unknown):
                     before, first = found.get(t.key, (0.0, t))
                     found[t.key] = before + p, first
         # One place has one law; which of several it follows may be open.
-        at_place: dict[tuple[Any, ...], list[tuple[float, LawTerm]]] = {}
+        at_place: dict[tuple[int, str], list[tuple[float, Unknown]]] = {}
         for p, t in found.values():
-            at_place.setdefault((t.law.joint, t.law.side), []).append((p, t))
+            at_place.setdefault(t.place, []).append((p, t))
         return [
             max(each, key=lambda one: one[0])
             for each in at_place.values()
@@ -932,14 +936,14 @@ class Answer:
         )
 
     def _notes(
-        self, laws: Sequence[tuple[float, LawTerm]], rows: Sequence[int], left: Set[str]
+        self, laws: Sequence[tuple[float, Unknown]], rows: Sequence[int], left: Set[str]
     ) -> Iterator[str]:
         """Yield what the reader should know besides: of laws, of rows that are open, and of joints
         that keep much."""
         prepared, problem = self.prepared, self.prepared.problem
         if not self.explanation.is_whole:
             yield UNFINISHED
-        yield from (law_note(problem.robot.joint_names[t.law.joint], t.law) for _, t in laws)
+        yield from (self._unknown_note(term) for _, term in laws)
         yield from (shape_note(*self.places[row]) for row in rows)
         yield from event_notes(prepared.events)
         if left and not problem.robot.elastic:
@@ -951,6 +955,12 @@ class Answer:
         yield from prepared.notes
         if not prepared.independent_motion:
             yield REPEATED_MOTION
+
+    def _unknown_note(self, term: Unknown) -> str:
+        joint = self.prepared.problem.robot.joint_names[term.place[0]]
+        if isinstance(term, UnnamedTerm):
+            return unnamed_note(joint, term.feature.effect.id)
+        return law_note(joint, term.law)
 
     def _whitened_share(self) -> float:
         """Return the share of the whitened power over the noise that is gone, where no octave shows

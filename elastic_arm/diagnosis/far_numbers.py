@@ -78,8 +78,9 @@ def probabilities(
     for term in fit.optional:
         if isinstance(term, NumberTerm):
             own = term.moved
-            found[term.key[0], term.key[1]] = float(each[own].max())
             moved |= own
+            if term.says_cause:
+                found[term.key[0], term.key[1]] = float(each[own].max())
     for name, indices in named.items():
         rest = [k for k in indices if not moved[k]]
         if rest:

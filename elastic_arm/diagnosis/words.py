@@ -201,6 +201,14 @@ def law_note(joint: str, law: GeneralLaw) -> str:
     )
 
 
+def unnamed_note(joint: str, effect: str) -> str:
+    """Return the note on a number that is far off and has no cause in the catalogue."""
+    return (
+        f"A number of {joint} is far from its description: it acts as {effect}, which is not in the"
+        " catalogue of this diagnosis."
+    )
+
+
 def shape_note(joint: str, side: str) -> str:
     """Return the note on a residual that keeps more power than its sensors have as noise."""
     return (

@@ -43,6 +43,7 @@ from elastic_arm.evidence.terms.law import law_terms
 from elastic_arm.evidence.terms.number import number_terms
 from elastic_arm.evidence.terms.share import shares_of
 from elastic_arm.evidence.terms.term import Term, odds_among
+from elastic_arm.evidence.terms.unnamed import unnamed_terms
 from elastic_arm.evidence.watch import Watch
 
 STEPS = 8  # of Gauss and Newton beside a set; numerical
@@ -439,6 +440,7 @@ def pool_of(linear: Linearisation) -> Iterator[Term]:
     yield from effect_terms(linear, linear.placed(problem.candidates), problem.usual)
     others: tuple[Sequence[Term], ...] = (
         number_terms(problem.numbers, linear.numbers, problem.far),
+        unnamed_terms(problem.numbers, linear.numbers, problem.far),
         known_terms(linear)[1],
     )
     for terms in others:

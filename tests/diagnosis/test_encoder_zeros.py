@@ -13,16 +13,21 @@ ROBOT = load_robot(None)
 STIFFNESS = np.array([joint.transmission.stiffness for joint in ROBOT.joints if joint.transmission])
 
 
-def recording(zero: float, late: float = 0.0) -> Recording:
-    """Two swings under load, the link encoder of joint 2 with a zero, all link encoders late."""
+def recording(
+    zero: float, late: float = 0.0, compliance: float = 1.0, weight: float = 200.0
+) -> Recording:
+    """Two swings under load, the link encoder of joint 2 with a zero, all link encoders late.
+
+    compliance: of the drives, in that of the description; weight: mean load, Nm.
+    """
     stamps = np.arange(4000) * 1_000_000
     t = stamps[:, None] * 1e-9
     angle, torque = (
         0.5 * np.sin(np.pi * t + [0.0, 1.0, 2.0]),
-        200.0 + 100.0 * np.sin(np.pi * t + [2.0, 0.0, 1.0]),
+        weight + 100.0 * np.sin(np.pi * t + [2.0, 0.0, 1.0]),
     )
     speed = 0.5 * np.pi * np.cos(np.pi * t + [0.0, 1.0, 2.0])
-    link = angle - torque / STIFFNESS - late * speed + [0.0, zero, 0.0]
+    link = angle - compliance * torque / STIFFNESS - late * speed + [0.0, zero, 0.0]
     return Recording(ROBOT.joint_names, Side(stamps, link), Side(stamps, angle, None, torque))
 
 
@@ -58,6 +63,12 @@ def test_what_a_weight_winds_that_the_torques_lack_stays() -> None:
         given.append(Recording(ROBOT.joint_names, link, Side(stamps, angle)))
     wound = [one.motor.position - one.link.position for one in given if one.motor and one.link]
     assert np.abs(np.mean(wound[0] - wound[1], axis=0)).max() > 2.0 * 10.0 / STIFFNESS.min()
+    assert with_common_zeros(given, ROBOT) == given
+
+
+def test_what_a_softer_drive_deflects_stays() -> None:
+    """A drive four times as soft as described deflects by other means under other loads."""
+    given = [recording(0.0, compliance=4.0, weight=weight) for weight in (300.0, -200.0)]
     assert with_common_zeros(given, ROBOT) == given
 
 

@@ -11,6 +11,7 @@ form are the same thing with other columns, another prior and another word in th
 | `KnownTerm` | what the description states or the user knows | its law | stated size, or range |
 | `StatedTerm` | how far a stated size is off | its law | range |
 | `NumberTerm` | a number that is far off | its column of N | wide |
+| `UnnamedTerm` | the same, of no cause in the catalogue | its column of N | wide |
 | `LawTerm` | a smooth function at one place | Gaussian process | size by evidence |
 | `ChangeTerm` | a size of its own in each recording | a term's, by recording | as of the term |
 | `ShareTerm` | what an effect adds to columns of N | that part | none: never chosen |

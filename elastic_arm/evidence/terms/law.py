@@ -30,6 +30,11 @@ class LawTerm(Term):
     kind = "law"
     says_cause = False
 
+    @property
+    def place(self) -> tuple[int, str]:
+        """Index of the joint and side at which it acts."""
+        return self.law.joint, self.law.side
+
     def doubt(self, is_usual: bool) -> float:
         """Return -ln of its prior odds: the catalogue has what arms mostly have."""
         return -float(np.log(ODDS * FORMLESS))

@@ -24,6 +24,20 @@ class NumberTerm(Term):
 
     kind = "number"
 
+    @classmethod
+    def of(cls, parameter: Number, N: Array, key: Key, along: Array) -> Self:
+        """Return the term of numbers that move by (K, k) for each coefficient.
+
+        parameter: the first of them; N: (rows, K) whitened columns for one standard deviation each.
+        """
+        low = np.full(along.shape[1], -np.inf)
+        least = parameter.cause.linear[0].above if parameter.cause is not None else -np.inf
+        if not parameter.is_logarithmic:
+            # Ratios are positive, channels late.
+            low[0] = 0.98 * (least - parameter.neutral) / parameter.prior_std
+        std = np.full(along.shape[1], WIDE)
+        return cls(key, N @ along, std, low=low, feature=parameter.cause, along=along)
+
     @property
     def moved(self) -> Array:
         """Which numbers (K,) it moves."""
@@ -70,11 +84,11 @@ def number_terms(parameters: Sequence[Number], N: Array, far: Set[str]) -> list[
             for i, other in enumerate(parameters):
                 if (other.what, other.joint) == (RATIO, parameter.joint):
                     moves[i] = -parameter.prior_std / other.prior_std
-        found.append(number_term(parameter, N, key, moves))
+        found.append(NumberTerm.of(parameter, N, key, moves))
         if parameter.is_of_link:
             of_joint = enumerate(parameters)
             own = [i for i, p in of_joint if p.is_of_link and p.joint == parameter.joint]
-            found.append(number_term(parameter, N, key, unit[:, own]))
+            found.append(NumberTerm.of(parameter, N, key, unit[:, own]))
         if parameter.cause.effect.scope is Scope.EACH_OR_ARM:
             together.setdefault((key[0], None, key[2]), []).append(k)
     for key, own in together.items():
@@ -82,18 +96,5 @@ def number_terms(parameters: Sequence[Number], N: Array, far: Set[str]) -> list[
             first = parameters[own[0]]
             moves = np.zeros((len(parameters), 1))
             moves[own, 0] = [first.prior_std / parameters[k].prior_std for k in own]
-            found.append(number_term(first, N, key, moves))
+            found.append(NumberTerm.of(first, N, key, moves))
     return found
-
-
-def number_term(parameter: Number, N: Array, key: Key, along: Array) -> NumberTerm:
-    """Return the term of numbers that move by (K, k) for each coefficient, the first
-    of which is `parameter`."""
-    count = along.shape[1]
-    low = np.full(count, -np.inf)
-    least = parameter.cause.linear[0].above if parameter.cause is not None else -np.inf
-    if not parameter.is_logarithmic:
-        # Ratios are positive, channels late.
-        low[0] = 0.98 * (least - parameter.neutral) / parameter.prior_std
-    std = np.full(count, WIDE)
-    return NumberTerm(key, N @ along, std, low=low, feature=parameter.cause, along=along)
