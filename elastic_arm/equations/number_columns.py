@@ -282,6 +282,13 @@ def _drive_entries(
             found.append(
                 (2 * n + j if of_motor else j, k, _turnover(w, motion.t, parameter.speeds))
             )
+        elif parameter.distance is not None:
+            of_motor = elastic and parameter.side == "motor"
+            angle = (motion.theta if of_motor else motion.q)[:, j]
+            sign = signals.values["sign_motor" if parameter.side == "motor" else "sign_link"][:, j]
+            found.append(
+                (2 * n + j if of_motor else j, k, _over_distance(angle, sign, parameter.distance))
+            )
         elif parameter.what == "stiffness" and gear is not None:
             found.append((n + j, k, clear[:, j]))
         elif parameter.what == "damping" and gear is not None:
@@ -376,6 +383,25 @@ def _turnover(w: Array, t: Array, speeds: Sequence[float]) -> Array:
     if len(speeds) == 2:
         return np.asarray(np.tanh(w / speeds[1]) - np.tanh(w / speeds[0]))
     return np.asarray(np.sign(np.gradient(w, t)) * (1.0 - np.tanh(w / speeds[0]) ** 2))
+
+
+def _over_distance(angle: Array, sign: Array, distance: float) -> Array:
+    """Return what dry friction of 1 Nm that turns over within a distance differs from its sign.
+
+        dz/dq = (1 - z sign(dq)) / d                                       (Dahl 1968)
+
+    Its solution over a step of the angle is exact: z - s falls by exp(-|step| / d), s the sign of
+    the step.
+    """
+    steps = np.diff(angle)
+    stays = np.exp(-np.abs(steps) / distance)
+    toward = np.sign(steps) * (1.0 - stays)
+    state = np.empty_like(angle)
+    state[0] = z = sign[0]
+    for k, (keep, add) in enumerate(zip(stays.tolist(), toward.tolist(), strict=True), 1):
+        z = keep * z + add
+        state[k] = z
+    return state - sign
 
 
 def directions_of(nominal: Robot, model: str, parameters: Sequence[Number]) -> Array:

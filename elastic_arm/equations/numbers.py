@@ -34,6 +34,8 @@ class Number:
     # of presliding alone: widths, rad/s, of the two sign functions between which friction turns
     # over, or the width within which it does so early or late
     speeds: tuple[float, ...] | None = None
+    # of presliding alone: distance, rad, over which friction turns over
+    distance: float | None = None
     side: str = ""  # of presliding alone: "link" or "motor", on which friction turns over
     # number of the recording in which alone it acts: by how much a zero is another one there than
     # in the first; None of what is the same in all

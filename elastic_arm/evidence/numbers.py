@@ -24,6 +24,8 @@ LARGEST_SCALE, LARGEST_RATIO = 3.0, 0.75
 # gradual sign functions have in common.
 TURNING = 2e-3
 WIDTHS = ((0.25, 1.0), (1.0, 4.0), (1.0,))
+# rad: distances over which dry friction turns over; between them, sums of two are as good
+DISTANCES = (5e-4, 2e-3, 8e-3, 3.2e-2)
 
 
 def numbers_of(
@@ -80,6 +82,7 @@ def numbers_of(
             found.append(Number(what, joint.name, unit, std, neutral, error=error, limit=limit))
         presliding = min(priors.presliding, PRESLIDING_SHARE * float(largest[j]))
         found += _turnovers(joint, 0.0 if turning is None else float(turning[j]), presliding, sides)
+        found += _distances(joint, PRESLIDING_SHARE * float(largest[j]), sides)
     for feature in features:
         if (
             isinstance(feature.effect, ControllerEffect)
@@ -122,6 +125,16 @@ def _turnovers(joint: Joint, turning: float, std: float, sides: Sequence[str]) -
                 0.0,
                 speeds=speeds,
                 side=side,
+            )
+
+
+def _distances(joint: Joint, std: float, sides: Sequence[str]) -> Iterator[Number]:
+    apart = joint.transmission is not None and {"link", "motor"} <= set(sides)
+    for side in ("link", "motor") if apart else ("motor",):
+        for k, distance in enumerate(DISTANCES):
+            what = f"{PRESLIDING}_distance_{side}_{k}"
+            yield Number(
+                what, joint.name, joint.unit("Nm"), std, 0.0, distance=distance, side=side
             )
 
 
