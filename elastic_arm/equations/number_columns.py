@@ -7,6 +7,7 @@ place, no torque sensor and a massless arm would explain every recording.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -20,7 +21,7 @@ from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.known_torques import ActingEffect
 from elastic_arm.estimation.motion import CompletedMotion, drive_constants, rates_of
 from elastic_arm.estimation.noise import wiener_filter
-from elastic_arm.estimation.regressors import Entries
+from elastic_arm.estimation.regressors import Entries, Signals
 from elastic_arm.estimation.residuals import predicted_torques
 from elastic_arm.estimation.whitening import NoiseModel, Part, WhitenedData
 from elastic_arm.robot import Robot
@@ -131,6 +132,20 @@ def shared_columns(
         for out, part in zip(found, data.parts, strict=True):
             scaled = -parameter.prior_std * part.shares[which][1][:, j]
             out.append(_in_row(data, part, 2 * len(joints) + j, scaled))
+    robot = effect.feature.equations.robot
+    for k, parameter in enumerate(parameters if effect.feature.effect.friction else ()):
+        if parameter.shape is None or parameter.joint != effect.feature.joint:
+            continue
+        if parameter.side not in effect.feature.sides:
+            continue
+        j = joints.index(parameter.joint)
+        numbers.append(k)
+        for out, part in zip(found, data.parts, strict=True):
+            friction = _magnitude(
+                effect, part.signals, parameter.side, j, dry=parameter.shape.is_dry
+            )
+            row, law = _of_shape(robot, part, parameter, friction)
+            out.append(_in_row(data, part, row, parameter.prior_std * law))
     return numbers, data.weighted(
         [np.stack(own, axis=2) for own in found], in_place=True
     ) if numbers else []
@@ -273,6 +288,7 @@ def _drive_entries(
         )
         rates = rates_of(motion.t, signals.model_torques["tau_J"] + others)
     found: list[tuple[int, int, Array]] = []
+    magnitudes: dict[tuple[str, int, bool], Any] = {}
     for k, parameter in enumerate(parameters):
         j = model.robot.joint_names.index(parameter.joint)
         gear = nominal.joints[j].transmission
@@ -282,13 +298,15 @@ def _drive_entries(
             found.append(
                 (2 * n + j if of_motor else j, k, _turnover(w, motion.t, parameter.speeds))
             )
-        elif parameter.distance is not None:
-            of_motor = elastic and parameter.side == "motor"
-            angle = (motion.theta if of_motor else motion.q)[:, j]
-            sign = signals.values["sign_motor" if parameter.side == "motor" else "sign_link"][:, j]
-            found.append(
-                (2 * n + j if of_motor else j, k, _over_distance(angle, sign, parameter.distance))
-            )
+        elif parameter.shape is not None:
+            place = parameter.side, j, parameter.shape.is_dry
+            if place not in magnitudes:
+                magnitudes[place] = sum(
+                    _magnitude(e, signals, parameter.side, j, dry=parameter.shape.is_dry)
+                    for e in acting
+                )
+            row, law = _of_shape(model.robot, part, parameter, magnitudes[place])
+            found.append((row, k, law))
         elif parameter.what == "stiffness" and gear is not None:
             found.append((n + j, k, clear[:, j]))
         elif parameter.what == "damping" and gear is not None:
@@ -385,23 +403,53 @@ def _turnover(w: Array, t: Array, speeds: Sequence[float]) -> Array:
     return np.asarray(np.sign(np.gradient(w, t)) * (1.0 - np.tanh(w / speeds[0]) ** 2))
 
 
-def _over_distance(angle: Array, sign: Array, distance: float) -> Array:
-    """Return what dry friction of 1 Nm that turns over within a distance differs from its sign.
+def _magnitude(effect: ActingEffect, signals: Signals, side: str, joint: int, *, dry: bool) -> Any:
+    """Return the friction (N,) Nm that an effect makes at a side of a joint, by magnitude.
 
-        dz/dq = (1 - z sign(dq)) / d                                       (Dahl 1968)
-
-    Its solution over a step of the angle is exact: z - s falls by exp(-|step| / d), s the sign of
-    the step.
+    It is that of the same speed, before the sign: near a reversal, where the sign turns over, the
+    friction itself is none. dry: only the part that has the sign of the velocity.
     """
-    steps = np.diff(angle)
-    stays = np.exp(-np.abs(steps) / distance)
-    toward = np.sign(steps) * (1.0 - stays)
-    state = np.empty_like(angle)
-    state[0] = z = sign[0]
-    for k, (keep, add) in enumerate(zip(stays.tolist(), toward.tolist(), strict=True), 1):
-        z = keep * z + add
-        state[k] = z
-    return state - sign
+    feature = effect.feature
+    if not feature.effect.friction or side not in feature.sides:
+        return 0.0
+    if feature.equations.robot.joint_names[joint] != feature.joint:
+        return 0.0
+    forward = _forward(effect, signals, side, joint, 1.0)
+    return forward - _forward(effect, signals, side, joint, 0.0) if dry else forward
+
+
+def _forward(effect: ActingEffect, signals: Signals, side: str, joint: int, sign: float) -> Array:
+    """Return the friction (N,) Nm at the magnitudes of the velocities, with one sign throughout."""
+    signs = np.full_like(signals.values["sign_motor"], sign)
+    forward = {"dx": np.abs(signals.values["dx"]), "sign_link": signs, "sign_motor": signs}
+    moving = replace(signals, values={**signals.values, **forward})
+    of_joint, of_motor, *_ = effect.torques(moving)
+    own = of_joint if side == "link" else of_motor - of_joint
+    return own[:, joint]
+
+
+def _of_shape(
+    robot: Robot, part: Part, parameter: Number, friction: Array | float
+) -> tuple[int, Array]:
+    """Return the row of the residuals, and the course (N,) Nm of a shape of some friction (N,)."""
+    shape = parameter.shape
+    assert shape is not None
+    n = robot.n
+    j = robot.joint_names.index(parameter.joint)
+    motion = part.stretch.quiet
+    values = part.signals.values
+    of_motor = robot.elastic and parameter.side == "motor"
+    angle, speed = (motion.theta, motion.dtheta) if of_motor else (motion.q, motion.dq)
+    if not np.any(friction):
+        return j, np.zeros(len(motion))
+    course = shape.of(
+        angle[:, j],
+        speed[:, j],
+        values[f"sign_{parameter.side}"][:, j],
+        part.signals.model_torques["clear"][:, j],
+        values["progress"][:, 0],
+    )
+    return (2 * n + j if of_motor else j), friction * course
 
 
 def directions_of(nominal: Robot, model: str, parameters: Sequence[Number]) -> Array:

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from elastic_arm.equations.friction_shapes import FrictionShape
 from elastic_arm.estimation.effect_columns import Feature
 
 # Of a joint's controller, as ratios to the stated ones: all its gains alike, and that of speeds
@@ -34,9 +35,9 @@ class Number:
     # of presliding alone: widths, rad/s, of the two sign functions between which friction turns
     # over, or the width within which it does so early or late
     speeds: tuple[float, ...] | None = None
-    # of presliding alone: distance, rad, over which friction turns over
-    distance: float | None = None
-    side: str = ""  # of presliding alone: "link" or "motor", on which friction turns over
+    # by what friction differs from its laws; None of anything else
+    shape: FrictionShape | None = None
+    side: str = ""  # of presliding and of shapes of friction: "link" or "motor", on which friction turns over
     # number of the recording in which alone it acts: by how much a zero is another one there than
     # in the first; None of what is the same in all
     recording: int | None = None
@@ -67,6 +68,8 @@ class Number:
     def kind(self) -> str:
         """Whose number it is: of the "arm", of a "sensor" or controller, the "zero" of a torque
         channel, or a "detail" of how a law is met."""
+        if self.shape is not None:
+            return "arm"
         if not self.is_number:
             return "detail"
         if self.feature is None:
@@ -78,7 +81,7 @@ class Number:
     def is_number(self) -> bool:
         """Whether it is a number of the arm or of a sensor, and not a detail of how a law is
         met."""
-        return not self.what.startswith(PRESLIDING)
+        return self.shape is None and not self.what.startswith(PRESLIDING)
 
     @property
     def is_torque_gain(self) -> bool:

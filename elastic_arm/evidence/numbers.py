@@ -9,6 +9,7 @@ import numpy as np
 from elastic_arm.arrays import Array
 from elastic_arm.dynamics.bodies import TENSOR
 from elastic_arm.effects.effect import ControllerEffect
+from elastic_arm.equations.friction_shapes import shapes_of
 from elastic_arm.equations.numbers import PRESLIDING, SCALE, Number
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.motion import Motion
@@ -24,8 +25,6 @@ LARGEST_SCALE, LARGEST_RATIO = 3.0, 0.75
 # gradual sign functions have in common.
 TURNING = 2e-3
 WIDTHS = ((0.25, 1.0), (1.0, 4.0), (1.0,))
-# rad: distances over which dry friction turns over; between them, sums of two are as good
-DISTANCES = (5e-4, 2e-3, 8e-3, 3.2e-2)
 
 
 def numbers_of(
@@ -49,6 +48,7 @@ def numbers_of(
     over is the same on both sides of a drive.
     """
     found: list[Number] = []
+    fastest = fastest_speeds(pieces, robot.n)
     features, inertias = tuple(features), _motor_inertias(pieces)
     errors = {
         (feature.effect.number, feature.joint): feature
@@ -82,7 +82,7 @@ def numbers_of(
             found.append(Number(what, joint.name, unit, std, neutral, error=error, limit=limit))
         presliding = min(priors.presliding, PRESLIDING_SHARE * float(largest[j]))
         found += _turnovers(joint, 0.0 if turning is None else float(turning[j]), presliding, sides)
-        found += _distances(joint, PRESLIDING_SHARE * float(largest[j]), sides)
+        found += _shapes(joint, float(fastest[j]), float(largest[j]), priors.friction, sides)
     for feature in features:
         if (
             isinstance(feature.effect, ControllerEffect)
@@ -128,14 +128,25 @@ def _turnovers(joint: Joint, turning: float, std: float, sides: Sequence[str]) -
             )
 
 
-def _distances(joint: Joint, std: float, sides: Sequence[str]) -> Iterator[Number]:
+def _shapes(
+    joint: Joint, speed: float, load: float, spread: float, sides: Sequence[str]
+) -> Iterator[Number]:
+    """Yield by what the friction of a joint differs from its laws on each side."""
     apart = joint.transmission is not None and {"link", "motor"} <= set(sides)
     for side in ("link", "motor") if apart else ("motor",):
-        for k, distance in enumerate(DISTANCES):
-            what = f"{PRESLIDING}_distance_{side}_{k}"
-            yield Number(
-                what, joint.name, joint.unit("Nm"), std, 0.0, distance=distance, side=side
-            )
+        for name, shape, std in shapes_of(speed, load, spread):
+            what = f"friction_{name}_{side}"
+            yield Number(what, joint.name, "1", std, 0.0, shape=shape, side=side)
+
+
+def fastest_speeds(pieces: Sequence[Motion], n: int) -> Array:
+    """Return the highest speeds (n,) of the joints, rad/s."""
+    found = np.full(n, LEAST_SCALE)
+    for piece in pieces:
+        speed = piece.dtheta if piece.ddq is None else piece.dq
+        if speed is not None:
+            found = np.maximum(found, np.nanmax(np.abs(speed), axis=0))
+    return found
 
 
 def resolved_speeds(pieces: Sequence[Motion], n: int, rate: float) -> Array:
