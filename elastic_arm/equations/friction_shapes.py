@@ -1,15 +1,17 @@
 """How the friction of a joint differs from the laws that describe it, in proportion to itself.
 
-    F'(t) = F(t) + |F(t)| (sum_k c_k (z_k - s) + a + s (sum_k b_k h_k(|w|) + l |tau|/tau_max + p t/T))
+    F' = F + F_d (sum_k c_k (z_k - s) + a) + |F| s (sum_k b_k h_k(|w|) + l |tau| / tau_max + p t/T)
 
-F is what the laws of friction make at this joint and side, s the sign of its velocity w. No drive
-is as simple as Coulomb and viscous friction: its friction turns over within a distance, differs by
-direction, speed and load, and falls as the joint warms up. Each c, a, b, l and p is a number with a
-prior, so that an ordinary difference is no cause.
+F is what the laws of friction make at a side of a joint, F_d the magnitude of its part with the
+sign s of the velocity w, t/T from -1/2 to 1/2. No drive is as simple as Coulomb and viscous
+friction: friction turns over within a distance (z_k, of the distance d_k), differs by direction,
+speed (h_k, hats over ln |w|) and load, and falls as the joint warms up. Each c, a, b, l and p is a
+number with a prior, so that an ordinary difference is no cause.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -60,28 +62,30 @@ def over_distance(angle: Array, sign: Array, distance: float) -> Array:
 
         dz/dq = (1 - z sign(dq)) / d                                       (Dahl 1968)
 
-    Over a step of the angle (N,) rad, z - s falls by exp(-|step| / d), s the sign of the step.
-    sign: (N,) of the velocity, with the first of which it begins.
+    While the angle (N,) rad goes one way, s, the difference z - s falls by exp(-|way| / d). sign:
+    (N,) of the velocity, with the first of which it begins.
     """
     steps = np.diff(angle)
-    stays = np.exp(-np.abs(steps) / distance)
-    toward = np.sign(steps) * (1.0 - stays)
+    ways = np.sign(steps)
+    turns = np.flatnonzero(np.diff(ways)) + 1
     state = np.empty_like(angle)
     z = float(sign[0])
     state[0] = z
-    for k, (keep, add) in enumerate(zip(stays.tolist(), toward.tolist(), strict=True), start=1):
-        z = keep * z + add
-        state[k] = z
+    for first, last in pairwise([0, *turns.tolist(), len(steps)]):
+        way = ways[first]
+        gone = np.abs(angle[first + 1 : last + 1] - angle[first])
+        state[first + 1 : last + 1] = way + (z - way) * np.exp(-gone / distance)
+        z = float(state[last])
     return state
 
 
 def shapes_of(
     speed: float, load: float, spread: float
 ) -> Sequence[tuple[str, FrictionShape, float]]:
-    """Return name, shape and prior standard deviation of all that the friction of a side differs by.
+    """Return name, shape and prior standard deviation of each shape of the friction of a side.
 
-    speed: highest of the joint, rad/s; load: largest in it, Nm; spread: prior standard deviation of
-    the friction at one speed, relative.
+    speed: highest of the joint, rad/s; load: largest in it, Nm; spread: relative prior standard
+    deviation of the friction at one speed.
     """
     found = [
         (f"distance_{k}", FrictionShape("distance", distance), TURNOVER)

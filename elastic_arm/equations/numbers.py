@@ -37,7 +37,8 @@ class Number:
     speeds: tuple[float, ...] | None = None
     # by what friction differs from its laws; None of anything else
     shape: FrictionShape | None = None
-    side: str = ""  # of presliding and of shapes of friction: "link" or "motor", on which friction turns over
+    # of presliding and of shapes of friction: "link" or "motor", on which the friction acts
+    side: str = ""
     # number of the recording in which alone it acts: by how much a zero is another one there than
     # in the first; None of what is the same in all
     recording: int | None = None

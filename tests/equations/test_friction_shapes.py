@@ -1,0 +1,41 @@
+"""Shapes of friction: their equations, and that they belong to the friction that acts."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from elastic_arm.equations.friction_shapes import NODES, FrictionShape, over_distance
+
+T = np.linspace(0.0, 4.0, 2001)
+ANGLE = 0.3 * np.sin(2.0 * T) + 0.02 * np.sin(11.0 * T)
+SPEED = 0.6 * np.cos(2.0 * T) + 0.22 * np.cos(11.0 * T)
+
+
+@pytest.mark.parametrize("distance", [1e-3, 1e-2, 0.1])
+def test_dry_friction_turns_over_as_dahls_equation_has_it(distance: float) -> None:
+    """An integrator that has only the differential equation finds the same course."""
+
+    def rate(t: float, z: np.ndarray) -> np.ndarray:
+        speed = 0.6 * np.cos(2.0 * t) + 0.22 * np.cos(11.0 * t)
+        return (speed - z * abs(speed)) / distance
+
+    true = solve_ivp(rate, (0.0, 4.0), [1.0], "LSODA", T, rtol=1e-8, atol=1e-10, max_step=1e-3)
+    found = over_distance(ANGLE, np.sign(SPEED), distance)
+    # At a reversal the samples miss a part of the way: at most that of one step.
+    step = np.abs(np.diff(ANGLE, 2)).max()
+    np.testing.assert_allclose(found, true.y[0], atol=2.0 * min(1.0, step / distance) + 1e-5)
+
+
+def test_an_angle_that_stays_keeps_its_friction() -> None:
+    """Friction that holds a load at rest stays as it was when the joint stopped."""
+    angle = np.concatenate([np.linspace(0.0, 0.004, 50), np.full(50, 0.004)])
+    found = over_distance(angle, np.ones(100), 0.01)
+    np.testing.assert_array_equal(found[50:], found[49])
+
+
+def test_hats_over_speed_add_up_to_the_sign() -> None:
+    """Together they are friction that is larger at all speeds alike."""
+    shapes = [FrictionShape("speed", 0.8, node) for node in range(len(NODES))]
+    none = np.zeros_like(T)
+    found = [shape.of(ANGLE, SPEED, np.sign(SPEED), none, none) for shape in shapes]
+    np.testing.assert_allclose(np.sum(found, axis=0), np.sign(SPEED), atol=1e-12)
