@@ -20,7 +20,7 @@ from elastic_arm.arrays import Array
 # of the highest speed: between them friction differs smoothly, below and above it is as at the ends
 NODES = (0.02, 0.1, 0.5)
 # rad: distances over which dry friction turns over; between two, a sum of both is as good
-DISTANCES = (5e-4, 1.5e-3, 5e-3, 1.5e-2, 5e-2)
+DISTANCES = tuple(5e-4 * 2.0**k for k in range(7))
 TURNOVER = 0.5  # prior deviation of the share of dry friction that turns over within one of them
 
 
