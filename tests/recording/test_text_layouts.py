@@ -18,10 +18,11 @@ from scipy.io import savemat
 
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording import read_recording
-from elastic_arm.recording.foreign.array_files import Arrays, load_arrays
+from elastic_arm.recording.foreign.array_files import load_arrays
 from elastic_arm.recording.foreign.arrays import import_arrays
 from elastic_arm.recording.foreign.guess import guess_mapping
 from elastic_arm.recording.foreign.text_layouts import arrays_of
+from elastic_arm.recording.foreign.text_tables import Arrays
 from tests.helpers.command_line import refusal, run
 
 REPORTS = Path(__file__).parents[3] / "shared" / "data" / "public_reports_2"

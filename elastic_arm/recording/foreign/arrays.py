@@ -12,7 +12,7 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from elastic_arm.errors import RecordingError
 from elastic_arm.input_files import Number, WholeNumber, read_text
-from elastic_arm.recording.foreign.array_files import FILE_INDEX, Arrays, load_arrays
+from elastic_arm.recording.foreign.array_files import FILE_INDEX, load_arrays
 from elastic_arm.recording.foreign.calibration import degrees_per_cent
 from elastic_arm.recording.foreign.channels import (
     DAY,
@@ -37,6 +37,7 @@ from elastic_arm.recording.foreign.channels import (
     stated_unit,
     time_unit,
 )
+from elastic_arm.recording.foreign.text_tables import Arrays
 from elastic_arm.recording.inspection.report import REPAIR, checked
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Array, Side, Stamps, joints_with

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from elastic_arm.errors import RecordingError
-from elastic_arm.recording.foreign.array_files import FILE_INDEX, Arrays
+from elastic_arm.recording.foreign.array_files import FILE_INDEX
 from elastic_arm.recording.foreign.channels import (
     CHANNEL_NAMES,
     DEFAULT_UNIT,
@@ -28,6 +28,7 @@ from elastic_arm.recording.foreign.tables import (
     TimeArray,
     find_tables,
 )
+from elastic_arm.recording.foreign.text_tables import Arrays
 from elastic_arm.recording.inspection.commands import COPIED, DIGITS, SHIFTED
 from elastic_arm.recording.inspection.percent import ranges_by_steps
 
@@ -96,6 +97,9 @@ _SIDE_WORDS: dict[SideName, str] = {
         r"|tau_?m|(?<![a-z])iq?(?=_|\d|$)"
     ),
 }
+Place = tuple[SideName, ChannelName]
+Chosen = dict[Place, Guess]
+LeftOut = tuple[JointTable, str]  # with the reason
 # Of several arrays for one channel the one with more of these in its name is taken.
 _MEASURED = r"act(?=_|ual)|meas|rec|sens|raw|abs"
 
@@ -127,26 +131,11 @@ def guess_mapping(
         key for key in contents.rest if arrays[key].dtype.kind in "iufc" and key != FILE_INDEX
     ]
     ignored = [(key, "not a table of all joints") for key in numbers]
-    chosen: dict[tuple[SideName, ChannelName], Guess] = {}
-    for guess in _Reader(contents).guesses():
-        if isinstance(guess, tuple):
-            table, reason = guess
-        elif (first := chosen.get((guess.side, guess.channel))) is None:
-            chosen[guess.side, guess.channel] = guess
-            continue
-        elif np.array_equal(guess.table.values, first.table.values):
-            table = guess.table
-            reason = f"the same numbers as {first.table.name}"
-        else:
-            table = guess.table
-            place = f"{guess.side} {guess.channel}"
-            reason = f"also a candidate for {place}; {first.table.name} was chosen"
-            another = first.because(f"{table.name} is another candidate")
-            chosen[guess.side, guess.channel] = another
-        ignored += [(key, reason) for key in table.keys]
+    chosen, left_out = _chosen(_Reader(contents).guesses())
+    ignored += left_out
     if not chosen:
-        told = {key: f"{key} ({fault})" for key, fault in faults.items()}
-        listed = ", ".join(told.get(key, key) for key in arrays)
+        stated = {key: f"{key} ({fault})" for key, fault in faults.items()}
+        listed = ", ".join(stated.get(key, key) for key in arrays)
         raise RecordingError(
             f"no array contains positions or torques of {len(joints)} joints; the arrays"
             f" are {listed[:300]}",
@@ -156,28 +145,53 @@ def guess_mapping(
     chosen = {
         place: replace(guess, table=whole[guess.table.keys]) for place, guess in chosen.items()
     }
-    command = chosen.get(("command", "position"))
-    followed = chosen.get(("link", "position")) or chosen.get(("motor", "position"))
-    if command is not None and followed is not None:
-        ranges = [np.median(np.std(guess.table.values, axis=0)) for guess in (followed, command)]
-        why = (
-            f"the positions, {followed.table.name}, swing {ranges[0] / ranges[1]:.3g} times as far"
-        )
-        chosen["command", "position"] = _alike(command, followed).because(why)
-    found = {
-        place: _with_lengths(guess, slides.tolist()) for place, guess in _with_ratio(chosen).items()
-    }
+    _compare_commands(chosen)
+    chosen = _with_ratio(chosen)
+    found = {place: _with_lengths(guess, slides.tolist()) for place, guess in chosen.items()}
     found = {place: _without_dead(guess, found) for place, guess in found.items()}
     for guess in found.values():
         if guess.places is not None and len(guess.table.keys) > 1:  # an array a column
-            ignored += [
-                (key, DEAD) for k, key in enumerate(guess.table.keys) if k not in guess.places
-            ]
+            dead = [key for k, key in enumerate(guess.table.keys) if k not in guess.places]
+            ignored += [(key, DEAD) for key in dead]
     ordered = [found[place] for place in product(SIDE_NAMES, CHANNEL_NAMES) if place in found]
     ignored += [(key, f"not numbers: {fault}") for key, fault in faults.items()]
     return Draft(
         tuple(joints), contents.times, tuple(ordered), tuple(ignored), contents.runs, arrays.decimal
     )
+
+
+def _chosen(guesses: Sequence[Guess | LeftOut]) -> tuple[Chosen, list[tuple[str, str]]]:
+    """Return the first guess of each channel, and the arrays left out with the reasons."""
+    chosen: Chosen = {}
+    ignored: list[tuple[str, str]] = []
+    for guess in guesses:
+        if isinstance(guess, tuple):
+            table, reason = guess
+        else:
+            table = guess.table
+            place = (guess.side, guess.channel)
+            first = chosen.setdefault(place, guess)
+            if first is guess:
+                continue
+            if np.array_equal(table.values, first.table.values):
+                reason = f"the same numbers as {first.table.name}"
+            else:
+                channel = f"{guess.side} {guess.channel}"
+                reason = f"also a candidate for {channel}; {first.table.name} was chosen"
+                chosen[place] = first.because(f"{table.name} is another candidate")
+        ignored += [(key, reason) for key in table.keys]
+    return chosen, ignored
+
+
+def _compare_commands(chosen: Chosen) -> None:
+    """State in the guess of the commands how far the positions follow them."""
+    command = chosen.get(("command", "position"))
+    followed = chosen.get(("link", "position")) or chosen.get(("motor", "position"))
+    if command is None or followed is None:
+        return
+    far, asked = (np.median(np.std(one.table.values, axis=0)) for one in (followed, command))
+    why = f"the positions, {followed.table.name}, swing {far / asked:.3g} times as far"
+    chosen["command", "position"] = _alike(command, followed).because(why)
 
 
 def _alike(command: Guess, followed: Guess) -> Guess:
@@ -190,7 +204,7 @@ def _alike(command: Guess, followed: Guess) -> Guess:
     return command.because(why, "largest", unit=followed.unit, missing=followed.missing)
 
 
-def _without_dead(guess: Guess, chosen: Mapping[tuple[SideName, ChannelName], Guess]) -> Guess:
+def _without_dead(guess: Guess, chosen: Mapping[Place, Guess]) -> Guess:
     """Return a guess without columns that stay as they are although another position shows that
     their joints move."""
     positions = [
@@ -224,7 +238,8 @@ class _Reader:
     """What tables are, by their names and units and by which follows the derivative of which."""
 
     def __init__(self, contents: Contents) -> None:
-        self.tables, self.times = contents.tables, contents.times
+        self.tables = contents.tables
+        self.times = contents.times
         named = [(table, *_quantity(table)) for table in self.tables]
         measured = [(table, quantity) for table, quantity, _ in named if not _is_command(table)]
         self.positions = [table for table, quantity in measured if quantity == "position"]
@@ -233,13 +248,11 @@ class _Reader:
         # Wherever they stand in the file: angles without a name are those of which a rate is the
         # derivative, and which are the derivative of none of themselves.
         rates = [*self.speeds, *nameless]
-        sources = [
-            t for t in nameless if any(self.sources(rate, [t]) for rate in rates if rate is not t)
-        ]
-        self.angles = [t for t in sources if not self.sources(t, sources)]
+        sources = [table for table in nameless if self._has_rate(table, rates)]
+        self.angles = [table for table in sources if not self.sources(table, sources)]
         self.positions += self.angles
 
-    def guesses(self) -> list[Guess | tuple[JointTable, str]]:
+    def guesses(self) -> list[Guess | LeftOut]:
         """Return each table as a guess, or with the reason why it is left out; those recognised by
         name come first."""
         read = [
@@ -248,6 +261,9 @@ class _Reader:
         ]
         named = [guess for by_name, guess in read if by_name and isinstance(guess, Guess)]
         return [*sorted(named, key=_rank), *(guess for _, guess in read if guess not in named)]
+
+    def _has_rate(self, table: JointTable, rates: Sequence[JointTable]) -> bool:
+        return any(self.sources(rate, [table]) for rate in rates if rate is not table)
 
     def sources(
         self, rate: JointTable, among: Sequence[JointTable]
@@ -261,64 +277,58 @@ class _Reader:
         ]
         return sorted((found for found in slopes if found[0] > ALIKE), key=lambda found: -found[0])
 
-    def _read(self, table: JointTable) -> Guess | tuple[JointTable, str]:
+    def _read(self, table: JointTable) -> Guess | LeftOut:
         quantity, word = _quantity(table)
+        reason = self._no_channel(table, quantity)
+        if reason:
+            return table, reason
         by_name = [f"called {word}"] if word else []
-        same = [
-            t
-            for t in self.tables
-            if len(t.keys) == 1 < len(table.keys) and np.array_equal(t.values, table.values)
-        ]
-        if quantity == "other" or _OTHER_UNIT.search(table.keys[0]):
-            return table, "neither position, velocity nor torque according to its name"
-        if quantity == "acceleration":
-            return table, "derived, not a measurement"
-        if same:
-            return table, f"the same numbers as {same[0].name}"
-        if np.ptp(table.values, axis=0).max() == 0:
-            return table, "constant throughout"
-        if quantity == "effort" and (share := _SHARE.search(table.name)) is not None:
-            return table, _NO_TORQUE.format(share[0])
         if _is_command(table):
-            if made := self._made(table):
-                return table, made
             if quantity is None and _EITHER.search(table.name) and self.positions:
                 quantity = "effort" if self._commanded(table) is None else "position"
             return self._guess(table, quantity or "position", by_name)
-        # That of a rotor follows the joint's, by the ratio.
-        if (
-            quantity == "velocity"
-            and self.times
-            and self.positions
-            and not self.sources(table, self.positions)
-        ):
-            return (
-                table,
-                (
-                    "named a velocity, but not the derivative of any position in the file: map it"
-                    " by hand"
-                ),
-            )
         if quantity is not None:
             return self._guess(table, quantity, by_name)
+        return self._by_numbers(table)
+
+    def _no_channel(self, table: JointTable, quantity: str | None) -> str:
+        """Return why a table is none of the channels of a recording; empty if it may be one."""
+        if quantity == "other" or _OTHER_UNIT.search(table.keys[0]):
+            return "neither position, velocity nor torque according to its name"
+        if quantity == "acceleration":
+            return "derived, not a measurement"
+        for other in self.tables:
+            whole = len(other.keys) == 1 < len(table.keys)
+            if whole and np.array_equal(other.values, table.values):
+                return f"the same numbers as {other.name}"
+        if np.ptp(table.values, axis=0).max() == 0:
+            return "constant throughout"
+        share = _SHARE.search(table.name)
+        if quantity == "effort" and share is not None:
+            return _NO_TORQUE.format(share[0])
+        if _is_command(table):
+            return self._made(table)
+        # The velocity of a rotor follows the joint's angle, by the ratio.
+        known = self.times is not None and bool(self.positions)
+        if quantity == "velocity" and known and not self.sources(table, self.positions):
+            derivative = "the derivative of any position in the file"
+            return f"named a velocity, but not {derivative}: map it by hand"
+        return ""
+
+    def _by_numbers(self, table: JointTable) -> Guess | LeftOut:
+        """Return what a table without a telling name may be, by the derivatives of the others."""
         if table in self.angles:
             return self._guess(table, "position", ["another array is its derivative"])
         if self._speed_by_slope(table) is not None:
             return self._guess(table, "velocity", [])
         if self.sources(table, self.speeds):
             return table, "the derivative of a velocity: derived, not a measurement"
-        if (told := self._commanded(table)) is not None:
-            return self._guess(
-                table,
-                "position",
-                [f"belongs to {told.name}, but its name gives no quantity"],
-                "command",
-            )
-        return self._guess(
-            table,
-            "effort",
-            ["neither an angle nor a velocity according to its name or its derivatives"],
-        )
+        followed = self._commanded(table)
+        if followed is not None:
+            reason = f"belongs to {followed.name}, but its name gives no quantity"
+            return self._guess(table, "position", [reason], "command")
+        reason = "neither an angle nor a velocity according to its name or its derivatives"
+        return self._guess(table, "effort", [reason])
 
     def _made(self, table: JointTable) -> str:
         """Return of which positions a command was made, in words; empty of commands that were
@@ -520,10 +530,10 @@ def _angle_unit(table: JointTable) -> tuple[str, str]:
     stated = known_unit(table.stated)
     if stated is not None and stated[0] in _ANGLES:
         return stated[0], ""
-    if (word := re.search(_ANGLE_WORDS, table.name, re.I)) is not None:
-        return {"deg": "deg", "rad": "rad"}.get(
-            word[0].lower(), "turns"
-        ), f"unit according to {word[0]!r} in its name"
+    word = re.search(_ANGLE_WORDS, table.name, re.I)
+    if word is not None:
+        unit = {"deg": "deg", "rad": "rad"}.get(word[0].lower(), "turns")
+        return unit, f"unit according to {word[0]!r} in its name"
     largest = float(np.abs(table.values).max())
     unit = "rad" if largest < LARGEST_ANGLE else "deg"
     # Neither numbers nor a robot's limits tell degrees of a joint from a rotor's radians.
@@ -558,18 +568,19 @@ def _torque_unit(table: JointTable) -> tuple[str, str]:
     )
 
 
-def _with_ratio(
-    chosen: dict[tuple[SideName, ChannelName], Guess],
-) -> dict[tuple[SideName, ChannelName], Guess]:
+def _with_ratio(chosen: Chosen) -> Chosen:
     """Give the motor side's channels the ratio that shows where both sides' positions are there."""
-    motor, link = chosen.get(("motor", "position")), chosen.get(("link", "position"))
+    motor = chosen.get(("motor", "position"))
+    link = chosen.get(("link", "position"))
     if motor is None or link is None or not {motor.unit, link.unit} <= set(_ANGLES):
         return chosen
     # Without a unit in its name, a rotor's angle is far beyond a joint's range in any unit: it has
     # that of the link.
     unit = motor.unit if re.search(_ANGLE_WORDS, motor.table.name, re.I) else link.unit
-    of_rotor, of_link = motor.table.values * _ANGLES[unit], link.table.values * _ANGLES[link.unit]
-    of_rotor, of_link = of_rotor - of_rotor.mean(axis=0), of_link - of_link.mean(axis=0)
+    of_rotor = motor.table.values * _ANGLES[unit]
+    of_rotor = of_rotor - of_rotor.mean(axis=0)
+    of_link = link.table.values * _ANGLES[link.unit]
+    of_link = of_link - of_link.mean(axis=0)
     slope = (of_rotor * of_link).sum(axis=0) / np.maximum((of_link**2).sum(axis=0), 1e-300)
     if np.abs(slope).min() < SMALLEST_RATIO:
         return chosen
