@@ -1,5 +1,5 @@
-"""Named arrays from files: .npz, .npy, .mat, tables as text, Parquet and HDF5, and folders of such
-files."""
+"""Read named arrays from files (.npz, .npy, .mat, text tables, Parquet, HDF5) and from folders of
+such files."""
 
 import csv
 import os
@@ -99,11 +99,12 @@ _UNREADABLE: tuple[type[Exception], ...] = (
 
 
 def load_arrays(path: Path, decimal: str | None = ".") -> Arrays:
-    """Read the arrays of a file, or of all files of a folder, as docs/channel_maps.md names them.
+    """Read the arrays of a file, or of all files of a folder; docs/channel_maps.md lists their
+    names.
 
-    `decimal` is the decimal mark of tables as text; None for the one that fits. Columns that are no
-    numbers come as texts. Files of a dataset, which are numbered and all hold the same arrays, are
-    read one below the other, and `file_index` numbers them.
+    `decimal` is the decimal mark of text tables; None to detect it. Columns that are not numeric
+    are returned as texts. Files of a dataset, which are numbered and contain the same arrays, are
+    concatenated, and `file_index` numbers them.
     """
     # Path.is_dir raises for names that are too long.
     if not os.path.isdir(path):
@@ -154,9 +155,9 @@ def _files_of(folder: Path) -> tuple[list[Path], list[Path]]:
 
 
 def _numeric_shapes(part: Arrays) -> tuple[Any, ...]:
-    """Return the names and the columns of the numbers of a file.
+    """Return names and shapes of the numeric arrays of a file.
 
-    Texts, which are left out where some files lack them, keep no files apart.
+    Texts do not count: a text that is missing in some files is left out.
     """
     return tuple(
         (name, values.shape[1:]) for name, values in part.items() if values.dtype.kind != "U"
@@ -172,8 +173,8 @@ def _number(file: Path) -> list[tuple[int, str]]:
 
 
 def _rows(part: Arrays) -> Arrays:
-    """Return the arrays of a file that have a row a sample, which most have, and texts, which say
-    why they are none."""
+    """Return the arrays of a file with one row per sample (the most frequent length), and its
+    texts, which describe content that was not read."""
     texts = {name: values for name, values in part.items() if values.dtype.kind == "U"}
     lengths = Counter(len(values) for name, values in part.items() if name not in texts)
     count = max(lengths, key=lambda length: lengths[length], default=0)
@@ -183,7 +184,7 @@ def _rows(part: Arrays) -> Arrays:
 
 
 def _stacked(parts: Sequence[Arrays]) -> Arrays:
-    """Return the arrays that all files hold, one file below the other."""
+    """Return the arrays that all files contain, concatenated."""
     common = set.intersection(*map(set, parts))
     arrays = Arrays()
     for name in parts[0]:
@@ -218,7 +219,7 @@ def _side_by_side(path: Path, parts: Mapping[Path, Arrays]) -> Arrays:
 
 
 def _load(paths: Sequence[Path], decimal: str | None) -> list[Arrays]:
-    """Read one file, or several of formats that compiled libraries read."""
+    """Read one file, or several files of formats that compiled libraries read."""
     path, kind = paths[0], paths[0].suffix.lower()
     if kind in _ELSEWHERE:
         raise RecordingError(f"{path} {_ELSEWHERE[kind][0]}", _ELSEWHERE[kind][1].format(path))
@@ -267,7 +268,7 @@ def _load(paths: Sequence[Path], decimal: str | None) -> list[Arrays]:
 
 
 def _refuse_large(path: Path, size: int) -> None:
-    """Refuse what does not fit into the memory."""
+    """Refuse data larger than the limit."""
     if size > (most := limits.unpacked_bytes()):
         raise RecordingError(
             f"{path} unpacks to {size} bytes; the limit is {most}", "Split it into parts."
@@ -293,7 +294,7 @@ def _npz(path: Path) -> Arrays:
 
 def _plain(path: Path, arrays: Mapping[str, np.ndarray]) -> Arrays:
     """Return arrays of numbers and texts: records by their fields, dates as ns, and tables with
-    texts, stamps in two columns or a row a joint laid out as those of text files are."""
+    texts, stamps in two columns or one row per joint converted as those of text files."""
     found = Arrays()
     for name, values in arrays.items():
         found.update(_fields(name, values))
@@ -310,7 +311,7 @@ def _plain(path: Path, arrays: Mapping[str, np.ndarray]) -> Arrays:
 
 
 def _fields(name: str, values: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
-    """Yield an array, or the fields of one of records."""
+    """Yield an array, or the fields of an array of records."""
     if values.dtype.names is not None:
         for field in values.dtype.names:
             yield from _fields(f"{name}.{field}" if name else field, values[field])

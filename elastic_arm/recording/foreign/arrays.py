@@ -1,4 +1,4 @@
-"""Arrays of a real robot as a recording, by a small mapping file (docs/channel_maps.md)."""
+"""Import the arrays of a real robot as a recording, with a mapping file (docs/channel_maps.md)."""
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -68,8 +68,8 @@ class Times(Strict):
 
 
 class Rows(Strict):
-    """The runs of arrays that hold several: rows where array `key` is the same number, as an
-    episode's."""
+    """Selects runs from arrays that contain several: the rows of a run have the same number in
+    array `key`."""
 
     key: Key
     value: WholeNumber | list[WholeNumber] | None = None  # of one run, or of several; all when None
@@ -118,8 +118,8 @@ class ArrayChannel(Strict):
         return [list(joints).index(name) for name in own]
 
     def scales(self, channel: ChannelName, n: int) -> list[ChannelScale]:
-        """Return how each of n joints' numbers become ones in SI units at the harmonic-drive
-        output."""
+        """Return for each of n joints how its numbers are converted to SI units at the
+        harmonic-drive output."""
         names = ("unit", "offset", "factor", "sign", "torque_constant", "ratio")
         given = {name: getattr(self, name) for name in names}
         for name, value in given.items():
@@ -144,7 +144,8 @@ class SideArrays(Present):
 
 
 class CommandArrays(SideArrays):
-    """What the arm was told; of measured sides accelerations are derived, and not taken."""
+    """The commands of the arm. Accelerations of measured sides are derived quantities and not
+    imported."""
 
     acceleration: ArrayChannel | None = None
 
@@ -200,7 +201,7 @@ class ArrayMap(Strict):
         return self
 
     def firmware_gains(self) -> dict[str, float]:
-        """Return numbers of the servos' registers of the position gain, by joint."""
+        """Return the numbers in the servos' registers of the position gain, by joint."""
         if self.firmware_gain is None:
             return {}
         if isinstance(self.firmware_gain, dict):
@@ -215,14 +216,14 @@ class ArrayMap(Strict):
             )
 
     def currents(self) -> tuple[str, ...]:
-        """Return the torque channels, by the names of a recording, that are currents of any
+        """Return which torque channels, by their names in a recording, are currents at any
         joint."""
         units = (None if own is None else own.unit for own in (self.link.effort, self.motor.effort))
         found = from_currents(*(unit if isinstance(unit, list) else [unit] for unit in units))
         return tuple(dict.fromkeys((*self.from_currents, *found)))
 
     def times_of(self, side: SideName) -> Times:
-        """Return where a side's times come from."""
+        """Return the source of the times of a side."""
         return getattr(self, side).times or self.times
 
 
@@ -277,8 +278,7 @@ def import_runs(path: str | Path, mapping: str | Path) -> dict[str, Recording]:
 
 @dataclass(frozen=True)
 class _SideTable:
-    """All rows of a side: times as they are, or numbers of the rows where there is a rate, and
-    channels in SI units."""
+    """All rows of a side: times, or row numbers if a rate is given, and channels in SI units."""
 
     rules: Times
     times: np.ndarray
@@ -308,10 +308,9 @@ def _refuse_strays(arrays: Arrays, rules: ArrayMap) -> None:
 
 
 def _other_form(name: str, arrays: Mapping[str, np.ndarray], used: Collection[str]) -> bool:
-    """Return whether an array that is not used is another form of one that is, or of one that names
-    it shorter.
+    """Return whether an unused array contains the same data as a used one, under another name.
 
-    A table without names in a folder is there as `file`, and by columns as `file.0`, `file.1` …
+    A table without names in a folder is available as `file`, and by columns as `file.0`, `file.1` …
     """
     whole, _, column = name.rpartition(".")
     if column.isdecimal() and whole in arrays:
@@ -344,7 +343,7 @@ def _calibrated(rules: ArrayMap, folder: Path) -> ArrayMap:
 def _in_stated_unit(
     channel: ArrayChannel, name: ChannelName, arrays: Arrays, n: int
 ) -> tuple[ArrayChannel, list[str]]:
-    """Give a channel without a unit those that its columns' names or a row of units state; note
+    """Give a channel without a unit the units that its column names or a row of units state; note
     those that differ."""
     keys = channel.arrays()
     words = [stated_unit(key, arrays.units.get(key, "")) for key in keys]
@@ -427,7 +426,7 @@ def _read_side(arrays: Arrays, rules: ArrayMap, side: SideName, notes: list[str]
 def _runs(
     arrays: Mapping[str, np.ndarray], rules: ArrayMap
 ) -> list[tuple[str, NDArray[np.bool_] | None]]:
-    """Return the runs by name, each with the rows that are its own; None for all."""
+    """Return the runs by name, each with its rows; None for all rows."""
     if rules.rows is None:
         return [("", None)]
     numbers, key, value = (
@@ -450,7 +449,7 @@ def _runs(
 def _recording(
     rules: ArrayMap, tables: Mapping[SideName, _SideTable], chosen: NDArray[np.bool_] | None
 ) -> Recording:
-    """Build the recording of one run: rows with holes are left out of their side."""
+    """Build the recording of one run; rows with missing numbers are omitted from their side."""
     notes: list[str] = []
     sides: dict[str, Side | None] = dict.fromkeys(SIDE_NAMES)
     for side, table in tables.items():
@@ -493,7 +492,7 @@ def _recording(
 
 
 def _stamps(values: np.ndarray, times: Times, first: int) -> Stamps:
-    """(N,) ns of times as they are."""
+    """Return the times (N,) in ns."""
     if times.key is None:
         return round(times.start * 1e9) + np.rint(
             (values - first) * (1e9 / float(times.rate or 1))

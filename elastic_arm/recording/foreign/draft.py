@@ -1,4 +1,5 @@
-"""The draft of an array mapping as a file: what each array may be, with the reasons as comments."""
+"""The draft of an array mapping as a file: the guess for each array, with the reasons as
+comments."""
 
 from __future__ import annotations
 
@@ -32,7 +33,8 @@ class Guess:
     places: tuple[int, ...] | None = None  # which joints have the channel; None for all
 
     def because(self, why: str, instead_of: str = "", **changes: Any) -> Guess:
-        """Return the guess with changes and their reason, instead of reasons with some words."""
+        """Return the guess with changes and their reason; reasons that contain `instead_of` are
+        removed."""
         kept = [reason for reason in self.reasons if not instead_of or instead_of not in reason]
         return replace(self, reasons=(*kept, why), **changes)
 
@@ -50,7 +52,7 @@ class Draft:
 
     @property
     def missing(self) -> list[str]:
-        """What has to be filled in before the mapping can be used."""
+        """The entries that have to be filled in before the mapping can be used."""
         words = [] if self.times is not None else ["times.rate"]
         if not any(
             guess.channel == "position" and guess.side != "command" for guess in self.channels
@@ -94,7 +96,7 @@ class Draft:
         return "\n".join(lines) + "\n"
 
     def _ignored_patterns(self) -> list[tuple[str, str]]:
-        """Return what is left out, counted names and structs of which nothing is used as one
+        """Return the arrays left out; counted names, and structs without a used array, become one
         pattern."""
         left_out = {key for key, _ in self.ignored}
         used = [key for guess in self.channels for key in guess.table.keys if key not in left_out]
@@ -132,7 +134,7 @@ def _channel_lines(guess: Guess, joints: Sequence[str]) -> list[str]:
 
 
 def _comment(text: str) -> str:
-    """Return text on one line: names of arrays may have several."""
+    """Return text on one line, because names of arrays may contain line breaks."""
     return " ".join(text.split())
 
 

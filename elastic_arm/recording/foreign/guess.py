@@ -1,5 +1,5 @@
-"""A draft of an array mapping: what each array of a file may be, with the reason, for a person to
-read and correct."""
+"""Draft an array mapping: guess what each array contains, and give the reason, for a person to
+check and correct."""
 
 import re
 from collections.abc import Collection, Mapping, Sequence
@@ -110,8 +110,7 @@ def guess_mapping(
 ) -> Draft:
     """Return a draft of the mapping from arrays to a recording.
 
-    Units follow from names, ranges, and slopes of derivatives; sides and kinds of torque from
-    names.
+    Units follow from names, ranges and slopes of derivatives; sides and kinds of torque from names.
     """
     arrays = arrays if isinstance(arrays, Arrays) else Arrays(arrays)
     contents = find_tables(arrays, joints, arrays.units)
@@ -195,7 +194,8 @@ def _compare_commands(chosen: Chosen) -> None:
 
 
 def _alike(command: Guess, followed: Guess) -> Guess:
-    """Return commands in the unit of the positions that follow them number for number."""
+    """Return the commands in the unit of the positions, if the positions follow them number for
+    number."""
     apart = np.abs(command.table.values - followed.table.values).mean(axis=0)
     near = np.all(apart < followed.table.values.std(axis=0) + 1e-12)
     if not followed.missing or command.missing or command.table.stated or not near:
@@ -205,7 +205,7 @@ def _alike(command: Guess, followed: Guess) -> Guess:
 
 
 def _without_dead(guess: Guess, chosen: Mapping[Place, Guess]) -> Guess:
-    """Return a guess without columns that stay as they are although another position shows that
+    """Return a guess without the columns that are constant although another position shows that
     their joints move."""
     positions = [
         other
@@ -235,7 +235,7 @@ def _with_lengths(guess: Guess, slides: Sequence[bool]) -> Guess:
 
 
 class _Reader:
-    """What tables are, by their names and units and by which follows the derivative of which."""
+    """Interprets tables by their names and units, and by which table is the derivative of which."""
 
     def __init__(self, contents: Contents) -> None:
         self.tables = contents.tables
@@ -253,7 +253,7 @@ class _Reader:
         self.positions += self.angles
 
     def guesses(self) -> list[Guess | LeftOut]:
-        """Return each table as a guess, or with the reason why it is left out; those recognised by
+        """Return each table as a guess, or with the reason why it is left out; tables recognised by
         name come first."""
         read = [
             (_quantity(table)[0] is not None or _is_command(table), self._read(table))
@@ -268,8 +268,8 @@ class _Reader:
     def sources(
         self, rate: JointTable, among: Sequence[JointTable]
     ) -> list[tuple[float, float, JointTable]]:
-        """Return those tables whose derivative a rate follows: correlation, slope and table, the
-        most alike first."""
+        """Return the tables whose derivative a rate follows, as correlation, slope and table, the
+        best first."""
         if self.times is None:
             return []
         slopes = [
@@ -292,7 +292,7 @@ class _Reader:
         return self._by_numbers(table)
 
     def _no_channel(self, table: JointTable, quantity: str | None) -> str:
-        """Return why a table is none of the channels of a recording; empty if it may be one."""
+        """Return why a table is not a channel of a recording; empty if it may be one."""
         if quantity == "other" or _OTHER_UNIT.search(table.keys[0]):
             return "neither position, velocity nor torque according to its name"
         if quantity == "acceleration":
@@ -331,7 +331,7 @@ class _Reader:
         return self._guess(table, "effort", [reason])
 
     def _made(self, table: JointTable) -> str:
-        """Return of which positions a command was made, in words; empty of commands that were
+        """Return in words from which positions a command was computed; empty for commands that were
         sent."""
         # Computed torque follows as closely as its model is right.
         torques = any(_quantity(one)[0] == "effort" for one in self.tables)
@@ -347,8 +347,8 @@ class _Reader:
         return ""
 
     def _commanded(self, table: JointTable) -> JointTable | None:
-        """Return the position that a table without a name of its own goes with, as commands do:
-        number for number."""
+        """Return the position that follows a table without a telling name number for number, as
+        positions follow commands."""
         for position in self.positions:
             apart = np.abs(table.values - position.values).mean(axis=0)
             spread = position.values.std(axis=0)
@@ -403,7 +403,7 @@ class _Reader:
     def _unit(
         self, table: JointTable, channel: ChannelName
     ) -> tuple[str, str, dict[str, list[float]], dict[str, str]]:
-        """Return the unit of a channel, why, its factors, and what of them is missing."""
+        """Return the unit of a channel, the reason, its factors, and the missing entries."""
         stated = known_unit(table.stated)
         if stated is not None and stated[0] in TO_SI[channel]:
             unit, size = stated
@@ -432,8 +432,8 @@ class _Reader:
         return *by_numbers[channel](table), {}, {}
 
     def _speed_unit(self, table: JointTable) -> tuple[str, str]:
-        """Return the unit of velocities by the slope of the positions' derivatives over them, else
-        by the name."""
+        """Return the unit of velocities: by the slope between them and the derivatives of the
+        positions, otherwise by the name."""
         if (found := self._speed_by_slope(table)) is not None:
             return found
         if (word := re.search(r"deg|rpm|rad", table.name, re.I)) is not None:
@@ -448,10 +448,11 @@ class _Reader:
         return "rad/s", "the unit is a guess: it is not the derivative of any position in the file"
 
     def _speed_by_slope(self, table: JointTable) -> tuple[str, str] | None:
-        """Return the unit in which a table is the derivative of a position, and of which; None
-        where it is of none.
+        """Return the unit in which a table is the derivative of a position, and the reason; None if
+        it is not a derivative.
 
-        To follow a velocity is not enough: so does a torque that is mostly friction.
+        Correlation with a velocity is not sufficient: a torque that consists mostly of friction
+        correlates as well.
         """
         for alike, steep, source in self.sources(table, self.positions):
             for unit, size in _SPEEDS.items():
@@ -465,8 +466,8 @@ class _Reader:
 
 
 def _slope(source: JointTable, rate: JointTable, times: TimeArray) -> tuple[float, float]:
-    """Return correlation and slope of a table's derivative over another table: medians over the
-    moving joints."""
+    """Return correlation and slope between the derivative of one table and another table: medians
+    over the moving joints."""
     width = max(round(AVERAGED * times.rate), 3)
     dt = np.maximum(np.gradient(times.seconds), 1e-9)[:, None]
     derivative = np.gradient(source.values, axis=0) / dt
@@ -491,11 +492,11 @@ def _is_command(table: JointTable) -> bool:
 
 
 def _rank(guess: Guess) -> tuple[int, bool]:
-    """Return the order of guesses for one channel: names of measurements first, then torques that
-    say whose they are.
+    """Return the order of guesses for one channel: names of measurements first, then torques whose
+    name states the side.
 
-    Beside a torque by the motor's current, one that is called a torque and nothing else may be the
-    controller's model.
+    Next to a torque computed from the motor's current, an array that is only called a torque may be
+    the model of the controller.
     """
     sided = (
         guess.channel == "effort"
@@ -506,8 +507,8 @@ def _rank(guess: Guess) -> tuple[int, bool]:
 
 
 def _quantity(table: JointTable) -> tuple[Any, str]:
-    """Return what the name of a table means, or else the unit that it states; and the name where it
-    shows that."""
+    """Return the quantity that the name of a table, or otherwise its unit, indicates; and the name
+    if it was decisive."""
     stem = re.sub(_COMMAND, "", table.stem, flags=re.I)
     if TIME_NAME.search(table.name):
         return "other", table.name
@@ -548,8 +549,8 @@ def _angle_unit(table: JointTable) -> tuple[str, str]:
 
 
 def _counts(table: JointTable) -> bool:
-    """Return whether numbers are those of a register: whole ones beyond what an arm has in units of
-    its quantity."""
+    """Return whether numbers are counts of a register: integers larger than an arm has in any unit
+    of the quantity."""
     whole = bool((table.values == np.round(table.values)).all())
     return whole and float(np.abs(table.values).max()) > 20.0 and len(np.unique(table.values)) > 20
 
@@ -569,7 +570,8 @@ def _torque_unit(table: JointTable) -> tuple[str, str]:
 
 
 def _with_ratio(chosen: Chosen) -> Chosen:
-    """Give the motor side's channels the ratio that shows where both sides' positions are there."""
+    """Add the gear ratio to the channels of the motor side, if the positions of both sides show
+    it."""
     motor = chosen.get(("motor", "position"))
     link = chosen.get(("link", "position"))
     if motor is None or link is None or not {motor.unit, link.unit} <= set(_ANGLES):

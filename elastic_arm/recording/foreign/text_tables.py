@@ -25,7 +25,7 @@ _IN_BRACKETS = re.compile(r"\(.*\)|\[.*\]")
 
 
 class Arrays(dict[str, np.ndarray]):
-    """Arrays by name, with what a table as text states beside its numbers."""
+    """Arrays by name, with the further contents of a text table."""
 
     def __init__(
         self,
@@ -69,7 +69,7 @@ def read_text_table(path: Path, decimal: str | None) -> Arrays:
 
 
 def _rows_from_names(path: Path, decimal: str | None) -> tuple[list[Row], str | None]:
-    """Return the rows from the line of names on, or from the first numbers, and what parts the
+    """Return the rows from the line of names or the first numbers on, and the delimiter of the
     columns."""
     lines = _text(path).split("\n")
     rows = [(n, line) for n, line in enumerate(lines, start=1) if line.strip()]
@@ -85,7 +85,7 @@ def _rows_from_names(path: Path, decimal: str | None) -> tuple[list[Row], str | 
 
 
 def _named(rows: list[Row], delimiter: str | None) -> tuple[list[str], list[Row]]:
-    """Return the names of the columns and the rows below them; no names where the first row holds
+    """Return the names of the columns and the rows below them; no names if the first row contains
     numbers."""
     # Blanks may come several at a time, and stand behind the comment mark that numpy writes.
     head = _cells(rows[0][1].lstrip(_REMARK), delimiter)
@@ -111,7 +111,7 @@ def _named(rows: list[Row], delimiter: str | None) -> tuple[list[str], list[Row]
 def _units(
     names: Sequence[str], rows: list[Row], delimiter: str | None
 ) -> tuple[dict[str, str], list[Row]]:
-    """Return the units that a row below the names states, by column, and the rows below it."""
+    """Return the units stated by a row below the names, by column, and the rows below it."""
     cells = [cell.strip() for cell in _cells(rows[0][1], delimiter)]
     numbers = any(_is_number(cell.replace(",", ".")) for cell in cells)
     if len(rows) < 2 or numbers or not any(cells):
@@ -144,7 +144,8 @@ def _decimal_mark(
 def _of_numbers(
     names: Sequence[str], rows: Sequence[Row], delimiter: str | None, mark: str
 ) -> Arrays:
-    """Return the columns of a table that holds numbers alone; a ValueError for any other."""
+    """Return the columns of a table that contains only numbers; a ValueError for any other
+    table."""
     lines = [line for _, line in rows]
     if mark == "," and delimiter != ",":
         lines = [line.replace(",", ".") for line in lines]
@@ -160,11 +161,11 @@ def _of_numbers(
 
 
 def _before_names(lines: Sequence[str]) -> int:
-    """Return how many lines there are before the line of names.
+    """Return the number of lines before the line of names.
 
-    Names stand in the first line that is no comment, or in the last of the comments before it, as
-    numpy writes them. Lines before them may name the mark that parts the columns, as Excel writes
-    it, or be a title, which holds no such mark.
+    The names are in the first line that is not a comment, or in the last comment before it, as
+    numpy writes them. The lines before may state the delimiter, as Excel writes it, or contain a
+    title, which has no delimiter.
     """
     if re.fullmatch(r"sep=.", lines[0].strip()):
         return 1
@@ -183,7 +184,7 @@ def _before_names(lines: Sequence[str]) -> int:
 def _whole_rows(lines: Sequence[str], first: int, delimiter: str) -> list[Row]:
     """Return the rows from a line on, each with the number of its first line.
 
-    A cell in quotes may go over several lines.
+    A cell in quotes may extend over several lines.
     """
     # The first line may be a header behind a comment mark.
     plain = itertools.chain([lines[first - 1]], map(_uncommented, lines[first:]))
@@ -199,7 +200,7 @@ def _whole_rows(lines: Sequence[str], first: int, delimiter: str) -> list[Row]:
 
 
 def _uncommented(line: str) -> str:
-    """Return a line without a comment, which begins at the first # that no quotes enclose."""
+    """Return a line without its comment, which begins at the first # outside of quotes."""
     for at, mark in enumerate(line):
         if mark == "#" and line[:at].count('"') % 2 == 0:
             return line[:at]
@@ -207,7 +208,7 @@ def _uncommented(line: str) -> str:
 
 
 def _text(path: Path) -> str:
-    """Return the text of a file in UTF-8, or in what Excel and Windows write."""
+    """Return the text of a file in UTF-8, or in the encodings of Excel and Windows."""
     with path.open("rb") as file:
         wide = file.read(2) in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
     for encoding in ("utf-16",) if wide else ("utf-8-sig", "cp1252"):
@@ -223,7 +224,7 @@ def _by_cells(
     delimiter: str | None,
     decimal: str,
 ) -> Arrays:
-    """Read a table with blank cells or texts."""
+    """Read a table with empty cells or texts."""
     parted = [(n, _cells(line.partition("#")[0], delimiter)) for n, line in rows]
     for n, cells in parted:
         if len(cells) == len(names) + 1 and not cells[-1].strip():
@@ -256,8 +257,8 @@ def _by_cells(
 
 
 def laid_out(path: Path, table: Arrays) -> Arrays:
-    """Return a table whose texts are lists, names of a long table or dates as arrays; any other as
-    it is."""
+    """Return a table with its lists, long layout or dates converted to arrays; any other table
+    unchanged."""
     try:
         found, units = arrays_of({name: values.tolist() for name, values in table.items()})
     except RecordingError as error:
@@ -271,7 +272,7 @@ def laid_out(path: Path, table: Arrays) -> Arrays:
 
 
 def read_records(path: Path) -> Arrays:
-    """Read a list of records, an object of lists, or a record a line."""
+    """Read a list of records, an object of lists, or one record per line."""
     text = _text(path)
     try:
         content = json.loads(text)
@@ -306,7 +307,7 @@ def _cells(line: str, delimiter: str | None) -> list[str]:
 
 
 def _delimiter(lines: Sequence[str], decimal: str | None) -> str | None:
-    """Return what parts the columns, by the first lines; None for blanks."""
+    """Return the delimiter of the columns according to the first lines; None for blanks."""
     # Commas beside as many semicolons or tabs in every line are decimal ones, or parts of names.
     for mark in ";\t":
         if lines[0].count(mark) and len({line.count(mark) for line in lines}) == 1:
