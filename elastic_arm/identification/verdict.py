@@ -244,9 +244,10 @@ def _positive(equations: BaseRegression) -> NDArray[np.bool_]:
 def checked(
     words: Sequence[str], fit: Fit, equations: BaseRegression, one_way: Sequence[str] = ()
 ) -> tuple[str, ...]:
-    """Return the verdicts, corrected for impossible and hopeless ones.
+    """Return the verdicts, corrected for impossible and indistinct parameters.
 
-    An impossible parameter counts as "not" determined, a hopeless one not as "well" determined.
+    An impossible parameter is "not" determined. None is "well" determined if the fit is
+    ill-conditioned, or if it contains a constant of a joint that never reverses.
     """
     wrong = impossible(equations, fit.Psi)
     with_constants = equations.base.T[:, _constants(equations, one_way)] != 0.0
