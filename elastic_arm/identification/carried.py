@@ -66,7 +66,9 @@ def carried_of(fit: Fit, equations: BaseRegression, correlated: float = 1.0) -> 
             whole = np.log(2.0) + odds + known + gain
             found[body.name].append((whole + norm.logcdf(sure), mean, covariance))
             others.append(whole + norm.logcdf(-sure))
-    evidence = {link: logsumexp([value for value, *_ in of]) for link, of in found.items()}
+    evidence = {}
+    for name, fits in found.items():
+        evidence[name] = logsumexp([value for value, *_ in fits])
     link = max(evidence, key=lambda name: evidence[name])
     every = logsumexp([*without, *others, *evidence.values()])
     probability = float(np.exp(evidence[link] - every))

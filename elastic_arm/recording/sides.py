@@ -165,10 +165,13 @@ def short_names(names: Sequence[str]) -> list[str]:
 
     Each keeps at least one letter.
     """
-    ends = [match.end() for match in re.finditer(r"[_./-]", min(names, key=len, default=""))]
-    cut = [end for end in ends if len({name[:end] for name in names}) == 1]
-    whole = [end for end in cut if all(re.search("[a-zA-Z]", name[end:]) for name in names)]
-    return [name[whole[-1] if whole else 0 :] for name in names]
+    begin = 0
+    for mark in re.finditer(r"[_./-]", min(names, key=len, default="")):
+        end = mark.end()
+        common = len({name[:end] for name in names}) == 1
+        if common and all(re.search("[a-zA-Z]", name[end:]) for name in names):
+            begin = end
+    return [name[begin:] for name in names]
 
 
 def matched_names(wanted: Sequence[str], recorded: Sequence[str]) -> list[str] | None:
@@ -181,8 +184,11 @@ def matched_names(wanted: Sequence[str], recorded: Sequence[str]) -> list[str] |
         return list(wanted)
     short = short_names(wanted)
     begins = {name.removesuffix(short[0]) for name in recorded if name.endswith(short[0])}
-    arms = [[begin + name for name in short] for begin in begins if begin[-1:] in "_./-"]
-    found = [names for names in arms if set(names) <= set(recorded)]
+    found = []
+    for begin in begins:
+        names = [begin + name for name in short]
+        if begin[-1:] in "_./-" and set(names) <= set(recorded):
+            found.append(names)
     return found[0] if len(found) == 1 else None
 
 

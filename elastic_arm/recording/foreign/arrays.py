@@ -1,8 +1,8 @@
 """Import the arrays of a real robot as a recording, with a mapping file (docs/channel_maps.md)."""
 
+import fnmatch
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
@@ -125,13 +125,13 @@ class ArrayChannel(Strict):
         for name, value in given.items():
             if isinstance(value, list) and len(value) != n:
                 raise ValueError(f"{channel}.{name} has {len(value)} values for {n} joints")
-        of_joint = [
-            ChannelScale(**{k: v[joint] if isinstance(v, list) else v for k, v in given.items()})
-            for joint in range(n)
-        ]
-        for scale in of_joint:
+        found = []
+        for joint in range(n):
+            own = {k: v[joint] if isinstance(v, list) else v for k, v in given.items()}
+            scale = ChannelScale(**own)
             scale.check_unit(channel)
-        return of_joint
+            found.append(scale)
+        return found
 
 
 class SideArrays(Present):
@@ -299,10 +299,10 @@ def _refuse_strays(arrays: Arrays, rules: ArrayMap) -> None:
     }
     # A bracket in a pattern may be one of the name: columns are called `Time [ms]`.
     patterns = [*rules.ignore, *(pattern.replace("[", "[[]") for pattern in rules.ignore)]
-    left = {name for name in numbers - used if not _other_form(name, arrays, used)}
-    if strays := sorted(
-        name for name in left if not any(fnmatchcase(name, pattern) for pattern in patterns)
-    ):
+    ignored = {name for pattern in patterns for name in fnmatch.filter(numbers, pattern)}
+    left = numbers - used - ignored
+    strays = sorted(name for name in left if not _other_form(name, arrays, used))
+    if strays:
         problem = f"arrays {', '.join(strays)} are not mapped"
         raise RecordingError(problem, "Map them, or list them under 'ignore' in the mapping.")
 
@@ -429,13 +429,13 @@ def _runs(
     """Return the runs by name, each with its rows; None for all rows."""
     if rules.rows is None:
         return [("", None)]
-    numbers, key, value = (
-        np.asarray(arrays[rules.rows.key]).ravel(),
-        rules.rows.key,
-        rules.rows.value,
-    )
+    key = rules.rows.key
+    value = rules.rows.value
+    numbers = np.asarray(arrays[key]).ravel()
     known = np.unique(numbers)
-    wanted = known.tolist() if value is None else value if isinstance(value, list) else [value]
+    wanted = known.tolist()
+    if value is not None:
+        wanted = value if isinstance(value, list) else [value]
     if missing := [number for number in wanted if number not in known]:
         shown = ", ".join(f"{number:g}" for number in known[:8])
         raise RecordingError(

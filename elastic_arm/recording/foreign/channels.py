@@ -270,13 +270,13 @@ class ChannelMap(Strict):
     def currents(self) -> tuple[str, ...]:
         """Return which torque channels, by their names in a recording, are currents at any
         joint."""
-        sides = zip(
-            *((joint.link.effort, joint.motor.effort) for joint in self.joints.values()),
-            strict=True,
-        )
-        return from_currents(
-            *([None if one is None else one.unit for one in efforts] for efforts in sides)
-        )
+        link = [joint.link.effort for joint in self.joints.values()]
+        motor = [joint.motor.effort for joint in self.joints.values()]
+        return from_currents(_units_of(link), _units_of(motor))
+
+
+def _units_of(channels: Sequence[Channel | None]) -> list[str | None]:
+    return [None if channel is None else channel.unit for channel in channels]
 
 
 def load_channels(path: str | Path) -> ChannelMap:

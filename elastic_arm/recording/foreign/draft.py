@@ -112,20 +112,24 @@ class Draft:
 
 
 def _channel_lines(guess: Guess, joints: Sequence[str]) -> list[str]:
-    table, places = guess.table, range(len(joints)) if guess.places is None else guess.places
-    all_keys = list(table.keys)
-    keys: dict[str, object] = {
-        "key": all_keys[0] if len(all_keys) == 1 else [all_keys[k] for k in places]
-    }
+    table = guess.table
+    places = range(len(joints)) if guess.places is None else guess.places
+    keys: dict[str, object] = {}
+    if len(table.keys) > 1:
+        keys["key"] = [table.keys[k] for k in places]
+    else:
+        keys["key"] = table.keys[0]
     if guess.places is not None:
         keys["joints"] = [joints[k] for k in places]
-    if len(all_keys) == 1 and (table.columns is not None or guess.places is not None):
+    if len(table.keys) == 1 and (table.columns is not None or guess.places is not None):
         columns = range(len(joints)) if table.columns is None else table.columns
         keys["columns"] = [columns[k] for k in places]
-    keys |= {"flat": True} if table.flat else {}
+    if table.flat:
+        keys["flat"] = True
     keys["unit"] = [guess.units[k] for k in places] if guess.units else guess.unit
-    scales = {name: [values[k] for k in places] for name, values in guess.scales.items()}
-    keys |= {k: [int(v) if k == "sign" else v for v in values] for k, values in scales.items()}
+    for name, values in guess.scales.items():
+        number = int if name == "sign" else float
+        keys[name] = [number(values[k]) for k in places]
     lines = [f"  # {_comment(reason)}" for reason in guess.reasons]
     lines.append(f"  {guess.channel}:")
     lines += [f"    {key}: {_inline(value)}" for key, value in keys.items()]

@@ -60,7 +60,8 @@ def _arrays_of_table(columns: Columns) -> tuple[dict[str, np.ndarray], dict[str,
     for name, cells in read.items():
         found = _dates(cells)
         if found is not None:
-            read[name], units[name] = found[0].tolist(), found[1]
+            moments, units[name] = found
+            read[name] = moments.tolist()
     for stem, (seconds, rest) in stamp_pairs(read).items():
         with suppress(TypeError, ValueError):
             pairs = zip(read[seconds], read[rest], strict=True)
@@ -100,11 +101,12 @@ def _cell(cell: Any) -> Any:
 
 def _lists_of(cells: Sequence[Any], kind: type) -> bool:
     """Return whether all non-empty cells are lists of numbers, or of texts."""
-    lists = [cell for cell in cells if cell is not None]
     kinds = (int, float, type(None)) if kind is float else (kind,)
-    return bool(lists) and all(
-        isinstance(one, list) and all(isinstance(x, kinds) for x in one) for one in lists
-    )
+    lists = [cell for cell in cells if cell is not None]
+    for one in lists:
+        if not isinstance(one, list) or not all(isinstance(item, kinds) for item in one):
+            return False
+    return bool(lists)
 
 
 def _table(name: str, cells: Sequence[Any]) -> dict[str, np.ndarray]:
@@ -119,31 +121,33 @@ def _table(name: str, cells: Sequence[Any]) -> dict[str, np.ndarray]:
     if len(lengths) > 1:
         return {name: np.full(len(cells), f"lists of {min(lengths)} to {max(lengths)} numbers")}
     rows = [cell or [np.nan] * width for cell in cells]
-    return {name: np.array([[np.nan if x is None else x for x in row] for row in rows], np.float64)}
+    return {name: np.array(rows, np.float64)}  # None becomes NaN
 
 
 def _by_joints(columns: Columns) -> Columns:
     """Return columns of lists next to a column of names as one column per name, whatever the order
     in each row; other columns unchanged."""
-    names = next(
-        (name for name, cells in columns.items() if _NAMES.search(name) and _lists_of(cells, str)),
-        None,
-    )
+    called = [name for name in columns if _NAMES.search(name)]
+    names = next((name for name in called if _lists_of(columns[name], str)), None)
     if names is None:
         return columns
     found: Columns = {}
     for name, cells in columns.items():
         rows = list(zip(cells, columns[names], strict=True))
-        if not _lists_of(cells, float) or any(
-            row and len(row) != len(words or []) for row, words in rows
-        ):
-            found |= {name: cells} if name != names else {}
+        if not _lists_of(cells, float) or not _of_equal_lengths(rows):
+            if name != names:
+                found[name] = cells
             continue
         for k, (row, words) in enumerate(rows):
             for word, number in zip(words or [], row or [], strict=False):
                 column = found.setdefault(f"{name}.{word}", [None] * len(cells))
                 column[k] = number
-    return {name: cells for name, cells in found.items() if any(cell is not None for cell in cells)}
+    return {name: cells for name, cells in found.items() if cells.count(None) < len(cells)}
+
+
+def _of_equal_lengths(rows: Sequence[tuple[Any, Any]]) -> bool:
+    """Return whether the lists of numbers are empty, or as long as the lists of names."""
+    return all(not row or len(row) == len(words or []) for row, words in rows)
 
 
 def _column(cells: Sequence[Any], unit: str | None) -> np.ndarray:
@@ -300,12 +304,7 @@ def _keys(columns: Columns, times: str) -> list[str]:
         return texts if few else []
     for some in (texts, numbers[:1]):
         if some and _tells_apart(stamps, columns, some):
-            needless = [
-                name
-                for name in some
-                if _tells_apart(stamps, columns, [one for one in some if one != name])
-            ]
-            return [name for name in some if name not in needless]
+            return [name for name in some if _is_needed(name, stamps, columns, some)]
     # One name may come twice at a time where its stamps are coarse.
     return texts if len(texts) == 1 else []
 
@@ -318,6 +317,12 @@ def _is_of_runs(columns: Columns, cells: Sequence[str]) -> bool:
             runs = list(map(str, numbers))
             return len(set(zip(runs, cells, strict=True))) == len(set(runs))
     return False
+
+
+def _is_needed(name: str, stamps: Sequence[str], columns: Columns, keys: Sequence[str]) -> bool:
+    """Return whether the other keys do not tell all rows apart."""
+    others = [key for key in keys if key != name]
+    return not _tells_apart(stamps, columns, others)
 
 
 def _tells_apart(stamps: Sequence[str], columns: Columns, keys: Sequence[str]) -> bool:
