@@ -389,10 +389,8 @@ def _print_causes(causes: Sequence[Cause]) -> None:
     for cause in causes:
         place = [escape(cause.joint or "whole arm"), sides_text(cause)]
         at = ["\n".join(place)] if out.is_terminal else place
-        size, shares = (
-            escape(cause_size(cause, between)),
-            (alone_text(cause), probability_text(cause.confidence)),
-        )
+        size = escape(cause_size(cause, between))
+        shares = (alone_text(cause), probability_text(cause.confidence))
         table.add_row(escape(cause_name(cause)), *at, size, *shares)
     out.print(table)
     if any(cause.rejected for cause in causes):

@@ -47,7 +47,8 @@ def carried_of(fit: Fit, equations: BaseRegression, correlated: float = 1.0) -> 
     links = [joint.link_name for joint in equations.model.robot.joints]
     bodies = [one for one in equations.model.bodies.bodies if one.name in links]
     shares = {link: 0.5 / max(len(links) - 1, 1) for link in links[:-1]} | {links[-1]: 0.5}
-    without, others = [], []
+    without = []
+    others = []
     found: dict[str, list[tuple[float, Array, Array]]] = {link: [] for link in links}
     for kind in TRUST.values():
         noise = np.eye(len(z)) + (kind.factor * Priors().mass) ** 2 * R @ spread @ R.T

@@ -120,8 +120,11 @@ def chart_of(equations: BaseRegression, carried: Carried | None = None) -> Chart
 
     carried: a body that is part of its link, beyond the description.
     """
-    names, nominal, robot = equations.names, equations.nominal, equations.model.robot
-    links, seen = {joint.link_name for joint in robot.joints}, set[int]()
+    names = equations.names
+    nominal = equations.nominal
+    robot = equations.model.robot
+    links = {joint.link_name for joint in robot.joints}
+    seen = set[int]()
     found = Chart(nominal.copy())
     for body in equations.model.bodies.bodies:
         index = list(body.parameters)

@@ -180,10 +180,8 @@ def _torque(
     controller: JointController, command: _Command, t: Array, angle: Array, forward: Array
 ) -> Array:
     """Return the torque (N,) of a joint, Nm; each sample is the mean over its interval."""
-    (kp, kd, ki), limit = (
-        controller.gains,
-        np.inf if controller.torque is None else controller.torque,
-    )
+    kp, kd, ki = controller.gains
+    limit = np.inf if controller.torque is None else controller.torque
     q = CubicSpline(t, angle)
     step = float(np.median(np.diff(t)))
     at = t[:, None] + step * ((np.arange(FINER) + 0.5) / FINER - 0.5)

@@ -149,7 +149,8 @@ def _verdict(found: Diagnosis) -> list[Block]:
         blocks.append(Text(prediction_sentence(found, found.prediction)))
     others: list[list[object]] = []
     for cause in found.causes:
-        name, (likely, faint) = effect_at(cause.effect, cause.joint), listed_alternatives(cause)
+        name = effect_at(cause.effect, cause.joint)
+        likely, faint = listed_alternatives(cause)
         for a in likely:
             told = a.file or a.separated_by
             others.append(
@@ -211,10 +212,8 @@ def _where(found: Diagnosis) -> list[Block]:
 def _cause(found: Diagnosis, cause: Cause, k: int, context: DiagnosisContext) -> list[Block]:
     effect = cause.instance.effect
     row = _loudest(context, k)
-    side, joint = (
-        context.validate.layout.sides[row // len(found.joints)],
-        found.joints[row % len(found.joints)],
-    )
+    side = context.validate.layout.sides[row // len(found.joints)]
+    joint = found.joints[row % len(found.joints)]
     caption = (
         f"{joint}, {side} side, on validation data. Grey: residual of the uncorrected model."
         " Orange: contribution of this cause. Blue: residual after adding only this cause."
@@ -233,7 +232,8 @@ def _cause(found: Diagnosis, cause: Cause, k: int, context: DiagnosisContext) ->
 def _unexplained(found: Diagnosis, context: DiagnosisContext) -> list[Block]:
     rows = [[p.joint, p.side, p.regime.replace("_", " "), p.rmse] for p in found.unexplained]
     first = found.unexplained[0]
-    sides, n = context.validate.layout.sides, len(found.joints)
+    sides = context.validate.layout.sides
+    n = len(found.joints)
     row = sides.index(first.side) * n + found.joints.index(first.joint)
     added = "all causes together" if found.causes else None
     caption = f"{first.joint}, {first.side} side: the place with the largest remaining residual."

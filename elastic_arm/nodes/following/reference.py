@@ -180,7 +180,8 @@ class ReferenceQueue:
         # What is left of a motion that broke off is given up for the next.
         if over or (feed < SLOWEST and len(self._motions) > 1):
             self._motions.popleft()
-            self._following, self._last = False, resting(self._last)
+            self._following = False
+            self._last = resting(self._last)
             return
         self._speed = min(feed, before + 1.0 / self._braking) if feed >= SLOWEST else 0.0
         self._head = min(self._head + self._speed, float(motion[-1][0]))

@@ -41,7 +41,8 @@ def diagnosis_message(found: Mapping[str, Any]) -> GapDiagnosis:
 def in_words(found: Mapping[str, Any]) -> str:
     """Return verdict, causes and what no cause explains as one line, which is the same while the
     answer is."""
-    verdict, named = found["verdict"], [_named(cause) for cause in found["causes"]]
+    verdict = found["verdict"]
+    named = [_named(cause) for cause in found["causes"]]
     if verdict == "none":
         return "none: the arm moves like its model, within noise and usual tolerances"
     parts = [", ".join(named)] if named else []

@@ -220,7 +220,8 @@ def _side_by_side(path: Path, parts: Mapping[Path, Arrays]) -> Arrays:
 
 def _load(paths: Sequence[Path], decimal: str | None) -> list[Arrays]:
     """Read one file, or several files of formats that compiled libraries read."""
-    path, kind = paths[0], paths[0].suffix.lower()
+    path = paths[0]
+    kind = paths[0].suffix.lower()
     if kind in _ELSEWHERE:
         raise RecordingError(f"{path} {_ELSEWHERE[kind][0]}", _ELSEWHERE[kind][1].format(path))
     if kind not in KINDS:

@@ -378,7 +378,8 @@ def _in_stated_unit(
 
 def _read_side(arrays: Arrays, rules: ArrayMap, side: SideName, notes: list[str]) -> _SideTable:
     """Read all rows of a side."""
-    times, channels = rules.times_of(side), getattr(rules, side).present()
+    times = rules.times_of(side)
+    channels = getattr(rules, side).present()
     if times.key is None:
         channel = next(iter(channels.values()))
         first = arrays[channel.arrays()[0]]
@@ -462,10 +463,8 @@ def _recording(
         rows = (np.arange(len(table.times)) if chosen is None else np.flatnonzero(chosen))[
             :: rules.every
         ]
-        times, values = (
-            table.times[rows],
-            {name: channel[rows] for name, channel in table.channels.items()},
-        )
+        times = table.times[rows]
+        values = {name: channel[rows] for name, channel in table.channels.items()}
         whole = ~np.isnan(times) if times.dtype.kind == "f" else np.ones(len(rows), np.bool_)
         for channel in values.values():
             whole &= ~np.isnan(channel[:, joints_with(channel)]).any(axis=1)

@@ -81,7 +81,8 @@ def stated_unit(name: str, row: str = "") -> str:
     if row:
         return row
     for match in _IN_NAME.finditer(name):
-        certain, likely = match[1] or match[2], match[3] or match[4]
+        certain = match[1] or match[2]
+        likely = match[3] or match[4]
         if certain or known_unit(likely) is not None or likely in ("s", "ms", "us", "µs", "ns"):
             return certain or likely
     share = _OF_A_RANGE.search(name)

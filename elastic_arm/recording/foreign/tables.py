@@ -111,7 +111,8 @@ def find_tables(
         for key, values in numeric.items()
         if values.ndim in (1, 2) and values.size
     }
-    n, count = len(joints), _sample_count(numeric)
+    n = len(joints)
+    count = _sample_count(numeric)
     times, tables = _sorted(numeric, joints, count, units)
     if not tables and n > 1 and count % n == 0:
         # Numbers one a line are those of all joints, sample by sample, where nothing else can be.

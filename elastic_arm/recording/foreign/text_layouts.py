@@ -402,7 +402,8 @@ def _as_lists(content: Any) -> Any:
         return {str(k): list(column) for k, column in enumerate(zip(*content, strict=False))}
     if not isinstance(content, Mapping):
         return content
-    names, rows = content.get("columns"), content.get("data")
+    names = content.get("columns")
+    rows = content.get("data")
     if isinstance(names, list) and isinstance(rows, list):
         return dict(zip(map(str, names), map(list, zip(*rows, strict=False)), strict=False))
     found = {name: _numbered_rows(value) for name, value in content.items()}

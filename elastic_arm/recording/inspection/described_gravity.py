@@ -628,7 +628,9 @@ def _load_alone(motion: SideMotion, arm: _Arm) -> float | None:
         part = np.column_stack([motion.torque[:, j], weight[:, j], of_load[:, j]])
         parts.append(part - basis @ (basis.T @ part))
     rows = np.vstack(parts)
-    torque, described, load = rows[:, 0], rows[:, 1:2], rows[:, 2:]
+    torque = rows[:, 0]
+    described = rows[:, 1:2]
+    load = rows[:, 2:]
     left = []
     for columns in (described, load):
         size = np.linalg.lstsq(columns, torque, rcond=RANK)[0]
@@ -666,7 +668,8 @@ def _likeliest(reading: _Reading, given: float) -> tuple[float, str, str]:
     size = float(coarse.x)
     here = -float(coarse.fun)
     step = 0.1 * ZERO
-    low, high = worth(size - step), worth(size + step)
+    low = worth(size - step)
+    high = worth(size + step)
     std = max((2.0 * here - low - high) / step**2, reading.usual**-2) ** -0.5
     move = float(np.clip(0.5 * (high - low) / step * std**2, -step, step))
     size += move

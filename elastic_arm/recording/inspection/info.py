@@ -112,9 +112,7 @@ def _counted(path: str | Path) -> BagInfo:
                 )
                 topic = topics.setdefault(described.name, new)
                 topic.count += count
-                topic.first_ns, topic.last_ns = (
-                    min(topic.first_ns, new.first_ns),
-                    max(topic.last_ns, new.last_ns),
-                )
+                topic.first_ns = min(topic.first_ns, new.first_ns)
+                topic.last_ns = max(topic.last_ns, new.last_ns)
     sizes = {file.path.name: file.path.stat().st_size for file in bag.files}
     return BagInfo(str(path), sizes, sorted(kinds), list(topics.values()), damage=bag.all_damage())

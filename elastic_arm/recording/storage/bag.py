@@ -156,7 +156,8 @@ def _read_metadata(folder: Path) -> tuple[BagMetadata | None, list[str]]:
     ]
     files = tuple(name for name in names or () if name not in outside)
     mode = str(content.get("compression_mode") or "").lower()
-    currents, gains = stated_currents(content), stated_gains(content)
+    currents = stated_currents(content)
+    gains = stated_gains(content)
     return BagMetadata(count, mode, files, currents, gains), damage
 
 
