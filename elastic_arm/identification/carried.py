@@ -35,10 +35,10 @@ SIZES = LARGEST * np.repeat([1.0, REACH, REACH**2], [1, 3, 6])
 
 
 def carried_of(fit: Fit, equations: BaseRegression, correlated: float = 1.0) -> Carried | None:
-    """Return what a link most probably carries beyond its description; None where it is more
-    probable that none does.
+    """Return the body that a link most probably carries in addition to its description; None if
+    there is probably none.
 
-    correlated: by what the variances of the recording's errors exceed those of white ones.
+    correlated: ratio of the variances of the recording's errors to those of white errors.
     """
     R, z = _equations(fit, equations, correlated)
     own, of_own = description_errors(equations)
@@ -87,7 +87,7 @@ def carried_of(fit: Fit, equations: BaseRegression, correlated: float = 1.0) -> 
 
 
 def _with_body(columns: Array, rest: Array, sizes: Array) -> tuple[float, Array, Array]:
-    """Return by how much a body raises the log-evidence of what is left, with noise of one, its
+    """Return by how much a body increases the log-evidence of the remainder, with unit noise, its
     most probable parameters, and their covariance."""
     information = np.eye(len(sizes)) + (columns * sizes).T @ (columns * sizes)
     right = (columns * sizes).T @ rest
@@ -98,7 +98,7 @@ def _with_body(columns: Array, rest: Array, sizes: Array) -> tuple[float, Array,
 
 
 def with_carried(robot: Robot, carried: Carried | None) -> Robot:
-    """Return the arm with what a link carries as part of the link."""
+    """Return the arm with the carried body as part of the link."""
     if carried is None:
         return robot
     (joint,) = (one for one in robot.joints if one.link_name == carried.link)
@@ -106,8 +106,8 @@ def with_carried(robot: Robot, carried: Carried | None) -> Robot:
 
 
 def _equations(fit: Fit, equations: BaseRegression, correlated: float) -> tuple[Array, Array]:
-    """Return R, z of base parameters less the described ones; what no description states, as
-    friction and motor inertia, is projected out."""
+    """Return R, z of base parameters minus the described ones; parameters that no description
+    states, such as friction and motor inertia, are projected out."""
     rows, right = unit_equations(fit, correlated)
     chart = chart_of(equations)
     unstated = rows @ equations.base.T @ chart.G[:, chart.free + chart.held]
