@@ -269,7 +269,8 @@ def texts_in_hdf5(file: Path) -> None:
 def records_of_numpy() -> np.ndarray:
     """Return times and angles as records."""
     records = np.zeros(len(T), dtype=[("t", "f8"), ("q", "f8", (2,))])
-    records["t"], records["q"] = T, Q
+    records["t"] = T
+    records["q"] = Q
     return records
 
 
