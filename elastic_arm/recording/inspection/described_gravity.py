@@ -33,7 +33,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import chain, combinations
-from typing import Any, NamedTuple, Self
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -105,33 +105,26 @@ SHARE = 0.4
 ZERO = 0.1
 
 
-class _Change(NamedTuple):
-    """Exchange columns (n,) and change their signs."""
-
-    order: Any
-    sign: Array
-
-    def __call__(self, values: Array) -> Array:
-        return np.asarray(values[..., self.order] * self.sign)
-
-    @property
-    def is_none(self) -> bool:
-        """Whether all columns stay as they are."""
-        return bool((self.order == np.arange(len(self.sign))).all() and (self.sign > 0.0).all())
-
-
-class _Mix(NamedTuple):
-    """Replace columns by sums of columns: values times a matrix (n, n)."""
+class _Turn(NamedTuple):
+    """Replace columns (n,) by sums of columns: values times the transpose of a matrix (n, n)."""
 
     matrix: Array
 
+    def __call__(self, values: Array) -> Array:
+        return np.asarray(values @ self.matrix.T)
+
     @property
     def is_none(self) -> bool:
         """Whether all columns stay as they are."""
-        return False
+        return np.array_equal(self.matrix, np.eye(len(self.matrix)))
 
-    def __call__(self, values: Array) -> Array:
-        return np.asarray(values @ self.matrix.T)
+    def samples(self, free: Array) -> Array:
+        """Return the independent samples of the new columns, given those of the old ones (n,).
+
+        The torques of motors that turn two joints keep those of the joints.
+        """
+        exchanges = np.count_nonzero(self.matrix) == len(free)
+        return np.abs(self(free)) if exchanges else free
 
 
 class SideMotion(NamedTuple):
@@ -707,11 +700,9 @@ def _arranged(
                 there = _products(moved, arm, _owns(moved), no_weight)
             for code, words, torques in ways:
                 # The noise stays with the torques as they were given.
-                own_free = worth if isinstance(torques, _Mix) else np.abs(torques(worth))
-                coefficients = there.coefficients(torques(unit).T)
-                likely = _likelihood(
-                    there, coefficients, own_free[motion.measured], given
-                ).likelihood
+                own_free = torques.samples(worth)[motion.measured]
+                coefficients = there.coefficients(torques.matrix)
+                likely = _likelihood(there, coefficients, own_free, given).likelihood
                 tried.append((likely - given.likelihood, words, words))
                 changes.append((code, moved, torques))
         code, moved, torques = changes[int(np.argmax([gain for gain, *_ in tried]))]
@@ -754,7 +745,6 @@ def _named(tried: list[tuple[float, str, str]], code: str, side: str, remedy: st
     return [warning(code, f"{side} side: {words}{beside}: {likely}", remedy)]
 
 
-_Turn = _Change | _Mix
 _Way = tuple[str, str, _Turn]
 
 
@@ -782,8 +772,8 @@ def _coupled(joints: Sequence[str]) -> Iterator[tuple[_Turn, list[_Way]]]:
                 " the joint itself)"
             )
             both = f"{words}with angle and torque under motor)"
-            same = _Change(np.arange(len(joints)), np.ones(len(joints)))
-            yield _Mix(angles), [(COUPLED, alone, same), (COUPLED, both, _Mix(torques))]
+            same = _Turn(np.eye(len(joints)))
+            yield _Turn(angles), [(COUPLED, alone, same), (COUPLED, both, _Turn(torques))]
 
 
 def _arrangements(
@@ -793,12 +783,11 @@ def _arrangements(
     torques that may accompany it."""
 
     yield from _coupled(joints)
-    every = np.arange(len(joints))
-    plain = np.ones(len(joints))
-    same = _Change(every, plain)
+    unit = np.eye(len(joints))
+    same = _Turn(unit)
     alone: list[_Way] = []
     for j, name in enumerate(joints):
-        mirrored = _Change(every, np.where(every == j, -1.0, 1.0))
+        mirrored = _Turn(unit - 2.0 * np.diag(unit[j]))
         both = (
             f"{name} turns in the opposite direction of the description; the signs of"
             " its angle and torque are wrong"
@@ -813,7 +802,7 @@ def _arrangements(
                     mirrored,
                 )
             )
-    backwards = _Change(every, -plain)
+    backwards = _Turn(-unit)
     words = (
         "every joint turns in the opposite direction of the description; the signs of"
         " angles and torques are wrong"
@@ -821,8 +810,9 @@ def _arrangements(
     yield backwards, [("mirrored", words, backwards)]
     pairs = [[i, j] for i, j in combinations(measured, 2)]
     for old in [*pairs, *([list(measured)] if len(measured) > 3 else [])]:
-        exchanged = _Change(every.copy(), plain)
-        exchanged.order[old] = old[::-1]
+        order = np.arange(len(joints))
+        order[old] = old[::-1]
+        exchanged = _Turn(unit[order])
         names = " and ".join(joints[k] for k in old)
         whose = (
             f"of {names} seem to be exchanged" if len(old) == 2 else "are in reversed joint order"
