@@ -61,7 +61,7 @@ def at_common_gain(robot: Robot, recordings: Sequence[Recording]) -> Robot:
             listed_gains = " and ".join(f"{gain:g}" for gain in gains)
             raise RobotError(
                 f"the recordings have the firmware gains {listed_gains} at {joint.name}, and the"
-                " description does not state the one for which its kp holds",
+                " description does not state the one to which its kp belongs",
                 "State it: `firmware_gain` of the controller in an arm file, or <numeric"
                 f' name="firmware_gain:{joint.name}" data="{gains[0]:g}"/> in <custom> of an MJCF',
             )
