@@ -61,7 +61,8 @@ def test_the_notebook_runs_and_finds_the_friction(
     for cell in cells:
         if cell["cell_type"] == "code":
             exec("".join(cell["source"]), names)
-    found, again = names["found"], names["again"]
+    found = names["found"]
+    again = names["again"]
     assert isinstance(found, ea.Diagnosis) and isinstance(again, ea.Diagnosis)
     assert [(c.effect, c.joint) for c in found.causes] == [("coulomb_friction", "joint_2")]
     assert again.verdict == "none"

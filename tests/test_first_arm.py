@@ -17,7 +17,11 @@ from tests.helpers.pages import run_page
 pytestmark = pytest.mark.slow(25)
 
 ROOT = Path(__file__).parents[1]
-MASS, CENTRE, INERTIA, FRICTION, GRAVITY = 2.0, 0.15, 0.02, 0.3, 9.81
+MASS = 2.0
+CENTRE = 0.15
+INERTIA = 0.02
+FRICTION = 0.3
+GRAVITY = 9.81
 URDF = f"""<robot name="arm">
 <link name="base"/>
 <joint name="shoulder" type="revolute">
@@ -37,12 +41,14 @@ def table(seed: int) -> np.ndarray:
     t = np.arange(0.0, 10.0, 1 / 100)
     w = 2 * np.pi * 0.2 * np.arange(1, 5)[:, None]
     a, b = rng.normal(size=(2, 4, 1)) * 0.5 / np.arange(1, 5)[:, None]
-    sin, cos = np.sin(w * t), np.cos(w * t)
+    sin = np.sin(w * t)
+    cos = np.cos(w * t)
     q, dq, ddq = (
         x.sum(axis=0)
         for x in (a * sin + b * cos, w * (a * cos - b * sin), -(w**2) * (a * sin + b * cos))
     )
-    inertia, weight = INERTIA + MASS * CENTRE**2, MASS * GRAVITY * CENTRE
+    inertia = INERTIA + MASS * CENTRE**2
+    weight = MASS * GRAVITY * CENTRE
     tau = inertia * ddq - weight * np.sin(q) + FRICTION * np.tanh(dq / 0.01)
     return np.column_stack(
         [t, q + 2e-5 * rng.normal(size=t.size), tau + 0.02 * rng.normal(size=t.size)]

@@ -6,14 +6,16 @@ import pytest
 from elastic_arm.errors import SensorError
 from elastic_arm.sensors import Encoder, SensorBank, Sensors, TorqueSensor
 
-RATE, N = 1000.0, 3
+RATE = 1000.0
+N = 3
 CHANNELS = ("q", "dq", "tau_J", "theta", "dtheta", "tau_m")
 
 
 def smooth(t, seed=0):
     """A motion of a few harmonics below 20 Hz on every channel, (N, 3) each."""
     rng = np.random.default_rng(seed)
-    phases, speeds = rng.uniform(0, 6, (6, 3, 4)), 2 * np.pi * np.array([0.3, 1.7, 6.0, 19.0])
+    phases = rng.uniform(0, 6, (6, 3, 4))
+    speeds = 2 * np.pi * np.array([0.3, 1.7, 6.0, 19.0])
     waves = np.sin(speeds * t[:, None, None, None] + phases[None]) @ np.array([1.0, 0.5, 0.2, 0.1])
     return {name: waves[:, k] for k, name in enumerate(CHANNELS)}
 

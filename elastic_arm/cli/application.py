@@ -106,7 +106,7 @@ SUBCOMMANDS = {
         "cli.mujoco.export",
         "export",
         "Write an arm, such as a diagnosis' robot.yaml, as MJCF, URDF or USD, or its torque as a"
-        " function in C, Python or CasADi, and list what changes and what is left.",
+        " function in C, Python or CasADi, and list the changes and the omissions.",
     ),
     "replay": Subcommand(
         "cli.mujoco.replay",

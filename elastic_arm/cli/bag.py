@@ -22,7 +22,6 @@ from elastic_arm.recording.foreign.array_files import load_arrays
 from elastic_arm.recording.foreign.arrays import import_runs
 from elastic_arm.recording.foreign.draft import Draft
 from elastic_arm.recording.foreign.guess import guess_mapping
-from elastic_arm.recording.inspection.check import check_bag
 from elastic_arm.recording.inspection.info import BagInfo, bag_info
 from elastic_arm.recording.inspection.magnitudes import hardly_usable
 from elastic_arm.recording.inspection.repair import Repair, repair_bag
@@ -101,6 +100,9 @@ def check(
         raise typer.BadParameter("applies only to a single bag", param_hint="--out")
     arm = None if robot is None else options.load_arm(robot, chain, at)
     mapped = options.channel_map(channels)
+    # Its statistics take longer to load than the other commands take.
+    from elastic_arm.recording.inspection.check import check_bag
+
     of_bag = partial(check_bag, channels=mapped, robot=arm, namespace=namespace)
     told = []
     status = 0

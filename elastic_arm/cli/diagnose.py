@@ -176,25 +176,22 @@ def diagnose_command(
     working = Console(quiet=True).status if quiet else err.status
     with working("reading") as status:
 
-        def read(paths: Sequence[Path]) -> list[Recording]:
+        def read(path: Path) -> Recording:
             if against:  # sample by sample
-                return [
-                    options.read_by_clock(path, mapping, robot, clock, namespace) for path in paths
-                ]
+                return options.read_by_clock(path, mapping, robot, clock, namespace)
             says = shares_of(status)
-            return [
-                options.read_motion(path, mapping, robot, clock, namespace, says, DIAGNOSED, most)
-                for path in paths
-            ]
+            return options.read_motion(
+                path, mapping, robot, clock, namespace, says, DIAGNOSED, most
+            )
 
-        recordings, judges = read(bags), read(validate or [])
-        simulated = read([against])[0] if against else None
-        difference = (
-            differences(recordings[0].select(robot.joint_names), simulated) if simulated else None
-        )
+        recordings = [read(path) for path in bags]
+        judges = [read(path) for path in validate or []]
+        simulated = read(against) if against else None
+        difference = None
+        if simulated is not None:
+            difference = differences(recordings[0].select(robot.joint_names), simulated)
     given = known_effects(with_ or (), robot, catalogue)
-    # Channels that are not what they are taken for have no causes: what any law makes of them is by
-    # chance.
+    # Misread channels have no causes: laws would fit them by chance alone.
     wrong = misread(recordings, robot, explained=True)
     sought = None if wrong is None else ()
     question = Question(
@@ -216,17 +213,13 @@ def diagnose_command(
             ended = (CUT_SHORT,) if watch.is_over() else ()
             found = replace(found, notes=(*found.notes, *corrected.notes(), *ended))
         replays = replay_both(correction, out_dir, (judges or recordings)[0]) if replayed else []
-        comparison = (
-            compare(found, simulated, question, difference) if simulated and difference else None
-        )
+        comparison = None
+        if simulated is not None and difference is not None:
+            comparison = compare(found, simulated, question, difference)
         write_diagnosis(found, corrected.robot, out_dir, replays, comparison)
         if csv:
             found.to_csv(out_dir)
-        for k, bag in enumerate(residual_bags):
-            one = (judges or recordings)[k].select(robot.joint_names)
-            write_recording(
-                bag, one, further=found.residual_sides(one.source, one.start_ns), drawn=robot
-            )
+        _write_residuals(residual_bags, judges or recordings, found, robot)
     if json:
         print_json(found.to_dict())
     elif not quiet:
@@ -245,12 +238,20 @@ def diagnose_command(
 
 
 def _numbered(bag: Path | None, count: int) -> list[Path]:
-    """Return names of bags for so many recordings; none where none is asked for."""
-    return (
-        []
-        if bag is None
-        else [bag, *(bag.with_name(f"{bag.name}_{k}") for k in range(2, count + 1))]
-    )
+    """Return the names of bags for `count` recordings; an empty list without --mcap."""
+    if bag is None:
+        return []
+    return [bag, *(bag.with_name(f"{bag.name}_{k}") for k in range(2, count + 1))]
+
+
+def _write_residuals(
+    bags: Sequence[Path], judges: Sequence[Recording], found: Diagnosis, robot: Robot
+) -> None:
+    """Write each judging recording with its residuals as a bag."""
+    for bag, judge in zip(bags, judges, strict=False):
+        recording = judge.select(robot.joint_names)
+        sides = found.residual_sides(recording.source, recording.start_ns)
+        write_recording(bag, recording, further=sides, drawn=robot)
 
 
 def correct(
@@ -274,19 +275,18 @@ def correct(
         corrected = repaired_robot(robot, found) if found.causes else None
         return Written(correction.write(corrected, folder, deviations(found)), corrected)
     held_back = found.context is not None and found.context.held_back
-    judging, before = list[Judging](), list[Judging]()
+    judging: list[Judging] = []
+    before: list[Judging] = []
     for one in judges:
-        names = [
-            name
-            for name in found.judged
-            if name == one.source or name.startswith(f"{one.source}, ")
+        parts = f"{one.source}, "
+        spans = [
+            span
+            for name, span in found.judged.items()
+            if name == one.source or name.startswith(parts)
         ]
-        spans = [found.judged[name] for name in names]
-        begin, end = (
-            min([b for b, _ in spans], default=0.0),
-            max([e for _, e in spans], default=np.inf),
-        )
         if spans or len(judges) == 1:
+            begin = min([start for start, _ in spans], default=0.0)
+            end = max([stop for _, stop in spans], default=np.inf)
             selected = one.select(robot.joint_names)
             judging.append(Judging(selected, (begin, end)))
             before.append(Judging(selected, (0.0, begin)))
@@ -389,10 +389,8 @@ def _print_causes(causes: Sequence[Cause]) -> None:
     for cause in causes:
         place = [escape(cause.joint or "whole arm"), sides_text(cause)]
         at = ["\n".join(place)] if out.is_terminal else place
-        size, shares = (
-            escape(cause_size(cause, between)),
-            (alone_text(cause), probability_text(cause.confidence)),
-        )
+        size = escape(cause_size(cause, between))
+        shares = (alone_text(cause), probability_text(cause.confidence))
         table.add_row(escape(cause_name(cause)), *at, size, *shares)
     out.print(table)
     if any(cause.rejected for cause in causes):
@@ -406,27 +404,20 @@ def _print_alternatives(cause: Cause) -> None:
     instead = f"alternative to {escape(effect_at(cause.effect, cause.joint))}:"
     likely, faint = listed_alternatives(cause)
     for other in likely:
-        name, odds = (
-            escape(effect_at(other.effect, other.joint)),
-            probability_text(other.confidence),
-        )
-        out.print(
-            f"{instead} {name} ({odds}); separated by: {escape(other.file or other.separated_by)}"
-        )
+        name = escape(effect_at(other.effect, other.joint))
+        odds = probability_text(other.confidence)
+        separator = escape(other.file or other.separated_by)
+        out.print(f"{instead} {name} ({odds}); separated by: {separator}")
     if faint:
         out.print(f"{instead} {escape(faint)}")
 
 
 def _print_places(found: Diagnosis) -> None:
-    """Print how far the gap of every joint that has one shrinks by itself."""
-    sides = [
-        side for side in SIDES if any((joint, side) in found.before.rmse for joint in found.joints)
-    ]
-    apart = [
-        joint
-        for joint in found.joints
-        if any(found.shrink_by_place.get((joint, s)) is not None for s in sides)
-    ]
+    """Print how far the gap of each joint with a gap shrinks."""
+    compared = {side for _, side in found.before.rmse}
+    sides = [side for side in SIDES if side in compared]
+    with_gap = {joint for (joint, _), share in found.shrink_by_place.items() if share is not None}
+    apart = [joint for joint in found.joints if joint in with_gap]
     numbers = "as described → with ordinary deviations"
     sizes = "without → with causes" if found.causes else numbers
     if apart:
@@ -468,7 +459,8 @@ def print_comparison(comparison: SimulationComparison | None) -> None:
 def _print_proposal(proposal: Proposal) -> None:
     for pair in proposal.pairs:
         names = " and ".join(effect_at(*place) for place in (pair.cause, pair.alternative))
-        here, expected = log_likelihood_text(pair.here), log_likelihood_text(pair.expected)
+        here = log_likelihood_text(pair.here)
+        expected = log_likelihood_text(pair.expected)
         advice = f"no motion was found that separates {names}"
         if pair.decides:
             advice = f"record {SEPARATING} ({proposal.seconds:g} s) to separate {names}"

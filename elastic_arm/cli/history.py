@@ -216,28 +216,24 @@ def to_dict(found: Diagnosis, all_of: Sequence[Course], dates: Sequence[str]) ->
 def to_csv(result: dict[str, Any]) -> str:
     """Return the sizes of `history.json` as a table, a line for each number and recording."""
     dates = {one["recording"]: one["date"] for one in result["recordings"]}
-    rows = [
-        {
-            **{name: one[name] for name in COLUMNS if name in one},
-            **value,
-            "date": dates[value["recording"]],
-        }
-        for one in result["numbers"]
-        for value in one["values"]
-    ]
+    rows = []
+    for one in result["numbers"]:
+        common = {name: one[name] for name in COLUMNS if name in one}
+        for value in one["values"]:
+            rows.append({**common, **value, "date": dates[value["recording"]]})
     return csv_text(COLUMNS, rows)
 
 
 def print_history(found: Diagnosis, all_of: Sequence[Course], dates: Sequence[str]) -> None:
     """Print a line for each recording, and what changed in words."""
-    names = [
-        f"{one.sized.effect} {one.sized.joint or ''}".strip() + f", {one.sized.unit}"
-        for one in all_of
-    ]
+    names = []
+    sizes = []
+    for one in all_of:
+        place = f"{one.sized.effect} {one.sized.joint or ''}".strip()
+        names.append(f"{place}, {one.sized.unit}")
+        known = one.sizes(found.identify)
+        sizes.append({source: size_text(value, std, "").strip() for source, value, std in known})
     table = new_table("recording", "date", *names, right=names, whole=("recording", "date"))
-    sizes = [
-        {r: size_text(v, s, "").strip() for r, v, s in one.sizes(found.identify)} for one in all_of
-    ]
     for source, date in zip(found.identify, dates, strict=True):
         table.add_row(escape(source), date, *(own.get(source, "–") for own in sizes))
     out.print(table)

@@ -82,7 +82,7 @@ def namespaces(ctx: typer.Context, incomplete: str) -> list[str]:
 Namespace = Annotated[
     str | None,
     typer.Option(
-        help="Of the arm, where bags hold several: left for /left/joint_states and so on.",
+        help="Namespace of the arm if bags contain several: left for /left/joint_states etc.",
         autocompletion=namespaces,
     ),
 ]

@@ -157,7 +157,8 @@ def _compiled(source: str, compiler: tuple[str, ...]) -> bytes:
     """
     messages = []
     with tempfile.TemporaryDirectory(prefix="elastic_arm_") as folder:
-        text, made = Path(folder) / "kernel.c", Path(folder) / "kernel.so"
+        text = Path(folder) / "kernel.c"
+        made = Path(folder) / "kernel.so"
         text.write_text(source, encoding="utf-8")
         for variant in _VARIANTS:
             libraries = [name for flag in variant for name in _LIBRARIES.get(flag, ())]

@@ -116,7 +116,8 @@ def _compute(program: Program, uniform: np.ndarray) -> list[str]:
     ):
         targets.setdefault(value, []).append(position)
     signature = "(const double *const *in, const double *shared, v8 *out, v8 *work)"
-    lines, calls = [], []
+    lines = []
+    calls = []
     for number in range(max(part_of.values(), default=-1) + 1):
         lines.append(f"static __attribute__((noinline)) void part_{number}{signature} {{")
         calls.append(f"  part_{number}(in, shared, out, work);")
@@ -157,14 +158,16 @@ def _named(program: Program, k: int, names: dict[int, str], passed: dict[int, in
 
 def _load(program: Program, k: int) -> str:
     """Element of an input at eight samples."""
-    size, base = program.inputs[program.a[k]][1], f"in[{program.a[k]}]"
+    size = program.inputs[program.a[k]][1]
+    base = f"in[{program.a[k]}]"
     return (
         "(v8){" + ", ".join(f"{base}[{program.b[k] + lane * size}]" for lane in range(LANES)) + "}"
     )
 
 
 def _lane_expression(program: Program, k: int, uniform: np.ndarray, names: dict[int, str]) -> str:
-    operation, operands = NAMES[program.op[k]], _operands(program, k)
+    operation = NAMES[program.op[k]]
+    operands = _operands(program, k)
     if operation in INFIX or operation == "neg":
         return scalar_expression(operation, [names[v] for v in operands])
     lanes = [f"splat({names[v]})" if uniform[v] else names[v] for v in operands]
@@ -195,7 +198,8 @@ def _tables(program: Program, shared: Sequence[str]) -> list[str]:
 def _spread(program: Program) -> list[str]:
     """Functions that put each output's values, eight lanes each, to their places in eight dense
     samples."""
-    lines, offset = [], 0
+    lines = []
+    offset = 0
     for number, out in enumerate(program.outputs):
         lines.append(f"static void spread_{number}(const double *v, double *to) {{")
         lines.append("  const v4 nil = {0.0, 0.0, 0.0, 0.0};")

@@ -91,7 +91,8 @@ class Kernel:
         if len(arrays) != len(self.program.inputs):
             names = ", ".join(name for name, _ in self.program.inputs)
             raise ValueError(f"{len(arrays)} arrays given, but the inputs are {names}")
-        ready, samples = [], None
+        ready = []
+        samples = None
         for (name, size), given in zip(self.program.inputs, arrays, strict=True):
             array = np.ascontiguousarray(given, dtype=float)
             expected = (size,) if name in self.shared else (len(array) if array.ndim else 0, size)

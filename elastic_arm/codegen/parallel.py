@@ -71,7 +71,8 @@ def share_out(work: Callable[[Item], Result], items: Iterable[Item]) -> list[Res
 
     work: of one item. What it reads must not be changed by another's.
     """
-    parts, cores = list(items), threads()
+    parts = list(items)
+    cores = threads()
     count = min(cores, len(parts))
     if count <= 1:
         return [work(part) for part in parts]

@@ -236,7 +236,8 @@ def from_casadi(function: casadi.Function) -> Program:
     places = [_places(function.sparsity_out(k)) for k in range(function.n_out())]
     values: list[list[tuple[int, int]]] = [[] for _ in shapes]
     for k in range(function.n_instructions()):
-        name, taken = names[function.instruction_id(k)], function.instruction_input(k)
+        name = names[function.instruction_id(k)]
+        taken = function.instruction_input(k)
         if name == "output":
             output, element = function.instruction_output(k)
             values[output].append((int(places[output][element]), work[taken[0]]))

@@ -35,14 +35,16 @@ class Recursion:
         arguments, constants: (N, a) and (c,).
         """
         if self._compiled is not None:
-            z, states = np.full(self._states, start), np.empty((len(arguments), self._states))
+            z = np.full(self._states, start)
+            states = np.empty((len(arguments), self._states))
             arrays = (z, np.ascontiguousarray(arguments), np.ascontiguousarray(constants), states)
             self._compiled(len(arguments), *(array.ctypes.data for array in arrays))
             return states
         chunks = -(-len(arguments) // _STEPS)
         missing = chunks * _STEPS - len(arguments)
         padded = np.vstack([arguments, np.repeat(arguments[-1:], missing, axis=0)])
-        state, parts = np.full(self._states, start), []
+        state = np.full(self._states, start)
+        parts = []
         for chunk in padded.reshape(chunks, -1):
             last, states = self._steps(state, chunk, constants)
             state = np.asarray(last, dtype=float).ravel()
@@ -53,7 +55,8 @@ class Recursion:
         sizes = {"STATES": self._states, "ARGUMENTS": self._arguments, "CONSTANTS": self._constants}
         loop = (Path(__file__).parent / "c" / "recursion.c").read_text(encoding="utf-8")
         recursion = build_loop(step, "step", loop, sizes).recursion
-        recursion.argtypes, recursion.restype = [ctypes.c_long, *[ctypes.c_void_p] * 4], None
+        recursion.argtypes = [ctypes.c_long, *[ctypes.c_void_p] * 4]
+        recursion.restype = None
         return recursion
 
     def _unrolled(self, step: ca.Function) -> ca.Function:

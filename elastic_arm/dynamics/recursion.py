@@ -51,7 +51,8 @@ class _Wrench:
     n: Vec = field(default_factory=lambda: [0.0, 0.0, 0.0])
 
     def add(self, f: Vec, n: Vec) -> None:
-        self.f, self.n = _add(self.f, f), _add(self.n, n)
+        self.f = _add(self.f, f)
+        self.n = _add(self.n, n)
 
 
 def inverse_dynamics(
@@ -203,7 +204,8 @@ def _turned(
     rate, acceleration = rates
     j = (axis + 1) % 3
     k = (axis + 2) % 3
-    dw[j], dw[k] = dw[j] + w[k] * rate, dw[k] - w[j] * rate
+    dw[j] = dw[j] + w[k] * rate
+    dw[k] = dw[k] - w[j] * rate
     dw[axis] = dw[axis] + acceleration
     w[axis] = w[axis] + rate
     return w, dw, a

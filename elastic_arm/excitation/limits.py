@@ -230,9 +230,11 @@ class LimitUse:
                 f"the {self.kinds[index]} of {self.joints[joint]} reaches {100 * shares[joint]:.0f}"
                 " % of its limit"
             )
-        what, gap = ("the floor", self.floor)
+        what = "the floor"
+        gap = self.floor
         if index > len(self.kinds):
-            what, gap = ("another link", self.links)
+            what = "another link"
+            gap = self.links
         if gap < 0.0:
             return f"a link penetrates {what} by {-1e3 * gap:.0f} mm"
         return (

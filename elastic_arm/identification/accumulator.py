@@ -1,9 +1,9 @@
-"""From motion to triangular factors: rows of the equations, block by block.
+"""Convert motion to triangular factors: rows of the equations, block by block.
 
-An arm that is taken for rigid is so below its first resonance alone; beyond, rotors move against
-links, and torques grow as accelerations fall. Its rows can therefore be averaged over
-:data:`AVERAGED`, which takes off what is faster and loses no end of a recording, as a narrower
-smoother would.
+A rigid arm is rigid only below its first resonance. Above it, rotors move against links, and
+torques increase as accelerations decrease. The rows of a rigid arm can therefore be averaged over
+:data:`AVERAGED`. This removes faster components and, unlike a narrower smoother, loses no samples
+at the ends of a recording.
 """
 
 from dataclasses import replace
@@ -30,9 +30,10 @@ CLOSED = 1e-3
 
 
 class Accumulator:
-    """Rows of the equations, block by block; the last samples wait until their block is full.
+    """Accumulates rows of the equations block by block; the last samples wait until their block is
+    full.
 
-    averaged: whether the rows of an arm that is taken for rigid are averaged.
+    averaged: whether the rows of a rigid arm are averaged.
     """
 
     def __init__(self, equations: BaseRegression, *, averaged: bool = False) -> None:
@@ -43,17 +44,17 @@ class Accumulator:
         self._waiting: list[Motion] = []
 
     def expect(self, samples: int) -> None:
-        """Begin with blocks for so many samples at least, which takes fewer steps.
+        """Start with blocks for at least this number of samples, which takes fewer steps.
 
-        Short ones begin half as long, so that noise is taken from as many samples as in a stream.
-        Blocks that were begun stay as they are.
+        Short blocks begin at half the length, so that noise is estimated from as many samples as in
+        a stream. Blocks that have begun are not changed.
         """
         if not self.blocks.factors:
             longest = 2 ** (samples // BLOCK // self.blocks.most).bit_length()
             self.blocks.span = longest if longest > MOST_REPRESENTED else max(longest // 2, 1)
 
     def add(self, motion: Motion) -> None:
-        """Add a run of motion; runs need not meet."""
+        """Add a run of motion; runs need not be contiguous."""
         if self._waiting and self._waiting[-1].noise is not motion.noise:
             self._add_blocks(Motion.joined(self._waiting))
             self._waiting = []
@@ -72,7 +73,7 @@ class Accumulator:
         self._waiting = [motion[whole:]] if whole < len(motion) else []
 
     def snapshot(self) -> Blocks:
-        """Return the blocks with the samples that wait in them."""
+        """Return the blocks, including the samples that still wait."""
         blocks = self.blocks.copy()
         if self._waiting:
             self._add_to(blocks, Motion.joined(self._waiting), 1)
@@ -87,7 +88,7 @@ class Accumulator:
 
     @property
     def statistics(self) -> MotionStatistics:
-        """Statistics of the motion, with the samples that wait."""
+        """Statistics of the motion, including the samples that still wait."""
         found = replace(self.statistics_of_blocks)
         if self._waiting:
             found.add(Motion.joined(self._waiting))
@@ -104,7 +105,7 @@ class Accumulator:
             start = stop
 
     def _add_to(self, blocks: Blocks, motion: Motion, units: int) -> None:
-        """Add samples, each as often as it stands for others."""
+        """Add samples, each weighted by the number of samples that it represents."""
         if self.averaged:
             factors, count = averaged(self.equations, motion, _unit(motion))
             blocks.add(factors, count, units)
@@ -133,10 +134,10 @@ def averaged(
 
 
 def _thinning(blocks: Blocks, unit: int) -> tuple[int, int]:
-    """Return for how many samples one stands in the sums of noise, and the index of the first such
-    sample.
+    """Return for how many samples one sample counts in the sums of noise, and the index of the
+    first such sample.
 
-    Both depend on the place in the block alone, not on how samples come.
+    Both depend only on the position in the block, not on how the samples arrive.
     """
     group = min(blocks.span, MOST_REPRESENTED)
     return group * unit, (blocks.begun % group and group - blocks.begun % group) * unit + unit // 2
@@ -148,7 +149,8 @@ def _unit(motion: Motion) -> int:
 
 
 def closes(fit: Fit, blocks: Blocks) -> bool:
-    """Whether foreign motion in a sample would be larger than what the equations leave."""
+    """Return whether the motion of other joints in a sample would be larger than the remainder of
+    the equations."""
     torque = np.linalg.norm(blocks.total()[..., -1], axis=-1) / np.sqrt(max(blocks.samples, 1))
     carries = torque > 0.0
     return not carries.any() or float(np.median(fit.noise[carries] / torque[carries])) < CLOSED

@@ -1,11 +1,11 @@
-"""Base parameters: the combinations of parameters that the equations can see at all.
+"""Base parameters: the combinations of parameters that the equations can determine.
 
     Phi Psi = Phi[:, columns] T Psi = Phi[:, columns] Psi_base
 
 Columns of the regressor that are combinations of others are found by orthogonalising the columns in
-an order of preference (a rank-revealing QR whose pivoting keeps to readable columns). Each base
-parameter is the parameter of its column plus what the dependent ones add to it (M. Gautier and W.
-Khalil, IEEE Trans. Robotics and Automation 6 (1990) 368).
+an order of preference (a rank-revealing QR whose pivoting prefers readable columns). Each base
+parameter is the parameter of its column plus the contributions of the dependent columns (M. Gautier
+and W. Khalil, IEEE Trans. Robotics and Automation 6 (1990) 368).
 """
 
 from collections.abc import Sequence
@@ -46,7 +46,7 @@ PREFERENCE = (
 
 @dataclass(frozen=True)
 class BaseParameters:
-    """The map from all parameters to those that the equations see."""
+    """The map from all parameters to those that the equations can determine."""
 
     columns: NDArray[np.intp]  # (B,) indices of the base columns among all parameters
     T: Array  # (B, P): Psi_base = T Psi, and Phi Psi = Phi[:, columns] Psi_base
@@ -133,7 +133,7 @@ def _name(row: Array, column: int, names: Sequence[str]) -> str:
 
 
 def _number(value: float) -> str:
-    """Return a short number that reads back to the value, as far as five digits go."""
+    """Return a short number that represents the value to five digits."""
     nice = Fraction(value).limit_denominator(1000)
     short = nice.denominator < 64 and abs(float(nice) - value) < 1e-9 * abs(value)
     return f"{float(nice):g}" if short else f"{value:.5g}"

@@ -71,7 +71,7 @@ class Column:
 
     @property
     def place(self) -> str:
-        """What the names of all parameters of its law begin with."""
+        """The common beginning of the names of all parameters of its law."""
         return self.name.rpartition(".")[0]
 
 
@@ -133,7 +133,7 @@ class BaseRegression:
     def rows(self, motion: Motion) -> Array:
         """Return base columns of the regressor and the measured side, (groups, N, B + 1).
 
-        Rows that hold the friction of a joint that sticks are zero.
+        Rows that contain the friction of a joint that sticks are zero.
         """
         wanted = self.base.columns
         own = wanted[wanted < self._own]
@@ -146,14 +146,14 @@ class BaseRegression:
         return rows
 
     def counted(self, motion: Motion) -> Array:
-        """Return how many rows of each group, (groups,), have no joint that sticks."""
+        """Return the number of rows of each group, (groups,), without a joint that sticks."""
         counts = np.full(len(self.groups), float(len(motion)))
         for k, stuck in self._stuck(motion):
             counts[k] -= np.count_nonzero(stuck)
         return counts
 
     def _stuck(self, motion: Motion) -> Iterator[tuple[int, NDArray[np.bool_]]]:
-        """Yield the groups that hold friction of joints that may stick, and where these do,
+        """Yield the groups that contain friction of joints that may stick, and where these stick,
         (N,)."""
         if motion.stuck is not None:
             for k, (equation, joint) in enumerate(self.equations.entries):
@@ -163,7 +163,7 @@ class BaseRegression:
     def information(self, motion: Motion) -> Array:
         """Return triangular factors (groups, B + 1, B + 1) of the rows of all groups.
 
-        The rows of a long motion are never in memory as a whole.
+        The rows of a long motion are never in memory all at once.
         """
         if "drive" in self.sides:
             assert self.drive_columns is not None  # an error where the description hides a spring
@@ -180,12 +180,12 @@ class BaseRegression:
 
     @property
     def rigid(self) -> bool:
-        """Whether every row is the torque of a joint of an arm that is taken for rigid."""
+        """Whether every row is the torque of a joint of a rigid arm."""
         return set(self.sides) <= {"joint", "whole"}
 
     @property
     def wound(self) -> tuple[int, ...]:
-        """Joints whose deflection both encoders show."""
+        """Joints whose deflection both encoders measure."""
         rows = (
             [self.equations.of_joint("link", j) for j in range(self.n)]
             if "link" in self.sides
@@ -209,12 +209,12 @@ class BaseRegression:
     def predict(self, motion: Motion, Psi_base: Array) -> dict[str, Array]:
         """Return right sides of all equations, side -> (N, n) Nm, for `Psi_base`.
 
-        Zero where they hold the friction of a joint that sticks.
+        Zero where they contain the friction of a joint that sticks.
         """
         return self._by_side(self.rows(motion)[..., :-1] @ Psi_base)
 
     def left_out(self, motion: Motion) -> dict[str, NDArray[np.bool_]]:
-        """Return where equations hold the friction of a joint that sticks, side -> (N, n)."""
+        """Return where equations contain the friction of a joint that sticks, side -> (N, n)."""
         rows = np.zeros((len(self.groups), len(motion)), dtype=bool)
         for k, stuck in self._stuck(motion):
             rows[k] = stuck
@@ -227,7 +227,7 @@ class BaseRegression:
     def by_joint(self, values: Array) -> dict[str, dict[str, float]]:
         """Return numbers (groups,) as equation -> joint -> number.
 
-        Equations that a joint lacks are left out.
+        Equations that a joint lacks are omitted.
         """
         found: dict[str, dict[str, float]] = {side: {} for side in self.sides}
         for (side, joint), value, live in zip(
@@ -240,7 +240,7 @@ class BaseRegression:
     def comparable(self, Psi_base: Array) -> Array:
         """Return factors (groups,) that make residuals of different parameters comparable.
 
-        A homogeneous row is an equation for the measured deflection: it counts by the nominal
+        A homogeneous row is an equation for the measured deflection and is weighted by the nominal
         stiffness.
         """
         factors = np.ones(len(self.groups))
@@ -261,10 +261,8 @@ class BaseRegression:
         return values.T
 
     def laws(self, motion: Motion) -> Array:
-        """Return columns (N, 3 n, k) of the laws beyond the model.
-
-        They are those of link, drive and motor residuals.
-        """
+        """Return columns (N, 3 n, k) of the laws beyond the model, for the residuals of link, drive
+        and motor."""
         return self._stacked(self._both_sides(motion), self.columns)
 
     def _stacked(self, motion: Motion, columns: Sequence[Column]) -> Array:
@@ -305,8 +303,8 @@ class BaseRegression:
         return rows
 
     def _alike(self, side: str) -> list[tuple[Equation, slice | list[int]]]:
-        """Return the different equations of one name, each with the joints that have it; void ones
-        are left out."""
+        """Return the different equations of one name, each with its joints; empty ones are
+        omitted."""
         found: dict[Equation, list[int]] = {}
         for equation, joint in self.equations.entries:
             if equation.name == side and equation.combination != VOID:
@@ -351,7 +349,7 @@ class BaseRegression:
         return np.hstack([q, theta]) if self.elastic else q
 
     def _random_motion(self) -> Motion:
-        """Return random states: what is dependent at these is dependent always."""
+        """Return random states: columns that are dependent at these are dependent at all states."""
         rng = np.random.default_rng(2024)
         shape = (RANDOM_STATES, self.n)
         q: Array = rng.uniform(-np.pi, np.pi, shape)
@@ -370,8 +368,8 @@ class BaseRegression:
 def _encoder_columns(
     joints: Sequence[str], wound: Sequence[int], units: JointUnits
 ) -> tuple[Column, ...]:
-    """Return the columns of the link encoders' lags and offsets beside the motor encoders, times
-    the stiffness."""
+    """Return the columns of lags and offsets of the link encoders relative to the motor encoders,
+    times the stiffness."""
     return tuple(
         Column(
             f"link_encoder:{joints[j]}.{what}",
@@ -384,7 +382,7 @@ def _encoder_columns(
 
 
 def _of_drive(joint: int, what: str, motion: Motion) -> Array:
-    """Return what a unit of the parameter takes from the spring's torque of one joint."""
+    """Return how much a unit of the parameter reduces the torque of the spring of one joint."""
     if motion.dq is None:
         raise IdentificationError("no link angles were recorded", "Record /joint_states.")
     samples, n = motion.dq.shape

@@ -35,10 +35,10 @@ SIZES = LARGEST * np.repeat([1.0, REACH, REACH**2], [1, 3, 6])
 
 
 def carried_of(fit: Fit, equations: BaseRegression, correlated: float = 1.0) -> Carried | None:
-    """Return what a link most probably carries beyond its description; None where it is more
-    probable that none does.
+    """Return the body that a link most probably carries in addition to its description; None if
+    there is probably none.
 
-    correlated: by what the variances of the recording's errors exceed those of white ones.
+    correlated: ratio of the variances of the recording's errors to those of white errors.
     """
     R, z = _equations(fit, equations, correlated)
     own, of_own = description_errors(equations)
@@ -47,7 +47,8 @@ def carried_of(fit: Fit, equations: BaseRegression, correlated: float = 1.0) -> 
     links = [joint.link_name for joint in equations.model.robot.joints]
     bodies = [one for one in equations.model.bodies.bodies if one.name in links]
     shares = {link: 0.5 / max(len(links) - 1, 1) for link in links[:-1]} | {links[-1]: 0.5}
-    without, others = [], []
+    without = []
+    others = []
     found: dict[str, list[tuple[float, Array, Array]]] = {link: [] for link in links}
     for kind in TRUST.values():
         noise = np.eye(len(z)) + (kind.factor * Priors().mass) ** 2 * R @ spread @ R.T
@@ -66,7 +67,9 @@ def carried_of(fit: Fit, equations: BaseRegression, correlated: float = 1.0) -> 
             whole = np.log(2.0) + odds + known + gain
             found[body.name].append((whole + norm.logcdf(sure), mean, covariance))
             others.append(whole + norm.logcdf(-sure))
-    evidence = {link: logsumexp([value for value, *_ in of]) for link, of in found.items()}
+    evidence = {}
+    for name, fits in found.items():
+        evidence[name] = logsumexp([value for value, *_ in fits])
     link = max(evidence, key=lambda name: evidence[name])
     every = logsumexp([*without, *others, *evidence.values()])
     probability = float(np.exp(evidence[link] - every))
@@ -84,7 +87,7 @@ def carried_of(fit: Fit, equations: BaseRegression, correlated: float = 1.0) -> 
 
 
 def _with_body(columns: Array, rest: Array, sizes: Array) -> tuple[float, Array, Array]:
-    """Return by how much a body raises the log-evidence of what is left, with noise of one, its
+    """Return by how much a body increases the log-evidence of the remainder, with unit noise, its
     most probable parameters, and their covariance."""
     information = np.eye(len(sizes)) + (columns * sizes).T @ (columns * sizes)
     right = (columns * sizes).T @ rest
@@ -95,7 +98,7 @@ def _with_body(columns: Array, rest: Array, sizes: Array) -> tuple[float, Array,
 
 
 def with_carried(robot: Robot, carried: Carried | None) -> Robot:
-    """Return the arm with what a link carries as part of the link."""
+    """Return the arm with the carried body as part of the link."""
     if carried is None:
         return robot
     (joint,) = (one for one in robot.joints if one.link_name == carried.link)
@@ -103,8 +106,8 @@ def with_carried(robot: Robot, carried: Carried | None) -> Robot:
 
 
 def _equations(fit: Fit, equations: BaseRegression, correlated: float) -> tuple[Array, Array]:
-    """Return R, z of base parameters less the described ones; what no description states, as
-    friction and motor inertia, is projected out."""
+    """Return R, z of base parameters minus the described ones; parameters that no description
+    states, such as friction and motor inertia, are projected out."""
     rows, right = unit_equations(fit, correlated)
     chart = chart_of(equations)
     unstated = rows @ equations.base.T @ chart.G[:, chart.free + chart.held]

@@ -1,10 +1,10 @@
-"""Coordinates of all parameters in which physical consistency is convex, and the description is the
-point to stay near.
+"""Coordinates of all parameters in which physical consistency is a convex condition, with the
+description as centre.
 
-A link's ten parameters are its pseudo-inertia, normalised by that of the description: positive
-definite where a mass distribution has them (P. Wensing, S. Kim, J.-J. Slotine, IEEE Robotics and
-Automation Letters 3 (2018) 60). Solids of revolution are positive moments; K, D and armatures are
-positive or not negative; laws beyond the model have bounds.
+The ten parameters of a link become its pseudo-inertia, normalised by that of the description, which
+is positive definite if a mass distribution has these parameters (P. Wensing, S. Kim, J.-J. Slotine,
+IEEE Robotics and Automation Letters 3 (2018) 60). Solids of revolution have positive moments; K, D
+and armatures are positive or not negative; laws beyond the model have bounds.
 """
 
 import functools
@@ -30,7 +30,7 @@ _UNIT = [float(i == j) for i, j in PAIRS]  # coordinates of the unit matrix: of 
 
 @dataclass
 class Chart:
-    """Parameters near the nominal: Psi = Psi0 + G (x - x0), x without unit."""
+    """Parameters near the nominal ones: Psi = Psi0 + G (x - x0), x without unit."""
 
     Psi0: Array
     columns: list[Array] = field(default_factory=list)  # of G
@@ -57,7 +57,7 @@ class Chart:
         return np.array(self.start)
 
     def variances(self) -> Array:
-        """Return the variances of x that belong to the divergence at a trust of one."""
+        """Return the variances of x that correspond to the divergence at a trust of one."""
         variance = np.ones(len(self.x0))
         for piece in self.pseudo:
             # Off the diagonal an entry of X counts twice in the trace of X².
@@ -67,7 +67,7 @@ class Chart:
         return variance
 
     def add_link(self, index: list[int], nominal: Array) -> None:
-        """Add a link, whose ten parameters are `nominal` without what is folded into it."""
+        """Add a link; `nominal` contains its ten parameters without the body merged into it."""
         self.pseudo.append(slice(len(self.start), len(self.start) + 10))
         own = _link_chart(nominal)
         moments = np.linalg.eigvalsh(pseudo_inertia(nominal))
@@ -85,7 +85,7 @@ class Chart:
     def add_number(self, k: int, nominal: float, law: Column | None, *, physical: bool) -> None:
         """Add parameter k, relative to its nominal or its ordinary value.
 
-        It stays as it is where neither is stated.
+        It is constant if neither is stated.
         """
         place = len(self.start)
         relative = physical and nominal > 0
@@ -115,13 +115,16 @@ class Chart:
 
 
 def chart_of(equations: BaseRegression, carried: Carried | None = None) -> Chart:
-    """Put parameters into coordinates in which the nominal is x0 and every step of size one is as
-    bold.
+    """Return coordinates in which x0 is the nominal arm and every step of size one is equally
+    large.
 
-    carried: a body that is part of its link, beyond the description.
+    carried: a body that belongs to its link, in addition to the description.
     """
-    names, nominal, robot = equations.names, equations.nominal, equations.model.robot
-    links, seen = {joint.link_name for joint in robot.joints}, set[int]()
+    names = equations.names
+    nominal = equations.nominal
+    robot = equations.model.robot
+    links = {joint.link_name for joint in robot.joints}
+    seen = set[int]()
     found = Chart(nominal.copy())
     for body in equations.model.bodies.bodies:
         index = list(body.parameters)
@@ -145,7 +148,7 @@ def chart_of(equations: BaseRegression, carried: Carried | None = None) -> Chart
 
 
 def folded(robot: Robot, equations: BaseRegression, body: Body) -> Array:
-    """Return what the nominal body has beyond the link: the spline of mod1, else nothing."""
+    """Return the additional nominal body of the link: the spline in mod1, otherwise nothing."""
     link = next(j.link for j in robot.joints if j.link_name == body.name)
     own = inertial_parameters(link)
     return equations.nominal[list(body.parameters)] - own
@@ -183,8 +186,8 @@ def _link_chart(nominal: Array) -> Array:
 
 
 def _solid_chart(nominal: Array) -> Array:
-    """Return (4, 3): mass, radial and axial second moment over their nominal -> m, mz, Ixx, Izz; mz
-    stays."""
+    """Return (4, 3): mass, radial and axial second moment relative to nominal -> m, mz, Ixx, Izz;
+    mz is constant."""
     mass, _, xx, zz = nominal
     radial = 0.5 * zz
     axial = max(xx - 0.5 * zz, THINNEST * xx)

@@ -43,7 +43,7 @@ INDEPENDENT = 100
 
 
 class Deflections:
-    """The link's rows of summed regressions as equations for deflections."""
+    """The link rows of summed regressions as equations for deflections."""
 
     def __init__(self, equations: BaseRegression) -> None:
         # groups of the link's rows: the joints whose deflection both encoders show
@@ -53,10 +53,8 @@ class Deflections:
         self.nominal = equations.described
 
     def transform(self, Psi: Array, fixed: Mapping[int, float], groups: int) -> Array:
-        """Return the map from rows [Phi y] to the problem linearised at `Psi`.
-
-        It is (groups, B + 1, B + 1).
-        """
+        """Return the map (groups, B + 1, B + 1) from rows [Phi y] to the problem linearised at
+        `Psi`."""
         width = len(Psi) + 1
         found = np.broadcast_to(np.eye(width), (groups, width, width)).copy()
         for row, k in zip(self.rows, self.stiffness, strict=True):
@@ -75,7 +73,7 @@ class Deflections:
         return found
 
     def stepped(self, Psi: Array, solved: Array) -> Array:
-        """Return the next point; in 1 / K, in which rows are linear, it is exact."""
+        """Return the next point; the step is exact in 1 / K, in which rows are linear."""
         new = solved.copy()
         K = Psi[self.stiffness]
         softening = np.clip(2.0 - solved[self.stiffness] / K, 1.0 / LONGEST_STEP, LONGEST_STEP)
@@ -83,7 +81,7 @@ class Deflections:
         return new
 
     def unknown(self, found: Fit) -> list[int]:
-        """Return the springs that are not determined, or that no spring can have."""
+        """Return the springs that are not determined, or that have impossible values."""
         places = [*self.stiffness.tolist(), *self.damping.tolist()]
         Psi = found.Psi
         std = found.std
@@ -97,8 +95,8 @@ class Deflections:
 def fit_deflections(blocks: Blocks, rows: Deflections, prior: Prior | None = None) -> Fit:
     """Solve the accumulated problem with deflections as measured quantities.
 
-    A damping or stiffness that the recording leaves open, or that comes out below zero, is that of
-    the description: its standard deviation is infinite.
+    A damping or stiffness that the recording does not determine, or that is estimated as negative,
+    keeps the described value, with an infinite standard deviation.
     """
     fixed: dict[int, float] = {}
     found = _settled(blocks, rows, fixed, prior)
@@ -114,7 +112,7 @@ def fit_deflections(blocks: Blocks, rows: Deflections, prior: Prior | None = Non
 def _settled(
     blocks: Blocks, rows: Deflections, fixed: Mapping[int, float], prior: Prior | None
 ) -> Fit:
-    """Return the fit at which Gauss-Newton stands still."""
+    """Return the fit at which the Gauss-Newton iteration has converged."""
     Psi = rows.nominal.copy()
     for _ in range(MOST_STEPS):
         linear = fit(blocks.transformed(rows.transform(Psi, fixed, blocks.groups)), prior=prior)
@@ -140,7 +138,7 @@ def _settled(
 
 
 def zeros(motions: Sequence[Motion], model: Model) -> tuple[Array, Array]:
-    """Return the deflection at no load and no speed, and its standard deviation, (n,) rad each."""
+    """Return the deflection at zero load and speed, and its standard deviation, (n,) rad each."""
     values = np.zeros(model.n)
     stds = np.zeros(model.n)
     runs = [_regressors(motion, model) for motion in motions]
@@ -158,7 +156,8 @@ def zeros(motions: Sequence[Motion], model: Model) -> tuple[Array, Array]:
 
 
 def shifts(found: tuple[Array, Array], first: tuple[Array, Array]) -> Array:
-    """Return what to add to link angles (n,) rad to have the first recording's zeros."""
+    """Return the correction of the link angles (n,) rad that gives them the zeros of the first
+    recording."""
     apart = found[0] - first[0]
     certain = np.abs(apart) > np.maximum(CERTAIN * np.hypot(found[1], first[1]), SMALLEST)
     return np.where(certain, apart, 0.0)

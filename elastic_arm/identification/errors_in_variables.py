@@ -1,10 +1,10 @@
-"""What the encoders' noise does to a regressor, and so to the sums that a fit is made of.
+"""The effect of encoder noise on a regressor, and on the sums from which a fit is computed.
 
     E[Phi'Phi] = Phi_true'Phi_true + E[dPhi'dPhi]
 
-On the average noise in positions and accelerations draws weak parameters toward zero (W. A. Fuller,
-Measurement Error Models, 1987). The smoother knows the covariance of what it lets through, so that
-the average is known and taken off.
+On average, noise in positions and accelerations reduces the estimates of weak parameters (W. A.
+Fuller, Measurement Error Models, 1987). The covariance of the noise after the smoother is known, so
+its average effect can be subtracted.
 """
 
 import functools
@@ -31,10 +31,10 @@ WHITE_SHARE = WHITE[1] - WHITE[0]
 
 
 def noise_sums(equations: BaseRegression, motion: Motion, every: int, first: int) -> Array | None:
-    """Return what noise adds on average to [Phi y]'[Phi y], (groups, B + 1, B + 1).
+    """Return the average contribution of noise to [Phi y]'[Phi y], (groups, B + 1, B + 1).
 
-    None where the motion is taken for exact. To second order E[G(x + e)] - G(x) = 1/2 sum_jk C_jk
-    d²G / dx_j dx_k, with G = [Phi y]'[Phi y]; with directions v that make up C, 1/2 sum_v d²G/dv².
+    None if the motion counts as exact. To second order E[G(x + e)] - G(x) = 1/2 sum_jk C_jk d²G /
+    dx_j dx_k, with G = [Phi y]'[Phi y]; with directions v that make up C, 1/2 sum_v d²G/dv².
     """
     if motion.noise is None:
         return None
@@ -88,7 +88,7 @@ def _directions(noise: StateNoise) -> tuple[Array, dict[str, Array]]:
 
 
 def _moved(thin: Motion, offsets: dict[str, Array]) -> Motion:
-    """Return the samples as they are, and once for each step."""
+    """Return the samples unchanged, and once for each step."""
     times = len(next(iter(offsets.values())))
     moved: dict[str, Any] = {}
     for name, values in thin.channels().items():
@@ -100,9 +100,9 @@ def _moved(thin: Motion, offsets: dict[str, Array]) -> Motion:
 
 
 def without_noise(whole: Array, noise: Array) -> Array:
-    """Return rows (k, width) whose square is that of rows `whole` (width, width) less `noise`.
+    """Return rows (k, width) whose square is that of the rows `whole` (width, width) minus `noise`.
 
-    Of `noise` no more than :func:`correction_share` is taken off. With whole = U F and F' E F the
+    At most :func:`correction_share` of `noise` is subtracted. With whole = U F and F' E F the
     noise, the square is F'(1 - E)F.
     """
     forward, inside = _among_rows(whole, noise)
@@ -111,11 +111,11 @@ def without_noise(whole: Array, noise: Array) -> Array:
 
 
 def correction_share(whole: Array, noise: Array) -> float:
-    """Return which share of the noise may be taken off sums so that they stay those of something.
+    """Return the share of the noise that may be subtracted from sums so that they remain positive.
 
-    Where noise is all that sums hold in some direction, its own scatter decides whether anything is
-    left without it, or less than nothing. As Fuller's modified estimator (section 2.5 there) does,
-    no more is taken off than :data:`MOST_TAKEN_OFF` of what would leave nothing.
+    If the sums contain only noise in some direction, its scatter decides whether the difference is
+    positive or negative there. As in Fuller's modified estimator (section 2.5 there), at most
+    :data:`MOST_TAKEN_OFF` of the amount that would leave nothing is subtracted.
     """
     return _share(_among_rows(whole, noise)[1])
 
@@ -126,7 +126,7 @@ def _share(inside: Array) -> float:
 
 
 def _among_rows(whole: Array, noise: Array) -> tuple[Array, Array]:
-    """Return F (k, width), with orthogonal rows and the square of `whole`, and E (k, k), with which
+    """Return F (k, width), with orthogonal rows and the square of `whole`, and E (k, k) such that
     F' E F is the noise."""
     size = np.linalg.norm(whole, axis=0)
     live = size > 0
@@ -141,9 +141,9 @@ def _among_rows(whole: Array, noise: Array) -> tuple[Array, Array]:
 def covariance_left(
     noise: Array, whole: Array, Psi: Array, described: Array, samples: int
 ) -> Array:
-    """Return the covariance (B + 1, B + 1) of what is not known of the noise.
+    """Return the covariance (B + 1, B + 1) of the unknown part of the noise.
 
-    It is of the sums' right side.
+    It refers to the right side of the sums.
     """
     total = noise.sum(axis=0)
     level = noise @ np.append(-Psi, 1.0) / np.sqrt(WHITE_SHARE * samples)

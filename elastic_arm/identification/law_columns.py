@@ -1,5 +1,4 @@
-"""Columns that identification adds to the model's own: the linear parameters of effects that are
-given."""
+"""Columns that identification adds to those of the model: the linear parameters of effects."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -62,7 +61,8 @@ def law_columns(
 
 
 def place_of(instance: EffectInstance, robot: Robot) -> str:
-    """Return how parameters of an effect begin, such as "coulomb_friction:joint_2"."""
+    """Return the beginning of the names of an effect's parameters, such as
+    "coulomb_friction:joint_2"."""
     return _place(instance.effect.id, instance.joint, robot)
 
 
@@ -77,7 +77,7 @@ def with_stated(
     motored: bool,
     catalogue: Catalogue | None = None,
 ) -> tuple[EffectInstance, ...]:
-    """Return the laws of the description, such as friction, then the user's own."""
+    """Return the laws of the description, such as friction, followed by those of the user."""
     own = {(instance.effect.id, instance.joint) for instance in effects}
     stated = [
         instance
@@ -95,10 +95,9 @@ def on_recorded_side(
 ) -> tuple[tuple[EffectInstance, ...], list[str]]:
     """Return laws on the side whose torques were recorded.
 
-    A rigid arm's joint torque sensors feel those of motors that nobody recorded.
-
-    An arm that is taken for rigid has one side: its description does not tell whether a gear's
-    friction acts before the sensor or behind it.
+    Joint torque sensors of a rigid arm measure the friction of motors whose torques were not
+    recorded: a rigid arm has one side, because its description does not state whether friction acts
+    before or behind the sensor.
 
     Returns the laws, and the ids of those that were moved.
     """
@@ -127,8 +126,8 @@ def _linear(effect: Effect) -> list[Parameter]:
 
 
 class _LawColumns:
-    """All laws compiled together; the columns of the last motion are kept, as they are evaluated
-    one by one."""
+    """All laws compiled together; the columns of the last motion are cached, because they are
+    evaluated one by one."""
 
     def __init__(
         self,
@@ -156,8 +155,8 @@ class _LawColumns:
         return self.last[1][:, :, k]
 
     def _signals(self, motion: Motion) -> Signals:
-        """Return the signals of motion that has both sides; no usable row holds a torque that is
-        missing."""
+        """Return the signals of a motion with both sides; no usable row contains a missing
+        torque."""
         none = np.zeros((len(motion), self.robot.n))
         samples: dict[str, Any] = {"tau_J": none, "tau_m": none, **motion.channels()}
         return Signals.of_samples(

@@ -1,12 +1,13 @@
-"""What a fit leaves far above the noise of the sensors, and whether an elastic joint is behind it.
+"""Find fits that leave much more than the noise of the sensors, and decide whether an elastic joint
+is the cause.
 
-    residual = tau - Phi Psi,    H = a / (tau - tau(a = 0))
+    residual = tau - Phi Psi,   H = a / (tau - tau(a = 0))
 
-Where a joint is rigid, the torque that is left when friction, gravity and other joints have theirs
+If a joint is rigid, the torque without friction, gravity and the torques of other joints
 accelerates one inertia, and H is the same at all frequencies. A joint between two inertias has a
-resonance: H has a peak there, with both of its half-power points inside the band in which the
-motion has energy, and half of the acceleration follows the torque up to there. Friction that the
-equations lack answers likewise, and goes first.
+resonance: H has a peak whose half-power points lie inside the band in which the motion has energy,
+and up to there half of the acceleration follows the torque. Friction that the equations lack has a
+similar effect and is removed first.
 """
 
 from collections.abc import Mapping
@@ -34,10 +35,7 @@ COUNTED = 1000
 def poor_fits(
     equations: BaseRegression, motion: Motion, Psi_base: Array, noise: Mapping[str, Array]
 ) -> list[str]:
-    """Return in words which joints' torques the fit leaves unexplained.
-
-    `noise`: channel -> (n,) Nm.
-    """
+    """Return in words which torques the fit does not explain. `noise`: channel -> (n,) Nm."""
     measured = equations.measured(motion)
     predicted = equations.predict(motion, Psi_base)
     found = []
@@ -82,7 +80,7 @@ def poor_fits(
 def resonance(
     equations: BaseRegression, motion: Motion, Psi_base: Array, side: str, joint: int
 ) -> float | None:
-    """Return the frequency, Hz, at which a joint answers its torque most, or None."""
+    """Return the frequency, Hz, at which a joint responds most to its torque, or None."""
     still = {}
     acceleration = None
     for name in ("ddq", "ddtheta"):
@@ -113,8 +111,8 @@ def resonance(
 
 
 def _friction(motion: Motion, joint: int, torque: Array, acceleration: Array) -> Array:
-    """Return the part (N,) of a joint's torque that is dry and viscous friction, where the rest is
-    a zero and an inertia."""
+    """Return the part (N,) of a joint's torque that is dry and viscous friction; the remainder is a
+    zero and an inertia."""
     rate = next(rates[:, joint] for rates in (motion.dtheta, motion.dq) if rates is not None)
     rubbing = np.column_stack([np.tanh(rate / USUAL_SIGN_SPEED), rate])
     columns = np.column_stack([rubbing, acceleration, np.ones(len(rate))])

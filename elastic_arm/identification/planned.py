@@ -1,4 +1,4 @@
-"""How `identify` will judge a motion that is planned, before it is recorded."""
+"""Rate a planned motion in the way `identify` will rate its recording."""
 
 from typing import Any
 
@@ -18,9 +18,9 @@ MOST_PERIODS = 10  # beyond which a motion is not repeated: another one is bette
 def judged(
     model: Model, trajectory: FourierTrajectory, periods: int | None = None
 ) -> tuple[int, Excitation]:
-    """Judge a motion that is repeated so many times.
+    """Rate a motion that is repeated a number of times.
 
-    None: as many times as make it good, if some do.
+    None: as many times as are necessary for a good rating, if possible.
     """
     count = round(RATE * trajectory.period)
     n = model.n

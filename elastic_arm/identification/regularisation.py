@@ -1,13 +1,13 @@
-"""The description as a prior, where a recording alone predicts other motion badly.
+"""The description as a prior, used if a recording alone predicts other motion badly.
 
     Psi = argmin sum w_g² |y_g - Phi_g Psi|² + |F (Psi - Psi_described)|² / width²
 
-Base parameters that a short or slow recording hardly shows go wherever its errors send them; the
-prior holds them (ridge regression; A. Hoerl and R. Kennard, Technometrics 12 (1970) 55). Its width
-is the one that predicts left-out parts of the fitted recordings best: the narrowest within a
+Errors of a short or slow recording dominate base parameters that it hardly determines; the prior
+constrains them (ridge regression; A. Hoerl and R. Kennard, Technometrics 12 (1970) 55). Its width
+is the one that predicts left-out parts of the fitted recordings best: the narrowest within one
 standard error of the best (T. Hastie, R. Tibshirani, J. Friedman, The Elements of Statistical
-Learning, 2009, 7.10), that of the difference of both part by part. Without a clear gain there is
-none, but for arms that are taken for rigid a wide one.
+Learning, 2009, 7.10), where the standard error is that of the difference part by part. Without a
+clear gain there is no prior, except for a wide one of rigid arms.
 """
 
 import functools
@@ -45,13 +45,13 @@ def prior_of(
     laws: Array | None = None,
     correlated: float = 1.0,
 ) -> Prior:
-    """Return the description as a prior of relative error `width`.
+    """Return the description as a prior with relative error `width`.
 
     Laws beyond the model are free up to a size.
 
-    `error`, by which the description is off as far as is known, counts in the deviations where it
-    exceeds `width`. Variances are `correlated` times those of white errors, for which the data's
-    rows are weighed.
+    `error` is the known relative error of the description; it counts in the standard deviations if
+    it exceeds `width`. Variances are `correlated` times those of white errors, for which the rows
+    of the data are weighted.
     """
     base = equations.base
     own, covariance = description_errors(equations)
@@ -66,11 +66,11 @@ def prior_of(
 
 
 def law_sizes(blocks: Blocks, equations: BaseRegression) -> Array:
-    """Return the priors' standard deviations (B,) of laws; NaN for other parameters.
+    """Return the standard deviations (B,) of the priors of laws; NaN for other parameters.
 
-    That of a law is what is ordinary of it, where that is stated, else the size at which it makes
-    all the torque of its joint. A joint that never reverses shows friction and the zero of its
-    torque as one and the same constant: any two numbers of the right sum would fit.
+    For a law it is the ordinary size, if stated, and otherwise the size at which the law causes all
+    the torque of its joint. At a joint that never reverses, friction and the zero of its torque are
+    the same constant, and any two numbers with the right sum would fit.
     """
     squares = np.sum(np.square(blocks.total()), axis=1)
     columns = squares[:, :-1]
@@ -89,8 +89,7 @@ def law_sizes(blocks: Blocks, equations: BaseRegression) -> Array:
 
 
 def _ordinary(equations: BaseRegression) -> Array:
-    """Return the ordinary size (B,) of each base parameter that is a law's; NaN where none is
-    stated."""
+    """Return the ordinary size (B,) of each base parameter of a law; NaN if none is stated."""
     stated = {
         column.name: column.ordinary for column in equations.columns if column.ordinary is not None
     }
@@ -99,8 +98,8 @@ def _ordinary(equations: BaseRegression) -> Array:
 
 @functools.lru_cache(maxsize=1)  # asked for at every width that is tried
 def description_errors(equations: BaseRegression) -> tuple[NDArray[np.intp], Array]:
-    """Return which base parameters are the arm's own, and the covariance of their description at a
-    relative error 1."""
+    """Return which base parameters belong to the arm, and the covariance of their description for a
+    relative error of 1."""
     base = equations.base
     scales = natural_scales(equations)
     own = np.flatnonzero(np.isfinite(scales))
@@ -113,12 +112,13 @@ def description_errors(equations: BaseRegression) -> tuple[NDArray[np.intp], Arr
 
 
 def description_error(fit: Fit, equations: BaseRegression, doubt: float = 0.0) -> float:
-    """Return the relative error of the description by the parameters that data determine.
+    """Return the relative error of the description according to the parameters that the data
+    determine.
 
-    The width of the prior in `fit`'s estimate less the description, by maximum likelihood
-    (empirical Bayes; B. Efron, Large-Scale Inference, 2010, 1), parameter by parameter. The width
-    that predicts best is none of the description's errors: where the data show nothing of a
-    parameter, any narrow prior predicts as well.
+    It is the width of the prior of the estimate of `fit` minus the description, by maximum
+    likelihood (empirical Bayes; B. Efron, Large-Scale Inference, 2010, 1), parameter by parameter.
+    The width that predicts best is not the error of the description: for a parameter that the data
+    do not show, any narrow prior predicts as well.
     """
     own, covariance = description_errors(equations)
     seen = np.isfinite(fit.std[own])
@@ -137,9 +137,9 @@ def description_error(fit: Fit, equations: BaseRegression, doubt: float = 0.0) -
 def chosen_width(
     blocks: Blocks, fit: Fit, equations: BaseRegression, correlated: float = 1.0
 ) -> float | None:
-    """Return the prior's width that cross-validation prefers.
+    """Return the width of the prior according to cross-validation.
 
-    None where none predicts clearly better.
+    None if no prior predicts clearly better.
     """
     if len(blocks.factors) < 2 * FOLDS:
         return None

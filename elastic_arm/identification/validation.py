@@ -1,5 +1,5 @@
-"""The judgement on recordings that no fit has seen: the description holds what they refute until it
-is no worse."""
+"""Judge an identified arm on recordings that no fit has seen, and pull a fit that they refute
+towards the description."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -73,8 +73,8 @@ class HeldOut:
 
     @cached_property
     def _rows(self) -> dict[str, Array]:
-        """Triangular factors (groups, B + 1, B + 1) of each recording's rows over the root of how
-        many there are."""
+        """Triangular factors (groups, B + 1, B + 1) of the rows of each recording, divided by the
+        square root of their number."""
         return self._factors(lambda motion: (self.equations.information(motion), len(motion)))
 
     @cached_property
@@ -97,10 +97,8 @@ class HeldOut:
     ) -> dict[str, dict[str, dict[str, float]]]:
         """Return recording -> equation -> joint -> rms, Nm, of base parameters.
 
-        An arm is judged by that of averages.
-
-        Noise in accelerations is weighed by the inertias that predict, so that of two arms the one
-        with less inertia would seem to be better by the rows themselves.
+        An arm is judged by the averaged rows: noise in accelerations is weighted by the predicting
+        inertias, so that without averaging the arm with less inertia would seem better.
         """
         scale = self.equations.comparable(Psi_base)
         factors = self._averages if averages else self._rows
@@ -111,13 +109,13 @@ class HeldOut:
 
     @cached_property
     def nominal(self) -> dict[str, dict[str, dict[str, float]]]:
-        """Errors of the description that judge."""
+        """The errors of the description that serve for the judgement."""
         return self.errors(self.equations.described, averages=True)
 
     def compared(self, Psi_base: Array) -> list[Comparison]:
-        """Compare base parameters with the description, at the equations that hold a torque.
+        """Compare base parameters with the description in the equations that contain a torque.
 
-        All equations are compared where none holds one.
+        If no equation contains one, all are compared.
         """
         sides = self.equations.sides
         equations = self.equations.equations
@@ -133,14 +131,15 @@ class HeldOut:
         return found
 
     def ratio(self, Psi_base: Array) -> float:
-        """Return the mean log ratio of errors to those of the description; above 0 is worse."""
+        """Return the mean log ratio between the errors and those of the description; positive is
+        worse."""
         ratios = [np.log(one.error / one.described) for one in self.compared(Psi_base)]
         return float(np.mean(ratios))
 
     def chance(self, covariance: Array) -> float:
-        """Return the mean log ratio that one right fit in a hundred exceeds.
+        """Return the mean log ratio that one correct fit in a hundred exceeds.
 
-        It is of errors to those of a right description.
+        The ratio is that of its errors to those of a correct description.
         """
         expected = {}
         for source, R in self._averages.items():
@@ -154,7 +153,7 @@ class HeldOut:
         return float(np.mean(ratios))
 
     def worse(self, Psi_base: Array) -> list[str]:
-        """Return joints that some recording shows to be clearly worse than described."""
+        """Return the joints that are clearly worse than described in at least one recording."""
         return list(dict.fromkeys(one.joint for one in self.compared(Psi_base) if one.worse))
 
 
@@ -166,9 +165,9 @@ def validated(
     held_out: HeldOut,
     correlated: float = 1.0,
 ) -> Identification:
-    """Add errors on held-out recordings.
+    """Add the errors on held-out recordings.
 
-    A fit that they refute is pulled to the description until it is no worse.
+    A fit that they refute is pulled towards the description until it is no longer worse.
     """
     # Otherwise each prior takes a search of its own: too long for a single joint.
     linear = not held_out.equations.summed
@@ -191,7 +190,7 @@ def validated(
 
 
 def _worse_notes(result: Identification, held_out: HeldOut) -> list[str]:
-    """Say of each recording where the result predicts it worse than the description."""
+    """Return a note for each recording that the result predicts worse than the description."""
     worse: dict[str, list[str]] = {}
     for one in held_out.compared(result.Psi_base):
         if one.worse:
@@ -205,7 +204,7 @@ def _worse_notes(result: Identification, held_out: HeldOut) -> list[str]:
 
 
 class _Try(NamedTuple):
-    """A fit with the description as a prior."""
+    """A fit with the description as prior."""
 
     width: float  # relative, of the prior
     result: Identification
@@ -233,8 +232,8 @@ def _pulled(
 ) -> Identification:
     """Return the result with the prior on the description that predicts held-out motion best.
 
-    A fit that is better than the description on the whole stays as it is, unless fewer joints are
-    worse with the prior.
+    A fit that is better than the description on average is kept, unless a prior reduces the number
+    of joints that are worse.
     """
     tries = _tries(result, identifier, held_out, correlated)
     now = held_out.ratio(result.Psi_base)
@@ -272,10 +271,10 @@ def _consistent_or_none(
     result: Identification, consistent: Callable[..., Identification], held_out: HeldOut
 ) -> Identification:
     """Return the result with a consistent arm that predicts no joint worse on held-out motion, or
-    none.
+    without one.
 
-    Where it does, the description is trusted more; laws of the joints in question, and their motor
-    inertia where the arm is taken for rigid, stay as described.
+    If necessary, the description is trusted more; the laws of the joints in question, and the motor
+    inertia of a rigid arm, then stay as described.
     """
     T = held_out.equations.base.T
     worst: list[str] = []

@@ -1,4 +1,4 @@
-"""What a recording determines: before any fit, from the motion alone, and after it."""
+"""Judge what a recording determines: before a fit, from the motion alone, and after it."""
 
 import re
 from collections.abc import Sequence
@@ -49,7 +49,7 @@ TAKES_PART = 0.3
 
 @dataclass(frozen=True)
 class Excitation:
-    """What the motion of a recording can determine, judged before any fit."""
+    """The parameters that the motion of a recording can determine, judged before a fit."""
 
     condition: float  # Condition number of the equilibrated columns
     # (B,) expected standard deviation over natural scale, for white torque noise of 0.26 Nm
@@ -91,7 +91,7 @@ class MotionStatistics:
 
     @property
     def frequency(self) -> float:
-        """Typical frequency of the motion, Hz, of the quickest joint that moves."""
+        """Typical frequency of the motion, Hz, of the fastest joint."""
         if not self.samples or not np.any(self.speed):
             return 0.0
         speed = np.atleast_1d(self.speed)
@@ -101,22 +101,22 @@ class MotionStatistics:
 
     @property
     def one_way(self) -> NDArray[np.intp]:
-        """Joints that move, and never the other way."""
+        """Joints that move in only one direction."""
         speed = np.atleast_1d(self.speed)
         forward = np.atleast_1d(self.forward)
         return np.flatnonzero(np.minimum(forward, speed - forward) < STANDS**2 * speed)
 
     @property
     def effective_samples(self) -> float:
-        """Number of independent samples: two a period of the typical frequency (Nyquist)."""
+        """Number of independent samples: two per period of the typical frequency (Nyquist)."""
         return max(2.0 * self.frequency * self.seconds, 1.0)
 
 
 def natural_scales(equations: BaseRegression) -> Array:
-    """Return the size that each base parameter can be expected to have, (B,).
+    """Return the expected size (B,) of each base parameter.
 
-    The nominal value, or, where that happens to be small, what is usual for its body: its largest
-    first moment or moment of inertia. Laws beyond the model have none (NaN).
+    It is the nominal value or, if that is small by coincidence, the usual size for its body: the
+    largest first moment or moment of inertia. Laws beyond the model have none (NaN).
     """
     own = np.abs(equations.nominal)
     sizes = own.copy()
@@ -136,10 +136,11 @@ def natural_scales(equations: BaseRegression) -> Array:
 def excitation(
     blocks: Blocks, equations: BaseRegression, statistics: MotionStatistics
 ) -> Excitation:
-    """Judge the motion of a recording; the torques are not looked at.
+    """Judge the motion of a recording, without its torques.
 
-    What a model misses (friction, ripple, elasticity) follows the motion and does not average out
-    as noise does: the errors of samples closer than half a period of the motion count as one.
+    Effects that the model lacks (friction, ripple, elasticity) follow the motion and do not average
+    out as noise does. Errors of samples closer than half a period of the motion therefore count as
+    one.
     """
     r = blocks.total()[..., :-1]
     crowding = np.sqrt(max(blocks.samples / statistics.effective_samples, 1.0))
@@ -165,7 +166,7 @@ def excitation(
 def _reasons(
     statistics: MotionStatistics, groups: int, relative: Array, parameters: int
 ) -> tuple[str, ...]:
-    """Return why the excitation is poor, if it is."""
+    """Return why the excitation is poor; empty if it is not."""
     reasons = []
     if statistics.seconds < max(
         SHORTEST_SECONDS, SHORTEST_PERIODS / max(statistics.frequency, 1e-9)
@@ -202,13 +203,11 @@ def _verdict(relative_std: float) -> str:
 
 
 def relative_std(equations: BaseRegression, Psi_base: Array, std: Array) -> Array:
-    """Return standard deviations over the natural scale.
+    """Return standard deviations relative to the natural scale.
 
-    Those of laws beyond the model are over the estimate itself.
-
-    Numbers that no arm has below zero are judged by the estimate, too, where it is the smaller:
-    noise in the regressor draws them to zero (:mod:`.errors_in_variables`), and their deviations
-    with them.
+    For laws beyond the model they are relative to the estimate. For numbers that cannot be
+    negative, the smaller of both counts, because noise in the regressor reduces their estimates
+    (:mod:`.errors_in_variables`) and their standard deviations.
     """
     scale = natural_scales(equations)
     own = np.maximum(np.abs(Psi_base), 1e-300)
@@ -219,7 +218,7 @@ def relative_std(equations: BaseRegression, Psi_base: Array, std: Array) -> Arra
 
 
 def directions(undetermined: Array, names: Sequence[str]) -> tuple[str, ...]:
-    """Name the combinations of base parameters that the data leave open."""
+    """Name the combinations of base parameters that the data do not determine."""
     taking_part = [
         np.flatnonzero(np.abs(direction) > TAKES_PART).tolist() for direction in undetermined
     ]
@@ -230,12 +229,12 @@ def directions(undetermined: Array, names: Sequence[str]) -> tuple[str, ...]:
 
 
 def impossible(equations: BaseRegression, Psi: Array) -> NDArray[np.bool_]:
-    """Return which base parameters (B,) are below zero though all their parts are above."""
+    """Return which base parameters (B,) are negative although all their parts are positive."""
     return (Psi < 0) & _positive(equations)
 
 
 def _positive(equations: BaseRegression) -> NDArray[np.bool_]:
-    """Return which base parameters are sums of numbers that no arm has below zero, (B,)."""
+    """Return which base parameters (B,) are sums of numbers that cannot be negative."""
     never = np.array([NEVER_NEGATIVE.search(name) is not None for name in equations.names])
     return np.array(
         [bool(np.all(row >= 0) and np.all(never[row != 0])) for row in equations.base.T]
@@ -245,9 +244,10 @@ def _positive(equations: BaseRegression) -> NDArray[np.bool_]:
 def checked(
     words: Sequence[str], fit: Fit, equations: BaseRegression, one_way: Sequence[str] = ()
 ) -> tuple[str, ...]:
-    """Return the verdicts, corrected for the impossible and the hopeless.
+    """Return the verdicts, corrected for impossible and indistinct parameters.
 
-    The impossible is "not" determined, the hopeless not "well".
+    An impossible parameter is "not" determined. None is "well" determined if the fit is
+    ill-conditioned, or if it contains a constant of a joint that never reverses.
     """
     wrong = impossible(equations, fit.Psi)
     with_constants = equations.base.T[:, _constants(equations, one_way)] != 0.0
@@ -260,16 +260,14 @@ def checked(
 
 
 def _constants(equations: BaseRegression, joints: Sequence[str]) -> list[int]:
-    """Return which parameters (P,) are constants where these joints never reverse."""
+    """Return which parameters (P,) are constants if these joints never reverse."""
     matched = [CONSTANT.match(name) for name in equations.names]
     return [k for k, match in enumerate(matched) if match is not None and match[1] in joints]
 
 
 def remarks(fit: Fit, equations: BaseRegression, one_way: Sequence[str] = ()) -> tuple[str, ...]:
-    """Return what was fixed, is impossible or inseparable, and lags of link encoders.
-
-    Offsets of link encoders are named, too.
-    """
+    """Return in words which parameters were fixed, are impossible or inseparable, and lags and
+    offsets of link encoders."""
     names = equations.base.names
     found = []
     if fit.fixed:
@@ -302,7 +300,7 @@ def remarks(fit: Fit, equations: BaseRegression, one_way: Sequence[str] = ()) ->
 
 
 def _encoders(fit: Fit, equations: BaseRegression) -> list[str]:
-    """Return lags and offsets of the link encoders that stand out."""
+    """Return the significant lags and offsets of the link encoders."""
     if not equations.summed:
         return []
     place = {name: k for k, name in enumerate(equations.base.names)}

@@ -1,8 +1,9 @@
-"""The ROS interface: messages to calls, results to messages. Nothing imports this package.
+"""The ROS interface: it converts messages to calls and results to messages. Nothing imports this
+package.
 
-A node here is thin: it declares parameters, turns messages into arrays, calls the library and
-publishes the result. What of that needs no ROS (:mod:`.support.pairing`,
-:mod:`.following.reference`) stands in modules of its own.
+A node is thin: it declares parameters, converts messages to arrays, calls the library and publishes
+the result. Parts that need no ROS (:mod:`.support.pairing`, :mod:`.following.reference`) are
+separate modules.
 """
 
 import os

@@ -1,8 +1,8 @@
 """The console scripts of the nodes: `ros2 run elastic_arm simulator`, or `python -m` this module
 and a name.
 
-A module apart, without imports of weight: a node's own libraries take a second or two to load, and
-a Ctrl-C in that time should end the process as quietly as one later on.
+This module has no heavy imports: the libraries of a node take a second or two to load, and Ctrl-C
+during that time should end the process as quietly as later.
 """
 
 import os

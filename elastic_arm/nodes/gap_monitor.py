@@ -1,4 +1,5 @@
-"""`ros2 run elastic_arm gap_monitor`: where model and arm part, and why, while the arm moves."""
+"""`ros2 run elastic_arm gap_monitor`: find where model and arm differ, and why, while the arm
+moves."""
 
 import json
 import sys
@@ -58,7 +59,7 @@ PARAMETERS = {
 
 
 class GapMonitorNode(SamplingNode):
-    """Keeps the last seconds of samples, and has them diagnosed in a worker process."""
+    """Keeps the samples of the last seconds, and diagnoses them in a worker process."""
 
     def __init__(self) -> None:
         super().__init__("gap_monitor")
@@ -90,7 +91,7 @@ class GapMonitorNode(SamplingNode):
         self.listen("diagnosis", "diagnosing")
 
     def forget(self) -> None:
-        """Forget all samples, and what is being made of them."""
+        """Discard all samples and the running diagnosis."""
         self._window.clear()
         # The question under way: the stamp of its last sample, and when it was asked; None when it
         # no longer matters.
@@ -102,7 +103,7 @@ class GapMonitorNode(SamplingNode):
         self._diagnosis_due = time.monotonic()
 
     def work(self, now: float) -> None:
-        """Take what has arrived, publish what was found, and start the next diagnosis."""
+        """Read the new samples, publish results, and start the next diagnosis."""
         samples = self.collector.take()
         if samples is not None and not self.paused:
             self._window.add(samples)
@@ -113,11 +114,11 @@ class GapMonitorNode(SamplingNode):
             self._ask(now)
 
     def close(self) -> None:
-        """End the process that diagnoses."""
+        """End the worker process."""
         self._worker.close()
 
     def _ask(self, now: float) -> None:
-        """Start the diagnosis that is due, of new samples; the last one at the end of the data."""
+        """Start the diagnosis of new samples if it is due; the last one when the data end."""
         over = now > self._arrived + QUIET
         enough = (
             self._window.seconds >= LEAST
@@ -159,7 +160,7 @@ class GapMonitorNode(SamplingNode):
         return self._write("diagnosis.json")
 
     def _write(self, name: str) -> str:
-        """Write the last diagnosis; return what was done, in words."""
+        """Write the last diagnosis; return in words what was done."""
         if self._found is None:
             raise GraphError("there is no diagnosis yet", "Wait for the first one.")
         file = Path(self.settings.save_to) / name
@@ -167,7 +168,7 @@ class GapMonitorNode(SamplingNode):
         return f"the last diagnosis was written to {file}"
 
     def _keep(self) -> None:
-        """Write the last diagnosis, by its time, where a report is due."""
+        """Write the last diagnosis, named by its time, if a report is due."""
         period = self.settings.save_period
         if not period or self._found is None or time.monotonic() < self._save_due:
             return
@@ -179,7 +180,7 @@ class GapMonitorNode(SamplingNode):
             self.get_logger().error(str(error))
 
     def status(self) -> tuple[list[str], dict[str, Any]]:
-        """Return what is wrong, in words, and figures; keep a report where one is due."""
+        """Return problems, in words, and figures; save a report if one is due."""
         self._keep()
         figures = {
             "buffered time, s": self._window.seconds,

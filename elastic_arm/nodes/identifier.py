@@ -1,4 +1,4 @@
-"""`ros2 run elastic_arm identifier`: base parameters while the arm moves."""
+"""`ros2 run elastic_arm identifier`: estimate base parameters while the arm moves."""
 
 import contextlib
 import json
@@ -41,7 +41,7 @@ PARAMETERS = {
 
 
 class IdentifierNode(SamplingNode):
-    """Feeds what arrives to the estimator, and publishes what it finds."""
+    """Passes samples to the estimator, and publishes the estimates."""
 
     def __init__(self) -> None:
         super().__init__("identifier")
@@ -59,14 +59,14 @@ class IdentifierNode(SamplingNode):
         self.listen("estimate", "identifying")
 
     def work(self, now: float) -> None:
-        """Take what has arrived; now and then, make an estimate of it."""
+        """Read the new samples, and estimate from time to time."""
         self._take()
         if now >= self._estimate_due:
             self._estimate_due = now + self.settings.estimate_period
             self._estimate()
 
     def close(self) -> None:
-        """Work off what waits, make the last estimate and save it, if that is wanted."""
+        """Process the remaining samples, make the last estimate, and save it if requested."""
         self._take(everything=True)
         with contextlib.suppress(IdentificationError):  # too few samples wait to make anything of
             self._identifier.finish()
@@ -75,7 +75,7 @@ class IdentifierNode(SamplingNode):
             self.get_logger().info(self.save(Trigger.Request()))
 
     def _warm_up(self, n: int) -> None:
-        """Compile the equations before samples arrive: that takes seconds, the first time."""
+        """Compile the equations before samples arrive, which takes seconds the first time."""
         channels: dict[str, Any] = dict.fromkeys(
             ("q", "dq", "ddq", "theta", "dtheta", "ddtheta", "tau_J", "tau_m"), np.zeros((2, n))
         )
@@ -123,18 +123,18 @@ class IdentifierNode(SamplingNode):
         sys.stdout.flush()
 
     def forget(self) -> None:
-        """Forget all samples."""
+        """Discard all samples."""
         self._screen.reset()
         self._identifier.reset()
         self._fit = None
 
     def pause(self, paused: bool) -> None:
-        """Ignore samples, or take them again."""
+        """Ignore samples, or use them again."""
         super().pause(paused)
         (self._identifier.pause if paused else self._identifier.resume)()
 
     def save(self, request: Trigger.Request) -> str:
-        """Write the estimate; return what was done, in words."""
+        """Write the estimate; return in words what was done."""
         result = self._identifier.estimate(
             tuple(graph.resolved(self, topic) for topic in self.collector.inboxes)
         )
@@ -154,7 +154,7 @@ class IdentifierNode(SamplingNode):
         )
 
     def status(self) -> tuple[list[str], dict[str, Any]]:
-        """Return what is wrong, in words, and figures."""
+        """Return problems, in words, and figures."""
         progress = self._identifier.progress
         absurd = self._screen.left_out
         figures: dict[str, Any] = {
@@ -175,7 +175,7 @@ class IdentifierNode(SamplingNode):
 
 
 def rms(noise: NDArray[np.float64]) -> float:
-    """Return the RMS over all equations of their residuals' standard deviations."""
+    """Return the RMS over all equations of the standard deviations of their residuals."""
     return float(np.sqrt(np.mean(noise**2)))
 
 

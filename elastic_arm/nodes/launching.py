@@ -1,5 +1,5 @@
-"""What the launch files have in common: arguments with words, and nodes of which the first to end
-ends the others."""
+"""Common parts of the launch files: arguments with descriptions, and nodes of which the first to
+end stops the others."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -75,9 +75,9 @@ def scenario(
 
 
 def declared(arguments: Mapping[str, tuple[Any, str]]) -> list[DeclareLaunchArgument]:
-    """Return declarations of arguments, each with its default and words.
+    """Return declarations of arguments, each with its default and description.
 
-    A default of None: it has to be given.
+    An argument with the default None has to be given.
     """
     return [
         DeclareLaunchArgument(name, default_value=given, description=text)
@@ -114,7 +114,7 @@ def arm_node(
 
 
 def last_of(count: int) -> Action:
-    """Return what ends the launch when it happens for the last of `count` nodes."""
+    """Return an action that ends the launch when it is called for the last of `count` nodes."""
     ended = iter(range(1, count + 1))
 
     def end(context: LaunchContext) -> list[Action]:

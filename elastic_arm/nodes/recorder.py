@@ -1,4 +1,4 @@
-"""`ros2 run elastic_arm recorder`: writes topics to an MCAP bag, byte by byte as they came."""
+"""`ros2 run elastic_arm recorder`: write topics to an MCAP bag, byte for byte as they arrive."""
 
 import json
 import re
@@ -29,7 +29,7 @@ PARAMETERS = {
 
 
 class Recorder(ArmNode):
-    """Records topics as soon as somebody publishes them."""
+    """Records each topic as soon as it has a publisher."""
 
     def __init__(self) -> None:
         super().__init__("recorder")
@@ -60,12 +60,12 @@ class Recorder(ArmNode):
             ) from None
 
     def tick(self) -> float:
-        """Write what has waited long enough."""
+        """Write the messages that have waited long enough."""
         self._writer.tick()
         return LONGEST_REST
 
     def close(self) -> None:
-        """Finish the bag."""
+        """Complete the bag."""
         if self.failure is not None:
             return  # a full disk takes no more; what is there is readable
         self._writer.close()
@@ -75,7 +75,7 @@ class Recorder(ArmNode):
         )
 
     def _search(self) -> None:
-        """Listen to the wanted topics that have a publisher by now, as what it publishes."""
+        """Subscribe to the wanted topics that have a publisher, with its type."""
         for topic in sorted(self._wanted - self._writer.counts.keys() - self._refused):
             if infos := self.get_publishers_info_by_topic(topic):
                 if self._listeners.get(topic, ("",))[0] != infos[0].topic_type:
@@ -126,7 +126,7 @@ _FIELD = re.compile(r"^\s*(?:(\w+)/(?:msg/)?)?([A-Z]\w*)", flags=re.MULTILINE)
 def installed_definition(type_name: str) -> tuple[str, str]:
     """Return the full ros2msg text of a type, and its RIHS01 hash.
 
-    Empty where not found.
+    Empty if not found.
     """
     package, _, name = type_name.split("/")
     texts: dict[str, str] = {}
@@ -146,7 +146,7 @@ def _share(package: str) -> Path:
 
 
 def _gather(package: str, name: str, texts: dict[str, str]) -> None:
-    """Add the text of a type and of those of its fields."""
+    """Add the text of a type and those of its fields."""
     key = f"{package}/{name}"
     if key in texts:
         return
@@ -160,13 +160,13 @@ def _gather(package: str, name: str, texts: dict[str, str]) -> None:
 
 @cache
 def _definition(type_name: str) -> tuple[str, str]:
-    """Return the text and the hash of a type: as this package knows it, else as it is installed."""
+    """Return text and hash of a type, as known to this package or otherwise as installed."""
     known = message_types.known(type_name)
     return message_types.definition(type_name) if known else installed_definition(type_name)
 
 
 def _load_types() -> None:
-    """Load the suite's types, so that a topic is subscribed to as soon as it is found."""
+    """Load the types of the suite, so that a topic is subscribed to as soon as it is found."""
     for type_name in topics.TYPES.values():
         with suppress(GraphError):  # reported where a topic of the type is found
             graph.message_class(type_name)

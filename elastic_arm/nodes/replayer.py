@@ -36,10 +36,8 @@ PARAMETERS = {
 
 
 class Playback:
-    """The messages of a bag on a clock that runs faster or slower.
-
-    `next` is the message that comes next, None at the end.
-    """
+    """The messages of a bag, with a clock that may run faster or slower. `next` is the next
+    message, None at the end."""
 
     def __init__(self, messages: Iterator[Message]) -> None:
         self._messages = messages
@@ -48,7 +46,7 @@ class Playback:
         self._since: float | None = None
 
     def wait(self, now: float, rate: float) -> float:
-        """Return the seconds until the next message is due, zero or less when it is."""
+        """Return the seconds until the next message is due, zero or less if it is."""
         assert self.next is not None, "there is no next message"
         if self._since is not None:
             self._place_ns += (now - self._since) * rate * NANOSECONDS
@@ -56,7 +54,7 @@ class Playback:
         return (self.next.log_ns - self._place_ns) / NANOSECONDS / rate
 
     def take(self) -> Message:
-        """Return the next message and go on to the one behind it."""
+        """Return the next message and advance."""
         assert self.next is not None, "there is no next message"
         taken = self.next
         self.next = next(self._messages, None)
@@ -64,7 +62,7 @@ class Playback:
 
 
 class Replayer(ArmNode):
-    """Publishes the messages of a bag in the rhythm of their recording."""
+    """Publishes the messages of a bag at the intervals of their recording."""
 
     def __init__(self) -> None:
         super().__init__("replayer")
@@ -132,8 +130,8 @@ class Replayer(ArmNode):
         return outputs
 
     def _placed(self, topic: str) -> str:
-        """Return where a topic of the bag is played: within this node's namespace, in which it may
-        lie already."""
+        """Return the name under which a topic of the bag is published: in the namespace of this
+        node, which its name may already contain."""
         namespace = self.get_namespace().rstrip("/")
         return topic if topic.startswith(f"{namespace}/") else namespace + topic
 
@@ -147,7 +145,8 @@ class Replayer(ArmNode):
         )
 
     def _settled(self) -> bool:
-        """Return whether somebody listens, and others have had the time to be found too."""
+        """Return whether there is a subscriber, and other subscribers have had time to be
+        discovered."""
         if not self._wait:
             return True
         if not self._listened():
@@ -165,7 +164,7 @@ class Replayer(ArmNode):
         self._sent += 1
 
     def _end(self) -> None:
-        """Begin again, or have done once the peers have taken what they were sent."""
+        """Start again, or finish when the subscribers have received everything."""
         self._rounds += 1
         if self.get_parameter("loop").value:
             self._begin()

@@ -1,4 +1,4 @@
-"""`ros2 run elastic_arm simulator`: an arm that moves, measured a thousand times a second."""
+"""`ros2 run elastic_arm simulator`: a simulated arm, measured a thousand times per second."""
 
 import sys
 import time
@@ -107,11 +107,12 @@ PARAMETERS = {
 
 
 class Pace:
-    """A schedule of steps `1 / rate` of simulated time apart, run at `factor` times real time.
+    """A schedule of steps at intervals of `1 / rate` of simulated time, at `factor` times real
+    time.
 
-    A late step is caught up on: the schedule is of absolute times, so delays do not add up. Only
-    after falling behind by more than `patience` seconds is the schedule moved, which
-    :attr:`slipped` counts.
+    Late steps are caught up: the schedule consists of absolute times, so delays do not accumulate.
+    Only if the delay exceeds `patience` seconds is the schedule shifted, which :attr:`slipped`
+    counts.
     """
 
     def __init__(self, rate: float, factor: float = 1.0, patience: float = 0.5) -> None:
@@ -124,18 +125,18 @@ class Pace:
         self._steps = 0
 
     def set_factor(self, factor: float) -> None:
-        """Go on at another speed."""
+        """Continue at another speed."""
         self._interval = 1.0 / (self.rate * factor)
 
     def wait(self, now: float) -> float:
-        """Return the seconds until the next step is due; zero or less when it is."""
+        """Return the seconds until the next step is due; zero or less if it is."""
         if self._due is None:
             self._due = now
             self._window = (now, 0)
         return self._due - now
 
     def stepped(self, now: float) -> None:
-        """Note that a step was made."""
+        """Register that a step was made."""
         assert self._due is not None, "wait() comes before stepped()"
         self._steps += 1
         self._due += self._interval
@@ -144,12 +145,12 @@ class Pace:
             self._due = now
 
     def hold(self, now: float) -> None:
-        """Stand still until `now`: what was due before is due from here on, without a slip."""
+        """Pause until `now`: steps that were due earlier are due from then on, without a slip."""
         if self._due is not None:
             self._due = max(self._due, now)
 
     def achieved(self, now: float) -> float:
-        """Return the steps per real second since the last call, over the rate set.
+        """Return the steps per real second since the last call, relative to the set rate.
 
         1 before the first step.
         """
@@ -213,7 +214,7 @@ class SimulatorNode(ArmNode):
         return Simulator(robot, settings, rng=np.random.default_rng(wanted.seed), q0=self._start)
 
     def _publish_setup(self, names: list[str], real_time: bool) -> None:
-        """Make the publishers, and the forms of what they publish."""
+        """Create the publishers, and the message forms that they publish."""
         zeros = array("d", bytes(8 * len(names)))
         std = array("d", [self._wanted.torque_noise] * len(names))
         header = Header(frame_id=f"{self.get_namespace().strip('/')}/base".lstrip("/"))
@@ -237,7 +238,7 @@ class SimulatorNode(ArmNode):
         self.output(topics.ROBOT_DESCRIPTION, String).publish(String(data=description))
 
     def close(self) -> None:
-        """Take the action out of the graph while the node is still there."""
+        """Remove the action from the graph while the node still exists."""
         self._action.destroy()
 
     def _start_clock(self, real_time: bool) -> None:
@@ -271,8 +272,8 @@ class SimulatorNode(ArmNode):
         return self._pace.wait(time.monotonic())
 
     def _skip(self, steps: int) -> None:
-        """Move on without publishing: real time does not wait for a process that was held up, and
-        nor does an arm."""
+        """Advance without publishing, because real time does not wait for a process that was
+        delayed, and neither does an arm."""
         rows = [self._reference.at(self._step + k) for k in range(steps)]
         self._arm.follow(*(np.array(values) for values in zip(*rows, strict=True)))
         self._step += steps
@@ -289,8 +290,7 @@ class SimulatorNode(ArmNode):
         self._action.observe(stamp, row, measured["theta"][0], measured["dtheta"][0])
 
     def _stream_is_behind(self, now: float) -> bool:
-        """Return whether to wait until more of the reference arrives: in real time only while
-        catching up."""
+        """Return whether to wait for more of the reference; in real time only while catching up."""
         if not self._reference.stream.starving():
             self._waited = now
             return False
@@ -306,7 +306,7 @@ class SimulatorNode(ArmNode):
         return True
 
     def _now(self) -> Time:
-        """Return the arm's time: that of its last sample where it has a clock of its own."""
+        """Return the time of the arm: that of its last sample if it has its own clock."""
         if self._clock_output is None:
             return self.get_clock().now().to_msg()
         return stamp_of(self._origin_ns + (self._step - 1) * self._step_ns)
@@ -316,7 +316,7 @@ class SimulatorNode(ArmNode):
             self._clock_output.publish(self._clock_form.filled(stamp))
 
     def _standing(self) -> Follower:
-        """Return what holds the arm at its initial position."""
+        """Return a reference that holds the arm at its initial position."""
         return Follower(
             self._arm.nominal, self._start, self._origin_ns, self._step_ns, self._wanted.limits
         )
@@ -327,14 +327,14 @@ class SimulatorNode(ArmNode):
         return "the arm is at rest at its initial position"
 
     def _obey(self, message: JointState) -> None:
-        """Take what a controller commands in one cycle, as ros2_control's topic-based system sends
-        it."""
+        """Accept the command of one controller cycle, as the topic-based system of ros2_control
+        sends it."""
         if (goal := commanded(message, self._wanted.command_period)) is not None:
             self._reference.obey(goal)
 
     def _take_points(self, take: Callable[[Any], Goal | None], topic: str, message: Any) -> None:
-        """Take streamed points or a goal; what cannot be followed is refused, and the arm goes on
-        as before."""
+        """Accept streamed points or a goal; what cannot be followed is refused, and the arm
+        continues as before."""
         try:
             goal = take(message)
         except GraphError as error:
@@ -351,7 +351,7 @@ class SimulatorNode(ArmNode):
             )
 
     def _change(self, parameters: Sequence[Parameter]) -> SetParametersResult:
-        """Change the speed or the effects while running."""
+        """Change the speed or the effects during the simulation."""
         for parameter in parameters:
             if parameter.name == "real_time_factor":
                 if self._clock_output is None and parameter.value != 1.0:

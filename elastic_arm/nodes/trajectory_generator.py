@@ -1,4 +1,4 @@
-"""`ros2 run elastic_arm trajectory_generator`: streams an excitation on `/reference`."""
+"""`ros2 run elastic_arm trajectory_generator`: stream an excitation on `/reference`."""
 
 import sys
 import time
@@ -57,9 +57,9 @@ GENTLE = 0.5
 
 
 class Plan:
-    """The approach to a trajectory's start, and the trajectory, one or more times.
+    """The approach to the start of a trajectory, and the trajectory, one or more times.
 
-    position: (n,) where the arm stands.
+    position: (n,) present position of the arm.
     """
 
     def __init__(
@@ -104,9 +104,9 @@ class Plan:
 
 
 class TrajectoryGenerator(ArmNode):
-    """Waits for the arm, moves it to the start and streams the trajectory.
+    """Waits for the arm, moves it to the start, and streams the trajectory.
 
-    The stream is a little ahead of time.
+    The stream is slightly ahead of time.
     """
 
     def __init__(self) -> None:
@@ -126,7 +126,7 @@ class TrajectoryGenerator(ArmNode):
         Health(self, "stream", "streaming", self._status)
 
     def _wait(self) -> None:
-        """Wait for an arm, to begin where it stands."""
+        """Wait for an arm, to begin at its position."""
         self._plan: Plan | None = None
         self._prepared_ns = self._start_ns = self._sent = 0
         self._matched: float | None = None
@@ -164,7 +164,7 @@ class TrajectoryGenerator(ArmNode):
         return self._all_sent() and self.get_clock().now().nanoseconds > self._time(self._sent)
 
     def _found(self, message: JointState) -> None:
-        """Note where the arm stands."""
+        """Store the position of the arm."""
         if not message.position or self._names:
             return
         self._trouble = self._wrong_clock(message) or self._no_position(message)
@@ -173,7 +173,7 @@ class TrajectoryGenerator(ArmNode):
             self._position = np.array(message.position)
 
     def _wrong_clock(self, message: JointState) -> GraphError | None:
-        """Return what is wrong where the arm and this node do not go by the same clock."""
+        """Return the problem if arm and node do not use the same clock."""
         remedy = "A simulator that does not run in real time publishes /clock."
         now = self.get_clock().now().nanoseconds
         offset = (nanoseconds(message.header.stamp) - now) / NANOSECONDS
@@ -190,7 +190,7 @@ class TrajectoryGenerator(ArmNode):
         return None
 
     def _no_position(self, message: JointState) -> GraphError | None:
-        """Return what is wrong where a message does not say where each joint stands."""
+        """Return the problem if a message does not contain the position of each joint."""
         said = f"{graph.resolved(self, topics.MOTOR_STATES)} holds"
         joints = len(message.name)
         remedy = "Check it with `ros2 topic echo`: the motion starts at the position of the arm."
@@ -206,7 +206,7 @@ class TrajectoryGenerator(ArmNode):
         return None
 
     def _prepare(self) -> None:
-        """Plan the motion as soon as it is known where the arm stands."""
+        """Plan the motion as soon as the position of the arm is known."""
         if (
             self._trouble is not None
             and time.monotonic() - self._born > PATIENCE * graph.slowness()
@@ -229,7 +229,7 @@ class TrajectoryGenerator(ArmNode):
         self._prepared_ns = self.get_clock().now().nanoseconds
 
     def _start(self) -> None:
-        """Fix the time of the first point, once the arm listens and the clock is a fresh one."""
+        """Set the time of the first point, once the arm listens and the clock is current."""
         assert self._plan is not None
         now = self.get_clock().now().nanoseconds
         if not self._settled() or now == self._prepared_ns:
@@ -242,8 +242,8 @@ class TrajectoryGenerator(ArmNode):
         )
 
     def _settled(self) -> bool:
-        """Return whether the arm reads the reference: its own node, or whoever has done so for a
-        while."""
+        """Return whether the arm reads the reference: its own node, or a subscriber that has done
+        so for a while."""
         readers = self.get_subscriptions_info_by_topic(self._publisher.topic_name)
         if not readers or not self._publisher.get_subscription_count():
             self._matched = None

@@ -1,8 +1,8 @@
-"""Where the numbers lie in a CDR message, so that thousands of equal layout are read, or written,
-at once.
+"""Locate the numbers in CDR messages, so that thousands of messages with equal layout are read or
+written at once.
 
-The lengths of its sequences and strings alone decide where everything in a message lies. The layout
-of one message is found by walking its type; every message with the same lengths has the same
+The layout of a message depends only on the lengths of its sequences and strings. The layout of one
+message is found by walking through its type. All messages with the same lengths have the same
 layout, which is checked over whole arrays.
 """
 
@@ -37,7 +37,7 @@ _NUMBERS = {
 
 @dataclass(frozen=True)
 class Numbers:
-    """A field of numbers: where it begins in the message, its type, how many."""
+    """A field of numbers: its position in the message, type and count."""
 
     at: int
     dtype: np.dtype
@@ -46,7 +46,7 @@ class Numbers:
 
 @dataclass
 class Layout:
-    """Where everything lies in a message."""
+    """The positions of all fields of a message."""
 
     size: int  # length of the message in bytes
     # by path: `header.stamp.sec`, `position`, `points.0.velocities`
@@ -60,7 +60,7 @@ class Layout:
     words: list[tuple[int, str, int]] = field(default_factory=list)
 
     def learn(self, pattern: memoryview) -> None:
-        """Keep what `pattern`, a message of this layout, has in its fixed bytes."""
+        """Store the fixed bytes of `pattern`, a message with this layout."""
         merged: list[tuple[int, int]] = []
         for begin, end in sorted(self.fixed):
             if merged and merged[-1][1] == begin:
@@ -75,7 +75,7 @@ class Layout:
                 begin += width
 
     def matches(self, spans: Spans) -> NDArray[np.bool_]:
-        """(N,) True for the messages that have this layout and these names."""
+        """Return which messages (N,) have this layout and these names."""
         # Only messages of this length reach as far as the words.
         same: NDArray[np.bool_] = spans.size == self.size
         if same.all():
@@ -108,7 +108,8 @@ class Layout:
 
 
 def layout_of(data: memoryview, type_name: str, types: Typesdict | None = None) -> Layout:
-    """Find the layout of one message, of a type among those given, or else among the known ones."""
+    """Return the layout of one message, whose type is among the given types or otherwise the known
+    ones."""
     if len(data) < _ORIGIN or data[0] != 0 or data[1] not in (0, 1):
         raise RecordingError(
             f"a {type_name} message is not plain CDR", "Record with serialization format cdr."
@@ -132,7 +133,7 @@ def layout_of(data: memoryview, type_name: str, types: Typesdict | None = None) 
 
 
 class Layouts:
-    """The layouts met so far among the messages of one type."""
+    """The layouts found so far among the messages of one type."""
 
     def __init__(self, type_name: str, types: Typesdict) -> None:
         self.type_name = type_name
@@ -142,7 +143,7 @@ class Layouts:
         self._walked = 0
 
     def groups(self, spans: Spans) -> Iterator[tuple[Layout, Offsets | None]]:
-        """Yield the layouts among messages, each with their indices.
+        """Yield the layouts among messages, each with the indices of its messages.
 
         None stands for all messages.
         """
@@ -159,7 +160,7 @@ class Layouts:
             left = left[~match]
 
     def _of(self, one: Spans) -> Layout:
-        """Return the layout of one message: a known one, or a new one by walking it."""
+        """Return the layout of one message: a known one, or a new one."""
         pattern = one.message(0)
         known = self.known.setdefault(len(pattern), [])
         for layout in known:
@@ -184,7 +185,7 @@ class Layouts:
 
 
 class _Walker:
-    """Walks one message by its type and notes where things lie."""
+    """Walks through one message by its type and records the positions."""
 
     def __init__(self, data: memoryview, types: Typesdict, order: Literal["<", ">"]) -> None:
         self.data = data

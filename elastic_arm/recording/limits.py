@@ -1,8 +1,8 @@
-"""How much memory a bag may take, whatever it claims: stated here, and in part configurable by the
-environment.
+"""Limits on the memory that a bag may use, whatever sizes it states; some can be set by environment
+variables.
 
-`$ELASTIC_ARM_MAX_CHUNK_MB` bounds what one chunk may unpack to, `$ELASTIC_ARM_MAX_UNPACKED_MB` what
-one file may.
+`$ELASTIC_ARM_MAX_CHUNK_MB` limits the unpacked size of a chunk, `$ELASTIC_ARM_MAX_UNPACKED_MB` that
+of a file.
 """
 
 import os
@@ -39,12 +39,12 @@ RECORD_BYTES = 50
 
 
 def chunk_bytes() -> int:
-    """Return how many bytes one chunk may unpack to, and one message of a database may have."""
+    """Return the largest unpacked size of a chunk, and of a message in a database."""
     return _configured("ELASTIC_ARM_MAX_CHUNK_MB", CHUNK_MB)
 
 
 def unpacked_bytes() -> int:
-    """Return how many bytes all that is packed in a file may unpack to."""
+    """Return the largest unpacked size of a file."""
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     return _configured(
         "ELASTIC_ARM_MAX_UNPACKED_MB", max(int(MEMORY_SHARE * memory) // MEGABYTE, CHUNK_MB)

@@ -1,12 +1,15 @@
-"""The torque that a described controller makes of recorded commands and states, where no torque was
-recorded,
+"""Compute the motor torque from recorded commands and states with the described controller, for
+recordings without torques.
 
-    tau_m = limit(kp (r(t - d) - q) + kd (dr(t - d) - dq) + ki int(r - q) + feed-forward),
+    tau_m = limit(kp (r(t - d) - q) + kd (dr(t - d) - dq) + ki int(r - q) + feed-forward)
 
-a dead band taken off the error r - q where kp has one, and all but the damping within the limit of
-a servo's duty, less what its supply sags. Angles between samples are those of cubic
-splines. A held command is the mean, over the last interval of commands, of the motion that commands
-are samples of: within the band, that is what holding does.
+If the controller has a dead band, it is subtracted from the error r - q to which kp applies. If a
+servo states its electrics, everything except the damping is within the limit of its duty, reduced
+by the sag of its supply.
+
+Cubic splines give the angles between samples. A held command is the mean, over the last interval
+between commands, of the motion whose samples are the commands: within the band, this equals
+holding.
 """
 
 from collections.abc import Sequence
@@ -26,7 +29,7 @@ FEWEST = 12  # samples and commands of which anything is made
 
 
 def is_commanded(recording: Recording) -> bool:
-    """Whether a recording holds positions and commands, and no torque."""
+    """Return whether a recording contains positions and commands but no torque."""
     measured = recording.measured().values()
     reference = recording.reference
     if (
@@ -40,10 +43,12 @@ def is_commanded(recording: Recording) -> bool:
 
 
 def at_common_gain(robot: Robot, recordings: Sequence[Recording]) -> Robot:
-    """Return an arm whose servos state the firmware gain for which their kp holds: the one of all
-    recordings of which torques are made, where the description states none.
+    """Return an arm whose servos state the firmware gain to which their kp belongs.
 
-    Raises a RobotError if those recordings of such a servo have different gains.
+    If the description does not state it, it is the common firmware gain of all recordings whose
+    torques are computed.
+
+    Raises a RobotError if these recordings have different gains.
     """
     for joint in robot.joints:
         stated = joint.controller
@@ -56,7 +61,7 @@ def at_common_gain(robot: Robot, recordings: Sequence[Recording]) -> Robot:
             listed_gains = " and ".join(f"{gain:g}" for gain in gains)
             raise RobotError(
                 f"the recordings have the firmware gains {listed_gains} at {joint.name}, and the"
-                " description does not state the one for which its kp holds",
+                " description does not state the one to which its kp belongs",
                 "State it: `firmware_gain` of the controller in an arm file, or <numeric"
                 f' name="firmware_gain:{joint.name}" data="{gains[0]:g}"/> in <custom> of an MJCF',
             )
@@ -66,13 +71,12 @@ def at_common_gain(robot: Robot, recordings: Sequence[Recording]) -> Robot:
 
 
 def with_made_torque(recording: Recording, robot: Robot) -> Recording:
-    """Return a recording with the motor torques that described controllers make.
+    """Return a recording with motor torques that the described controllers compute from commands
+    and positions.
 
-    They make them of commands and positions.
-
-    Any other recording is returned as it is. The reference becomes the command as the drives take
-    it, at the stamps of the positions; what lies before the first command and after the last is
-    left out.
+    Any other recording is returned unchanged. The reference becomes the command as the drives
+    receive it, at the stamps of the positions; samples before the first command and after the last
+    one are removed.
     """
     side = recording.motor
     if side is None or side.position is None:
@@ -130,13 +134,13 @@ def with_made_torque(recording: Recording, robot: Robot) -> Recording:
 
 
 def _is_told(reference: Side, controller: JointController, i: int) -> bool:
-    """Whether the commands hold what a controller follows."""
+    """Return whether the commands contain the quantities that a controller follows."""
     needed = reference.velocity if controller.mode == "velocity" else reference.position
     return needed is not None and bool(joints_with(needed)[i])
 
 
 class _Command:
-    """The command of a joint as its controller takes it, over time."""
+    """The command of a joint over time, as its controller receives it."""
 
     def __init__(
         self, reference: Side, given: Array, i: int, controller: JointController, start: float
@@ -175,11 +179,9 @@ class _Command:
 def _torque(
     controller: JointController, command: _Command, t: Array, angle: Array, forward: Array
 ) -> Array:
-    """Return the torque (N,) of a joint, each sample the mean over its interval, Nm."""
-    (kp, kd, ki), limit = (
-        controller.gains,
-        np.inf if controller.torque is None else controller.torque,
-    )
+    """Return the torque (N,) of a joint, Nm; each sample is the mean over its interval."""
+    kp, kd, ki = controller.gains
+    limit = np.inf if controller.torque is None else controller.torque
     q = CubicSpline(t, angle)
     step = float(np.median(np.diff(t)))
     at = t[:, None] + step * ((np.arange(FINER) + 0.5) / FINER - 0.5)
@@ -196,8 +198,8 @@ def _torque(
 def _fed_forward(
     robot: Robot, t: Array, r: Array, controllers: list[JointController]
 ) -> dict[str, Array]:
-    """Return what is fed forward of a command (N, n) by the name of it, Nm: as if link and motor
-    turned alike."""
+    """Return the feed-forward torque of the named kind for a command (N, n), Nm, as if link and
+    motor moved together."""
     found = {"none": np.zeros_like(r)}
     if all(controller.feedforward == "none" for controller in controllers):
         return found

@@ -1,4 +1,4 @@
-"""From bags to recordings."""
+"""Read bags as recordings."""
 
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -65,17 +65,17 @@ class Content:
 
     @property
     def share(self) -> float:
-        """How much of the bags has been read, as far as they say how much they hold."""
+        """How much of the bags has been read, as far as they state their size."""
         return min(self.messages / (self.promised or self.messages or 1), 1.0)
 
     def decoded(self) -> Self:
-        """Turn what was decoded since the last time into series; return itself."""
+        """Convert the messages decoded since the last call to series; return itself."""
         self.series = {topic: decoder.series() for topic, decoder in self.decoders.items()}
         self.decoders = {}
         return self
 
     def take(self, file: BagFile, block: McapBlock, wanted: Collection[str]) -> None:
-        """Decode the wanted topics of a block; the messages of the others are counted alone."""
+        """Decode the wanted topics of a block; count the messages of the others."""
         for channel, count in block.counts().items():
             topic = file.topic(channel)
             self.topics[topic.name] = topic.type_name
@@ -136,10 +136,11 @@ def contents(
     strict: bool = True,
     most: float = np.inf,
 ) -> Iterator[Content]:
-    """Yield the topics of bags, parts of one recording, or those `wanted`, with their series.
+    """Yield the topics of bags that are parts of one recording, or the topics `wanted`, with their
+    series.
 
-    Whenever it has grown by `most` messages, and at the end. With `strict` a damaged chunk raises,
-    otherwise it is skipped and noted.
+    They are yielded after every `most` messages and at the end. With `strict`, a damaged chunk is
+    an error; otherwise it is skipped and noted.
     """
     paths = [path] if isinstance(path, str | Path) else list(path)
     if not paths:
@@ -183,12 +184,13 @@ def read_parts(
     namespace: str | None = None,
     most: float = PART,
 ) -> Iterator[tuple[Recording, float]]:
-    """Read a bag as :func:`read_recording` does, in parts of so many messages.
+    """Read a bag as :func:`read_recording` does, in parts of `most` messages.
 
-    Yields each part and the share that is read.
+    Yields each part and the share of the bag that has been read.
 
-    A bag of fewer is one part. Parts of a longer one that lack a topic of the first are left out,
-    and those after a clock was set back come a second after what was before, as within a part.
+    A bag with fewer messages is one part. Parts that lack a topic of the first part are left out.
+    If the clock was set back between parts, the later part begins one second after the earlier one,
+    as it does within a part.
     """
     topics: set[str] = set()
     end: int | None = None
@@ -207,8 +209,7 @@ def read_parts(
 def choose_namespace(bags: Sequence[Bag], wanted: str | None = None) -> str:
     """Return the namespace of the arm to read, "" for the root.
 
-    Where none is asked for, it is that of the topics without a namespace if they are there, and
-    otherwise the only one that holds states.
+    By default, it is the root if it contains states, and otherwise the only namespace that does.
     """
     found = sorted(
         {
@@ -252,9 +253,9 @@ def recording_of(
     *,
     arrival: bool = False,
 ) -> tuple[Recording, list[Finding]]:
-    """Return the recording of decoded topics, and what was assumed or mended.
+    """Return the recording of decoded topics, and the assumptions and corrections.
 
-    Its notes state that, too.
+    Its notes state them as well.
     """
     source = content.source
     series = content.series
@@ -350,8 +351,8 @@ def _place_torques(
     joints: tuple[str, ...],
     found: list[Finding],
 ) -> tuple[Side | None, Side | None]:
-    """Decide what /joint_states.effort measured, and take torques that stand in /joint_torques
-    alone."""
+    """Decide whether /joint_states.effort is the joint torque or the motor torque, and use torques
+    that only /joint_torques contains."""
     torques = series.get(JOINT_TORQUES)
     sensed, driven = (
         _side(torques, joints, {"effort": name}, found) for name in ("joint_torque", "motor_torque")
@@ -424,7 +425,7 @@ def _joints(
 
 
 def _number_at_end(name: str) -> str:
-    """Return the digits at the end of a name; nothing where they are too many to count joints."""
+    """Return the digits at the end of a name; empty if there are too many to count joints."""
     # From the end, as a search from the start would look through each run of digits once for every
     # digit of it.
     found = re.match(r"\d*", name[::-1])
@@ -433,7 +434,7 @@ def _number_at_end(name: str) -> str:
 
 
 def urdf_joints(urdf: str | None) -> list[str]:
-    """Return the names of all joints of a URDF; none if there is no readable one."""
+    """Return the names of all joints of a URDF; empty if it cannot be read."""
     try:
         return [
             joint.get("name", "") for joint in ElementTree.fromstring(urdf or "").findall("joint")
@@ -445,8 +446,8 @@ def urdf_joints(urdf: str | None) -> list[str]:
 def _side(
     series: Series | None, joints: tuple[str, ...], paths: dict[str, str], found: list[Finding]
 ) -> Side | None:
-    """Build a side from the messages that hold the joints, joined where several kinds have a part
-    of them each."""
+    """Build a side from the messages that contain the joints; several kinds of messages are joined
+    if each contains only some."""
     if series is None:
         return None
     side: Side | None = None
@@ -496,7 +497,7 @@ def _side(
 
 
 def _reference(series: Series | None, joints: tuple[str, ...], found: list[Finding]) -> Side | None:
-    """Build the reference; it is no measurement, so a useless one is left out with a note."""
+    """Build the reference. It is not a measurement, so an unusable one is left out with a note."""
     if series is None:
         return None
     try:

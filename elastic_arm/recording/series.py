@@ -1,4 +1,4 @@
-"""The messages of one topic as arrays, decoded block by block straight into these."""
+"""The messages of one topic as arrays, decoded block by block."""
 
 from __future__ import annotations
 
@@ -36,15 +36,16 @@ class Piece:
     values: dict[str, Array]  # By field path: (m, columns)
 
     def whole(self) -> bool:
-        """Whether these are all messages from the first to the last."""
+        """Return whether these are all messages from the first to the last."""
         return len(self.rows) > 0 and self.rows[-1] - self.rows[0] == len(self.rows) - 1
 
     def has(self, path: str) -> bool:
-        """Whether these messages carry numbers in field `path`."""
+        """Return whether these messages contain numbers in field `path`."""
         return path in self.values and self.values[path].shape[1] > 0
 
     def finite(self) -> NDArray[np.bool_]:
-        """Return which messages (m,) hold no number that is none, but in columns that mostly do."""
+        """Return which messages (m,) contain only finite numbers, apart from columns that are
+        mostly non-finite."""
         good = np.ones(len(self.rows), np.bool_)
         for values in self.values.values():
             each = np.isfinite(values)
@@ -54,7 +55,7 @@ class Piece:
 
 @dataclass
 class Series:
-    """All messages of one topic, as pieces of one layout each; nearly always there is one alone."""
+    """All messages of one topic, as one piece per layout; usually there is only one."""
 
     topic: str
     type_name: str
@@ -62,13 +63,13 @@ class Series:
     count: int = 0
 
     def by_arrival(self) -> Series:
-        """Return the series with the times of recording for stamps."""
+        """Return the series with the times of recording as stamps."""
         return replace(
             self, pieces=[replace(piece, stamp_ns=piece.log_ns) for piece in self.pieces]
         )
 
     def keep(self, wanted: Callable[[Piece], bool]) -> Series:
-        """Return the series of those messages alone whose piece is `wanted`."""
+        """Return the series of the messages whose piece is `wanted`."""
         kept = [piece for piece in self.pieces if wanted(piece)]
         if len(kept) == len(self.pieces):
             return self
@@ -81,7 +82,8 @@ class Series:
         return Series(self.topic, self.type_name, again, len(rows))
 
     def holding(self, joints: Sequence[str]) -> list[tuple[Series, list[str]]]:
-        """Return as few kinds of messages as name all joints, with the joints of each."""
+        """Return the smallest number of kinds of messages that name all joints, with the joints of
+        each."""
         counts: dict[frozenset[str], int] = {}
         for piece in self.pieces:
             own = frozenset(piece.names) & set(joints)
@@ -106,7 +108,7 @@ class Series:
     def fullest(self, paths: Iterable[str], found: list[Finding]) -> Series:
         """Return the series without messages that leave fields empty which others fill.
 
-        `found` gets a finding about them.
+        `found` receives a finding about them.
         """
         partly = [path for path in paths if len({piece.has(path) for piece in self.pieces}) > 1]
         full = self.keep(lambda piece: all(piece.has(path) for path in partly))
@@ -122,7 +124,7 @@ class Series:
 
     @cached_property
     def _in_order(self) -> tuple[Stamps, Rows | slice, list[Finding]]:
-        """Stamps in order, where their messages stand, and what had to be done."""
+        """The stamps in order, the positions of their messages, and the corrections."""
         for piece in self.pieces:
             if piece.stamp_ns is None:
                 raise RecordingError(
@@ -142,7 +144,7 @@ class Series:
         return stamp_ns, rows, found
 
     def _once(self, stamp_ns: Stamps, rows: Rows) -> tuple[Stamps, Rows, Finding]:
-        """Take one message of each stamp: the first that does not hold zeros alone."""
+        """Select one message per stamp: the first that does not contain only zeros."""
         paths = dict.fromkeys(
             path for piece in self.pieces for path in piece.values if piece.has(path)
         )
@@ -169,12 +171,12 @@ class Series:
 
     @property
     def findings(self) -> list[Finding]:
-        """What had to be done to bring the messages in order."""
+        """The corrections that brought the messages into order."""
         return self._in_order[2]
 
     @cached_property
     def order(self) -> Rows | slice:
-        """Where the used messages are, in order of stamps, or else of arrival."""
+        """The positions of the used messages, in order of stamps, or otherwise of arrival."""
         if all(piece.stamp_ns is not None for piece in self.pieces):
             return self._in_order[1]
         log_ns = self._gather(np.int64, lambda piece: piece.log_ns)
@@ -200,7 +202,7 @@ class Series:
         return list(dict.fromkeys(name for piece in self.pieces for name in piece.names))
 
     def has(self, path: str) -> bool:
-        """Whether any message carries numbers in field `path`."""
+        """Return whether any message contains numbers in field `path`."""
         return any(piece.has(path) for piece in self.pieces)
 
     def width(self, path: str) -> int:
@@ -210,10 +212,8 @@ class Series:
         )
 
     def columns(self, path: str, names: Sequence[str]) -> Array | None:
-        """Return field `path` of the named joints, (N, len(names)), or None.
-
-        None if no message carries it.
-        """
+        """Return field `path` of the named joints, (N, len(names)); None if no message contains
+        it."""
         if not self.has(path):
             return None
         wanted = tuple(names)
@@ -222,7 +222,7 @@ class Series:
         )[self.order]
 
     def column(self, path: str, index: int) -> Array:
-        """Return one column (N,) of field `path` by its place.
+        """Return one column (N,) of field `path` by its index.
 
         A RecordingError if a message has no such column.
         """
@@ -277,8 +277,8 @@ class Series:
 
 
 def _spread(series: Series, path: str) -> tuple[Callable[[Piece], Array], int]:
-    """Return what lays the columns of a piece in a table with NaN where it has none, and the width
-    of that."""
+    """Return a function that puts the columns of a piece into a table, with NaN for missing ones,
+    and the width of the table."""
     width = series.width(path)
 
     def part(piece: Piece) -> Array:
@@ -361,8 +361,8 @@ class Decoder:
 
 
 def _is_whole(part: cdr.Numbers | None) -> bool:
-    """Whether a part of a stamp is one whole number of at most 32 bits, as in ROS; a bag may define
-    it otherwise."""
+    """Return whether a part of a stamp is a single integer of at most 32 bits, as in ROS; a bag may
+    define it otherwise."""
     return (
         part is not None
         and part.count == 1
@@ -372,7 +372,7 @@ def _is_whole(part: cdr.Numbers | None) -> bool:
 
 
 class _DecodedColumns:
-    """The numbers of all messages of one layout; grows as they come."""
+    """The numbers of all messages of one layout; the arrays grow as messages arrive."""
 
     def __init__(self, layout: cdr.Layout, capacity: int) -> None:
         self.layout = layout
@@ -394,7 +394,7 @@ class _DecodedColumns:
             self.values[path] = np.empty((capacity, numbers.count), numbers.dtype)
 
     def append(self, spans: Spans, rows: Stamps, log_ns: Stamps) -> None:
-        """Decode messages; `rows` are their places among the topic's messages."""
+        """Decode messages; `rows` are their positions among the messages of the topic."""
         spot = slice(self.count, self.count + len(rows))
         self._reserve(spot.stop)
         self.columns["rows"][spot] = rows
@@ -410,8 +410,8 @@ class _DecodedColumns:
         self.count = spot.stop
 
     def piece(self) -> Piece:
-        """Return the messages as arrays, without a copy where they have the machine's own byte
-        order."""
+        """Return the messages as arrays, without a copy if they have the byte order of the
+        machine."""
         rows = self.columns["rows"][: self.count]
         log_ns = self.columns["log_ns"][: self.count]
         stamp_ns = self.columns["stamp_ns"][: self.count] if "stamp_ns" in self.columns else None

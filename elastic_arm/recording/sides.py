@@ -1,5 +1,5 @@
-"""The samples of an arm: one side of its joints, or both on one time base; and what joints are
-called."""
+"""The samples of an arm: one side of its joints, or both sides on one time base; and the names of
+joints."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ class Side:
         return {name: values for name in CHANNELS if (values := getattr(self, name)) is not None}
 
     def spread(self, places: Sequence[int], n: int) -> Side:
-        """Return the side of n joints of which these are some; the others hold NaN."""
+        """Return the side as one of n joints of which these are some; the others contain NaN."""
         wide = {}
         for name, values in self.channels().items():
             wide[name] = np.full((len(self), n), np.nan)
@@ -102,9 +102,9 @@ class Side:
 
 
 def joined_sides(parts: Sequence[Side]) -> Side:
-    """Return parts of one side as one, with the channels that all of them have.
+    """Join parts of one side, with the channels that all parts have.
 
-    Samples that are late are left out.
+    Late samples are left out.
     """
     stamps = np.concatenate([part.stamp_ns for part in parts])
     later = stamps > np.maximum.accumulate(np.concatenate([stamps[:1] - 1, stamps[:-1]]))
@@ -117,7 +117,7 @@ def joined_sides(parts: Sequence[Side]) -> Side:
 
 
 def _real(name: str, values: object) -> Array:
-    """Return numbers as an array of floats, NaN where an array is masked."""
+    """Return numbers as an array of floats, with NaN for masked ones."""
     try:
         masked = isinstance(values, np.ma.MaskedArray)
         found = np.ma.filled(values.astype(np.float64), np.nan) if masked else np.asarray(values)  # type: ignore[attr-defined]
@@ -131,7 +131,7 @@ def _real(name: str, values: object) -> Array:
 
 
 def _checked_stamps(values: object) -> Stamps:
-    """Return stamps as (N,) int64; whether they advance is for :class:`Recording` to say."""
+    """Return stamps as (N,) int64; :class:`Recording` checks whether they increase."""
     try:
         found = np.asarray(values)
     except ValueError:  # rows of unequal length
@@ -154,47 +154,53 @@ def _checked_stamps(values: object) -> Stamps:
 
 
 def joints_with(values: Array) -> NDArray[np.bool_]:
-    """Return which joints (n,) have a channel (N, n): others hold NaN throughout."""
+    """Return which joints (n,) have a channel (N, n); others contain NaN throughout."""
     if len(values) and not np.isnan(values[0]).any():
         return np.ones(values.shape[1], np.bool_)
     return np.asarray(~np.isnan(values).all(axis=0))
 
 
 def short_names(names: Sequence[str]) -> list[str]:
-    """Return names without the longest common beginning that ends with a mark such as `_`.
+    """Return names without their longest common prefix that ends with a mark such as `_`.
 
-    Each keeps a letter.
+    Each keeps at least one letter.
     """
-    ends = [match.end() for match in re.finditer(r"[_./-]", min(names, key=len, default=""))]
-    cut = [end for end in ends if len({name[:end] for name in names}) == 1]
-    whole = [end for end in cut if all(re.search("[a-zA-Z]", name[end:]) for name in names)]
-    return [name[whole[-1] if whole else 0 :] for name in names]
+    begin = 0
+    for mark in re.finditer(r"[_./-]", min(names, key=len, default="")):
+        end = mark.end()
+        common = len({name[:end] for name in names}) == 1
+        if common and all(re.search("[a-zA-Z]", name[end:]) for name in names):
+            begin = end
+    return [name[begin:] for name in names]
 
 
 def matched_names(wanted: Sequence[str], recorded: Sequence[str]) -> list[str] | None:
-    """Return how recorded joints call the wanted ones; None where one is missing.
+    """Return the recorded names of the wanted joints; None if one is missing.
 
-    Names that are the same but for a prefix that all of one arm share (`fer_`, `panda_`) are those
-    of one joint, unless two arms have them.
+    Names that differ only by a prefix common to one arm (`fer_`, `panda_`) denote the same joint,
+    unless two arms have them.
     """
     if set(wanted) <= set(recorded):
         return list(wanted)
     short = short_names(wanted)
     begins = {name.removesuffix(short[0]) for name in recorded if name.endswith(short[0])}
-    arms = [[begin + name for name in short] for begin in begins if begin[-1:] in "_./-"]
-    found = [names for names in arms if set(names) <= set(recorded)]
+    found = []
+    for begin in begins:
+        names = [begin + name for name in short]
+        if begin[-1:] in "_./-" and set(names) <= set(recorded):
+            found.append(names)
     return found[0] if len(found) == 1 else None
 
 
 def listed(joints: Sequence[str], chosen: Any) -> str:
-    """Return the names of the chosen joints (n,), as a mask, or that they are all."""
+    """Return the names of the chosen joints (n,), given as a mask, or "all joints"."""
     return "all joints" if np.all(chosen) else ", ".join(np.array(joints)[chosen])
 
 
 def span_of(values: Array) -> str:
-    """Return the smallest and the largest of numbers as text.
+    """Return the smallest and the largest number as text.
 
-    One number where they are alike, nothing of none.
+    One number if they are equal, empty without numbers.
     """
     if not np.size(values):
         return ""

@@ -1,4 +1,4 @@
-"""Where messages lie among plain bytes, and whole columns of numbers at these places."""
+"""The positions of messages in plain bytes, and columns of numbers at these positions."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Offsets = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Spans:
-    """Messages among plain bytes."""
+    """Messages in plain bytes."""
 
     buffer: Bytes  # The bytes
     begin: Offsets | slice  # (N,) where each message begins; a slice where they are equally spaced
@@ -32,9 +32,9 @@ class Spans:
         return Spans(self.buffer, offsets_of(self.begin)[index], self.size[index])
 
     def in_a_row(self) -> Spans:
-        """Put messages of one size at irregular places in a row.
+        """Copy messages of one size at irregular positions into consecutive ones.
 
-        One copy spares gathering each field.
+        One copy is faster than gathering each field.
         """
         if len(self) < 2 or isinstance(self.begin, slice) or not (self.size == self.size[0]).all():
             return self
@@ -46,9 +46,9 @@ class Spans:
 
 
 def column(buffer: Bytes, dtype: str | np.dtype, offsets: Offsets | slice, at: int = 0) -> NDArray:
-    """Return the items that lie at the same distance behind each of some places.
+    """Return the items at a fixed distance after each of several positions.
 
-    A slice gives a strided view over the bytes (no copy), an index array a gathered copy.
+    A slice gives a strided view of the bytes (no copy), an index array a copy.
     """
     if isinstance(offsets, slice):
         # The same as a slice of all places, in one step: this is called some twenty times a chunk.
@@ -58,7 +58,7 @@ def column(buffer: Bytes, dtype: str | np.dtype, offsets: Offsets | slice, at: i
 
 
 def place(buffer: Bytes, offsets: Offsets | slice, at: int, items: NDArray) -> None:
-    """Put items into a buffer, each at the same distance behind its place."""
+    """Write items into a buffer, each at the same distance after its position."""
     _everywhere(buffer, items.dtype)[shifted(offsets, at)] = items
 
 
@@ -71,7 +71,7 @@ def _everywhere(buffer: Bytes, dtype: np.dtype) -> NDArray:
 
 
 def shifted(offsets: Offsets | slice, at: int) -> Offsets | slice:
-    """Return `offsets`, each `at` bytes further on."""
+    """Return `offsets`, each moved by `at` bytes."""
     if isinstance(offsets, slice):
         return slice(offsets.start + at, offsets.stop + at, offsets.step)
     return offsets + at
@@ -92,12 +92,12 @@ def progression(offsets: Offsets) -> Offsets | slice:
 
 
 def offsets_of(where: Offsets | slice) -> Offsets:
-    """Return what :func:`progression` may have made a slice of."""
+    """Return the offsets for a slice of :func:`progression`."""
     return np.arange(where.start, where.stop, where.step) if isinstance(where, slice) else where
 
 
 def by_value(values: NDArray) -> dict[int, NDArray[np.intp] | slice]:
-    """Return where each value is in an array, in order and in one pass."""
+    """Return the positions of each value in an array, in order and in one pass."""
     if not len(values):
         return {}
     if (values == values[0]).all():

@@ -1,5 +1,5 @@
-"""Standstill in a recording: what is left out, as it holds nothing that the motion around it does
-not."""
+"""Remove standstill from a recording, because it contains no information beyond the adjacent
+motion."""
 
 from dataclasses import replace
 from typing import Any
@@ -20,11 +20,10 @@ KEPT = 3.0
 
 
 def without_standstill(recording: Recording) -> Recording:
-    """Return a recording with holes where all joints stand still.
+    """Return a recording without the intervals in which all joints stand still.
 
-    :data:`KEPT` beside any motion is kept.
-
-    A note states how much that is. An arm that does not move at all keeps everything.
+    :data:`KEPT` before and after each motion is kept. A note states the removed duration. If the
+    arm never moves, nothing is removed.
     """
     spans = moving_spans(recording)
     if not len(spans):
@@ -40,16 +39,14 @@ def without_standstill(recording: Recording) -> Recording:
 
 
 def standing_note(source: str, rest: float, whole: float) -> str:
-    """Return in words how much of a recording is left out, s."""
+    """Return in words how many seconds of a recording are left out."""
     where = source or "the recording"
     return f"{where}: {rest:.0f} of {whole:.0f} s of standstill are excluded"
 
 
 def moving_spans(recording: Recording) -> Stamps:
-    """Return when the arm moves, (k, 2) ns, in order and apart.
-
-    What is kept around is included.
-    """
+    """Return the intervals in which the arm moves, (k, 2) ns, ordered and disjoint, with the kept
+    margins."""
     found = [
         _moving(side)
         for side in recording.measured().values()
@@ -59,7 +56,7 @@ def moving_spans(recording: Recording) -> Stamps:
 
 
 def within(recording: Recording, spans: Stamps) -> Recording:
-    """Return what lies in one of the spans (k, 2) ns, which are in order and apart."""
+    """Return the part of a recording within ordered, disjoint intervals (k, 2) ns."""
     cut: dict[str, Any] = {
         name: side.at(_within(side.stamp_ns, spans)) for name, side in recording.sides().items()
     }
@@ -67,7 +64,7 @@ def within(recording: Recording, spans: Stamps) -> Recording:
 
 
 def _moving(side: Side) -> Stamps:
-    """Return from when to when any joint moves, (k, 2) ns, with what is kept around."""
+    """Return the intervals in which any joint moves, (k, 2) ns, with the kept margins."""
     stamps = side.stamp_ns
     position = side.position
     assert position is not None
@@ -86,7 +83,7 @@ def _moving(side: Side) -> Stamps:
 
 
 def _joined(spans: Stamps) -> Stamps:
-    """Return spans (k, 2) in order, those that overlap as one."""
+    """Return intervals (k, 2) in order, with overlapping ones merged."""
     spans = spans[np.argsort(spans[:, 0])]
     ends = np.maximum.accumulate(spans[:, 1])
     first = np.concatenate([[True], spans[1:, 0] > ends[:-1]])[: len(spans)]

@@ -1,4 +1,4 @@
-"""From recordings to bags: arrays are laid into the bytes of many messages at once."""
+"""Write recordings as bags: arrays are written into the bytes of many messages at once."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _TORQUES = ("joint_torque", "motor_torque", "joint_torque_std", "motor_torque_st
 
 @dataclass(frozen=True)
 class Stream:
-    """The messages of one topic to be written: all alike but for stamps and numbers."""
+    """The messages of one topic to be written, which differ only in stamps and numbers."""
 
     topic: str  # its name
     stamp_ns: Stamps  # (N,) times of the messages
@@ -180,8 +180,8 @@ def _streams(recording: Recording, further: Mapping[str, Side]) -> list[Stream]:
 
 
 def _drawn(robot: Robot, recording: Recording, further: Mapping[str, Side]) -> list[Stream]:
-    """Return the streams with the arm's URDF, and where its links are; not that where an angle was
-    not recorded."""
+    """Return the streams with the arm's URDF and the positions of its links; without positions if
+    an angle was not recorded."""
     # Few bags are drawn, and what that takes is slow to import.
     from scipy.spatial.transform import Rotation
 
@@ -226,7 +226,7 @@ def _drawn(robot: Robot, recording: Recording, further: Mapping[str, Side]) -> l
 def _of_joints(
     topic: str, joints: list[str], stamp_ns: Stamps, fields: Sequence[str], values: dict[str, Array]
 ) -> Stream:
-    """Return messages that name joints, with numbers in those fields of which there are values."""
+    """Return messages that name joints, with numbers in the fields for which there are values."""
     blank = {name: np.zeros(len(joints) if name in values else 0) for name in fields}
     return Stream(
         topic, stamp_ns, _message(type_of(topic), header=_header(), name=joints, **blank), values

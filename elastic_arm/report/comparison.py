@@ -1,6 +1,7 @@
 """Sections of a comparison: a real and a simulated recording, channel by channel, and which effects
 are in which."""
 
+import numpy as np
 from matplotlib.figure import Figure as MplFigure
 
 from elastic_arm.diagnosis.comparison import SimulationComparison
@@ -45,14 +46,8 @@ def _differences(found: RecordingDifference) -> list[Text | Table | Figure]:
     tables: list[Table] = []
     for one in found.channels:
         unit = UNITS[one.channel]
-        rows = [
-            [
-                joint,
-                *(float(v[k]) for v in (one.rms, one.largest, one.mean, one.share)),
-                1e3 * float(one.lag[k]),
-            ]
-            for k, joint in enumerate(found.joints)
-        ]
+        numbers = np.column_stack([one.rms, one.largest, one.mean, one.share, 1e3 * one.lag])
+        rows = [[joint, *row] for joint, row in zip(found.joints, numbers.tolist(), strict=True)]
         header = [
             "joint",
             f"rms, {unit}",

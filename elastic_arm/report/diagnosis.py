@@ -1,6 +1,7 @@
 """The report of a gap diagnosis: verdict first, then where, which, how far, what next."""
 
 from collections.abc import Sequence
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -148,7 +149,8 @@ def _verdict(found: Diagnosis) -> list[Block]:
         blocks.append(Text(prediction_sentence(found, found.prediction)))
     others: list[list[object]] = []
     for cause in found.causes:
-        name, (likely, faint) = effect_at(cause.effect, cause.joint), listed_alternatives(cause)
+        name = effect_at(cause.effect, cause.joint)
+        likely, faint = listed_alternatives(cause)
         for a in likely:
             told = a.file or a.separated_by
             others.append(
@@ -210,10 +212,8 @@ def _where(found: Diagnosis) -> list[Block]:
 def _cause(found: Diagnosis, cause: Cause, k: int, context: DiagnosisContext) -> list[Block]:
     effect = cause.instance.effect
     row = _loudest(context, k)
-    side, joint = (
-        context.validate.layout.sides[row // len(found.joints)],
-        found.joints[row % len(found.joints)],
-    )
+    side = context.validate.layout.sides[row // len(found.joints)]
+    joint = found.joints[row % len(found.joints)]
     caption = (
         f"{joint}, {side} side, on validation data. Grey: residual of the uncorrected model."
         " Orange: contribution of this cause. Blue: residual after adding only this cause."
@@ -232,7 +232,8 @@ def _cause(found: Diagnosis, cause: Cause, k: int, context: DiagnosisContext) ->
 def _unexplained(found: Diagnosis, context: DiagnosisContext) -> list[Block]:
     rows = [[p.joint, p.side, p.regime.replace("_", " "), p.rmse] for p in found.unexplained]
     first = found.unexplained[0]
-    sides, n = context.validate.layout.sides, len(found.joints)
+    sides = context.validate.layout.sides
+    n = len(found.joints)
     row = sides.index(first.side) * n + found.joints.index(first.joint)
     added = "all causes together" if found.causes else None
     caption = f"{first.joint}, {first.side} side: the place with the largest remaining residual."
@@ -281,14 +282,16 @@ def _number(one: Imperfection) -> str:
 
 
 def _sizes(found: Diagnosis, context: DiagnosisContext | None) -> list[Block]:
-    shown = {" before": found.before, " after": found.after} if found.causes else {"": found.before}
-    rows = [
-        [j, s, found.noise[j, s], *(size.rmse[j, s] for size in shown.values()),
-         *(size.peak[j, s] for size in shown.values()), share_at(found, j, s)]
-        for j in found.joints
-        for s in figures.shown_sides(found)
-        if (j, s) in found.before.rmse
-    ]  # fmt: skip
+    shown = {"": found.before}
+    if found.causes:
+        shown = {" before": found.before, " after": found.after}
+    rows = []
+    for joint, side in product(found.joints, figures.shown_sides(found)):
+        if (joint, side) in found.before.rmse:
+            rmse = [size.rmse[joint, side] for size in shown.values()]
+            peak = [size.peak[joint, side] for size in shown.values()]
+            share = share_at(found, joint, side)
+            rows.append([joint, side, found.noise[joint, side], *rmse, *peak, share])
     header = [
         "joint",
         "side",
@@ -318,29 +321,16 @@ def _prediction(found: Diagnosis) -> list[Block]:
         " measured state and is driven by the measured motor torque. The root mean square of"
         " predicted minus measured angle shows over which horizon the model can be trusted."
     )
-    acting = any(cause.acts for cause in found.causes)
-    shown = (
-        {", before": prediction.before, ", after": prediction.after}
-        if acting
-        else {"": prediction.before}
-    )
-    header = [
-        "joint",
-        "angle",
-        *(f"{1e3 * h:g} ms{when}" for h in prediction.horizons for when in shown),
-    ]
-    rows = [
-        [
-            joint,
-            side,
-            *(
-                1e6 * size[joint, side][k]
-                for k in range(len(prediction.horizons))
-                for size in shown.values()
-            ),
-        ]
-        for joint, side in prediction.before
-    ]
+    shown = {"": prediction.before}
+    if any(cause.acts for cause in found.causes):
+        shown = {", before": prediction.before, ", after": prediction.after}
+    header = ["joint", "angle"]
+    for horizon in prediction.horizons:
+        header += [f"{1e3 * horizon:g} ms{when}" for when in shown]
+    rows = []
+    for joint, side in prediction.before:
+        errors = np.array([size[joint, side] for size in shown.values()])
+        rows.append([joint, side, *(1e6 * errors).T.ravel().tolist()])
     unit = found.units.over("µrad")
     drawing = Figure(figures.horizons(prediction, found.joints, unit))
     gone = [Text(prediction_sentence(found, prediction), "warn")] if prediction.reason else []
@@ -351,10 +341,15 @@ def _next(found: Diagnosis) -> list[Block]:
     proposal = found.proposal
     assert proposal is not None
     rows = [
-        [*(f"{effect} on {joint or 'whole arm'}" for effect, joint in (p.cause, p.alternative)),
-         log_likelihood_text(p.here), log_likelihood_text(p.expected), "yes" if p.decides else "no"]
-        for p in proposal.pairs
-    ]  # fmt: skip
+        [
+            effect_at(*pair.cause),
+            effect_at(*pair.alternative),
+            log_likelihood_text(pair.here),
+            log_likelihood_text(pair.expected),
+            pair.decides,
+        ]
+        for pair in proposal.pairs
+    ]
     header = ["cause", "alternative", "this recording", "proposed motion", "expected to separate"]
     caption = (
         f"Log-likelihood ratio between the two; from {DECISIVE:g} the recording separates them"
@@ -376,12 +371,12 @@ def _next(found: Diagnosis) -> list[Block]:
 
 
 def _regimes(found: Diagnosis, context: DiagnosisContext) -> Table:
-    places = [(s, j) for s in context.validate.layout.sides for j in found.joints]
+    places = product(context.validate.layout.sides, found.joints)
     names = list(context.regimes[0])
-    rows = [
-        [j, s, *(f"{100 * shares[name]:.0f} %" if shares[name] > 0.02 else "" for name in names)]
-        for (s, j), shares in zip(places, context.regimes, strict=True)
-    ]
+    rows = []
+    for (side, joint), shares in zip(places, context.regimes, strict=True):
+        cells = [f"{100 * shares[name]:.0f} %" if shares[name] > 0.02 else "" for name in names]
+        rows.append([joint, side, *cells])
     header = ["joint", "side", *(name.replace("_", " ") for name in names)]
     return Table(
         header,
@@ -403,19 +398,17 @@ def _grounds(found: Diagnosis) -> list[Block]:
             f"Causes are selected on all recordings, their sizes are estimated on {fitted}, and"
             f" the gap is measured on {judged}."
         )
-    return [
+    blocks: list[Block] = [
         Text(text),
         Text(f"Trust in the description: {trust_text(found.trust)}."),
-        *(
-            Text(note, "warn" if note == REPEATED_MOTION else "plain")
-            for note in merged_notes(found.notes)
-        ),
     ]
+    for note in merged_notes(found.notes):
+        blocks.append(Text(note, "warn" if note == REPEATED_MOTION else "plain"))
+    return blocks
 
 
 def _loudest(context: DiagnosisContext, k: int) -> int:
     """Return the row in which a cause does most."""
-    done = sum(
-        ((b - a) ** 2).sum(axis=0) for b, a in zip(context.before, context.alone[k], strict=True)
-    )
-    return int(np.argmax(done))
+    pairs = zip(context.before, context.alone[k], strict=True)
+    removed = [((before - alone) ** 2).sum(axis=0) for before, alone in pairs]
+    return int(np.argmax(np.sum(removed, axis=0)))

@@ -39,9 +39,8 @@ def times(ratio: float) -> str:
 
 def shown_sides(found: Diagnosis) -> tuple[str, ...]:
     """Return the sides of which some joint has a residual."""
-    return tuple(
-        side for side in SIDES if any((joint, side) in found.before.rmse for joint in found.joints)
-    )
+    compared = {side for _, side in found.before.rmse}
+    return tuple(side for side in SIDES if side in compared)
 
 
 def gap_map(found: Diagnosis) -> MplFigure:

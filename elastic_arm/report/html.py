@@ -70,16 +70,15 @@ class Table:
     def cells(self) -> list[list[tuple[str, str]]]:
         """Return each cell as (text, CSS class)."""
         numeric = self._numeric()
-        digits = (
-            [self.digits] * len(self.header) if isinstance(self.digits, int) else list(self.digits)
-        )
-        return [
-            [
-                (text := written(value, digits[k]), _class(text, value, numeric[k]))
-                for k, value in enumerate(row)
-            ]
-            for row in self.rows
-        ]
+        digits = self.digits
+        if isinstance(digits, int):
+            digits = [digits] * len(self.header)
+        found = []
+        for row in self.rows:
+            texts = [written(value, d) for value, d in zip(row, digits, strict=True)]
+            classes = map(_class, texts, row, numeric)
+            found.append(list(zip(texts, classes, strict=True)))
+        return found
 
     def _numeric(self) -> list[bool]:
         return [any(_is_number(row[k]) for row in self.rows) for k in range(len(self.header))]

@@ -389,7 +389,7 @@ class JointController:
             0.0 <= self.sag < 1.0 and (self.sag == 0.0 or self.stall is not None),
             f"sag of the controller is {self.sag:g}"
             + (" without a stall torque" if self.stall is None else ""),
-            "Give a share of 0 to 1 of the supply, and the stall torque beside it",
+            "Give a share of 0 to 1 of the supply voltage, together with the stall torque",
         )
         require(
             self.mode != "velocity" or self.kp == 0.0,

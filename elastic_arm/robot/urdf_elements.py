@@ -31,10 +31,8 @@ def parse(text: str | bytes) -> ET.Element:
             "; pysdf's sdf2urdf.py converts an SDF" if tree.tag == "sdf" else ""
         )
         raise RobotError(f"is not a URDF: its root element is <{tree.tag}>, not <robot>", remedy)
-    if any(
-        isinstance(e.tag, str) and e.tag.startswith(tuple(f"{{{ns}}}" for ns in _XACRO))
-        for e in tree.iter()
-    ):
+    macros = tuple(f"{{{namespace}}}" for namespace in _XACRO)
+    if any(isinstance(e.tag, str) and e.tag.startswith(macros) for e in tree.iter()):
         raise RobotError("contains xacro macros", "Expand them first: xacro FILE > arm.urdf")
     return tree
 

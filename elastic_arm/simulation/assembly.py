@@ -83,11 +83,10 @@ def assemble(
     if shape not in _known:
         # On disk an arm of its own is worth keeping; every arm with effects and numbers of its own
         # would fill it.
-        functions = (
-            _derive(equations, effect_set)
-            if instances
-            else cached_functions(shape, lambda: _derive(equations, effect_set), SOURCES)
-        )
+        if instances:
+            functions = _derive(equations, effect_set)
+        else:
+            functions = cached_functions(shape, lambda: _derive(equations, effect_set), SOURCES)
         named: dict[str, Any] = dict(zip(_DERIVED, functions, strict=True))
         _known[shape] = System(equations, effect_set, integrators={}, **named)
         if len(_known) > _MOST_KNOWN:

@@ -111,7 +111,8 @@ def controller_of(robot: Robot, *, model: str = "mod3", rate: float = 1000.0) ->
                 f"the duty of {joint.name} has a limit, which only MuJoCo simulates",
                 "Write a new MJCF with `elastic-arm export`, or state the controller without stall",
             )
-        (kp, kd, ki), limit = drive.gains, np.inf if drive.torque is None else drive.torque
+        kp, kd, ki = drive.gains
+        limit = np.inf if drive.torque is None else drive.torque
         stated = (kp, kd, ki, drive.delay, limit, drive.follows_rate, drive.dead_band)
         for name, value in zip(names, stated, strict=True):
             values[name][i] = value

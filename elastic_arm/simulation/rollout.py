@@ -95,12 +95,13 @@ def simulate(
     block = max(1, round(rate))
     parts = []
     for first in range(0, len(t), block):
-        parts.append(
-            simulator.follow(*(values[first : first + block] for values in (q, dq, ddq)))[1]
-        )
+        rows = slice(first, first + block)
+        parts.append(simulator.follow(q[rows], dq[rows], ddq[rows])[1])
         if progress is not None:
             progress(min(first + block, len(t)), len(t))
-    measured = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    measured = {}
+    for name in parts[0]:
+        measured[name] = np.concatenate([part[name] for part in parts])
     return record(simulator, t, measured, reference=(q, dq, ddq))
 
 

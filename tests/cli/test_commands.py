@@ -70,7 +70,8 @@ def test_describe_tells_joints_and_base_parameters() -> None:
 def test_a_rigid_arm_is_described_without_a_model(tmp_path: Path) -> None:
     """The parameters of a URDF, and of an arm file with armatures, are those of links: mod3 is not
     mentioned."""
-    urdf, rigid = tmp_path / "arm.urdf", tmp_path / "rigid.yaml"
+    urdf = tmp_path / "arm.urdf"
+    rigid = tmp_path / "rigid.yaml"
     urdf.write_text(to_urdf(load_robot()))
     joints = tuple(replace(joint, transmission=None, armature=0.1) for joint in load_robot().joints)
     save_robot(load_robot().with_(joints=joints), rigid)

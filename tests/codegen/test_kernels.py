@@ -36,8 +36,11 @@ def states() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def every_operation() -> ca.Function:
     """A function that uses all that the effects' laws may: branches, signs, hysteresis,
     saturation."""
-    x, p = ca.SX.sym("x", 3), ca.SX.sym("p", 2)
-    a, b, c = x[0], x[1], x[2]
+    x = ca.SX.sym("x", 3)
+    p = ca.SX.sym("p", 2)
+    a = x[0]
+    b = x[1]
+    c = x[2]
     parts = [
         ca.sin(a), ca.cos(b), ca.tan(c), ca.exp(a), ca.log(ca.fabs(b) + 1), ca.sqrt(ca.fabs(c)),
         ca.tanh(a * p[0]), ca.sinh(a), ca.cosh(b), ca.atan(c), ca.atan2(a, b), ca.asin(ca.tanh(a)),
@@ -65,7 +68,8 @@ def test_kernels_are_the_function(engine: str, samples: int) -> None:
     matrices included."""
     function = every_operation()
     kernel = kernels.compile(function, engine, shared=("p",))
-    x, p = np.random.default_rng(samples).normal(size=(samples, 3)), np.array([0.3, -0.2])
+    x = np.random.default_rng(samples).normal(size=(samples, 3))
+    p = np.array([0.3, -0.2])
     values, matrices = kernel(x, p)
     assert values.shape == (samples, function.size1_out(0)) and matrices.shape == (samples, 2, 3)
     for k in range(0, samples, max(1, samples // 20)):

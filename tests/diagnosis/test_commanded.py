@@ -23,23 +23,48 @@ STATED = 'kp="17.8" kv="0.6" joint="lift"'
 LIMIT = 'joint="lift" forcerange="-4 4"'
 
 
+# The effects of a servo; the whole catalogue takes half as long again.
+OF_SERVOS = [
+    "coulomb_friction",
+    "viscous_friction",
+    "stribeck_friction",
+    "payload",
+    "position_gain",
+    "velocity_gain",
+    "command_delay",
+    "torque_saturation",
+    "position_dead_band",
+    "integral_gain",
+]
+
+
 @pytest.fixture(scope="module")
 def nominal() -> MjcfArm:
     return servo_arm()
 
 
+@pytest.fixture(params=[OF_SERVOS, *nightly([None])], ids=["few", "all"])
+def effects(request: pytest.FixtureRequest) -> list[str] | None:
+    """The candidates: None for the whole catalogue."""
+    return request.param  # type: ignore[no-any-return]
+
+
 def answer(
-    nominal: MjcfArm, rate: float, bits: int, changes: dict[str, str] | None = None, late: int = 0
+    nominal: MjcfArm,
+    effects: list[str] | None,
+    recording: tuple[float, int],
+    changes: dict[str, str] | None = None,
+    late: int = 0,
 ) -> Diagnosis:
     true = servo_arm(changes)
-    runs = [recorded(true, rate, bits, seed=seed, late=late) for seed in (0, 1)]
-    return diagnose(runs[:1], Question(nominal.robot), runs[1:])
+    runs = [recorded(true, *recording, seed=seed, late=late) for seed in (0, 1)]
+    return diagnose(runs[:1], Question(nominal.robot, effects=effects), runs[1:])
 
 
-def test_a_clean_arm_has_no_cause(nominal: MjcfArm) -> None:
-    """Where arm and controllers are as described nothing is found, and the scale of torque is
+def test_a_clean_arm_has_no_cause(nominal: MjcfArm, effects: list[str] | None) -> None:
+    """If arm and controllers are as described, nothing is found, and the scale of torque is
     stated."""
-    found = answer(nominal, *SLOW)
+    found = answer(nominal, effects, SLOW)
     assert (found.verdict, found.causes) == ("none", ())
     assert set(found.torque_scale) == set(nominal.robot.joint_names)
     for joint, written in found.to_dict()["torque_scale"].items():
@@ -71,6 +96,7 @@ WEAK = {LIMIT: LIMIT.replace("4", "1.2")}
 )
 def test_what_is_withheld_is_named(
     nominal: MjcfArm,
+    effects: list[str] | None,
     changes: dict[str, str],
     late: int,
     wanted: tuple[str, str | None, str, float],
@@ -81,7 +107,7 @@ def test_what_is_withheld_is_named(
 
     MuJoCo's friction turns over within a millisecond, which the law's sign does not.
     """
-    found = answer(nominal, *recorded, changes, late)
+    found = answer(nominal, effects, recorded, changes, late)
     effect, joint, name, size = wanted
     cause, *rest = found.causes
     assert all(abs(other.shrink) < 0.02 for other in rest)
@@ -96,7 +122,9 @@ def test_what_is_withheld_is_named(
         *nightly([("ki", 15.0, "integral_gain")]),
     ],
 )
-def test_what_no_actuator_of_mujoco_has_is_named(number: str, size: float, effect: str) -> None:
+def test_what_no_actuator_of_mujoco_has_is_named(
+    effects: list[str] | None, number: str, size: float, effect: str
+) -> None:
     """A dead band and an integral of the controller are the one cause, right to 3 %; ki is no surer
     than its scale."""
     # Nm; an integral beside a torque at its limit would rest
@@ -106,7 +134,8 @@ def test_what_no_actuator_of_mujoco_has_is_named(number: str, size: float, effec
     changed = replace(drive, **{number: size})  # type: ignore[arg-type]
     true = replace(stated, robot=stated.robot.with_joint("lift", controller=changed))
     runs = [recorded(true, 50.0, 12, seed=seed) for seed in (0, 1)]
-    diagnosed = diagnose(runs[:1], Question(stated.robot, refit=True), runs[1:])
+    question = Question(stated.robot, refit=True, effects=effects)
+    diagnosed = diagnose(runs[:1], question, runs[1:])
     (cause,) = diagnosed.causes
     (found,) = cause.parameters.values()
     assert (cause.effect, cause.joint, found.value) == (
@@ -154,12 +183,15 @@ def test_a_joint_that_yields_behind_its_encoder_is_named(
     )
 
 
-def test_gains_that_are_off_together_are_a_scale_and_no_cause(nominal: MjcfArm) -> None:
+def test_gains_that_are_off_together_are_a_scale_and_no_cause(
+    nominal: MjcfArm, effects: list[str] | None
+) -> None:
     """kp and kd that are both 15 % higher are ordinary: the scale of that joint's torque, in the
     corrected arm, too."""
     true = servo_arm({STATED: 'kp="20.47" kv="0.69" joint="lift"'})
     runs = [recorded(true, 250.0, 17, seed=seed) for seed in (0, 1)]
-    found = diagnose(runs[:1], Question(nominal.robot, refit=True), runs[1:])
+    question = Question(nominal.robot, refit=True, effects=effects)
+    found = diagnose(runs[:1], question, runs[1:])
     (scale,) = [p for p in found.imperfections if (p.what, p.joint) == ("torque_scale", "lift")]
     assert (found.verdict, scale.value) == ("none", pytest.approx(1.15, abs=0.03))
     repaired = repaired_robot(nominal.robot, found).joints[1].controller
@@ -183,7 +215,7 @@ def test_nothing_anchors_the_scale_of_a_vertical_axis(nominal: MjcfArm) -> None:
     alone."""
     true = servo_arm()
     runs = [recorded(true, 50.0, 12, seed=seed) for seed in (0, 1)]
-    found = diagnose(runs[:1], Question(nominal.robot, refit=True), runs[1:])
+    found = diagnose(runs[:1], Question(nominal.robot, refit=True, effects=[]), runs[1:])
     assert found.torque_scale["pan"].std > found.torque_scale["lift"].std
 
 

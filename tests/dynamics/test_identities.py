@@ -96,7 +96,8 @@ def test_coriolis_terms_are_those_of_the_mass_matrix_and_leave_M_dot_minus_2C_sk
     """c + c1 and c2 equal C dx with C of Christoffel's symbols of M, so that M' - 2C is
     skew-symmetric."""
     model = build_model(load_robot(), "mod3", bearings=bearings)
-    x, dx = ca.SX.sym("x", model.dof), ca.SX.sym("dx", model.dof)
+    x = ca.SX.sym("x", model.dof)
+    dx = ca.SX.sym("dx", model.dof)
     M = model.function("mass_matrix")(x, model.Psi)
     by_coordinate = [ca.reshape(ca.jacobian(ca.vec(M), x[k]), M.shape) for k in range(model.dof)]
     M_dot = sum((by_coordinate[k] * dx[k] for k in range(model.dof)), ca.SX.zeros(*M.shape))
@@ -168,7 +169,8 @@ def test_mod3_without_S_is_mod2(bearings: bool) -> None:
         build_model(load_robot(), name, bearings=bearings) for name in ("mod3", "mod2")
     )
     x, dx, _ = states(coupled, 50, 8)
-    terms, plain = coupled.terms(x, dx), simple.terms(x, dx)
+    terms = coupled.terms(x, dx)
+    plain = simple.terms(x, dx)
     assert np.abs(terms["S"]).max() > 0.1
     for name in ("M", "B", "c", "g"):
         np.testing.assert_allclose(
@@ -249,7 +251,8 @@ def test_S_13_vanishes_until_the_bearings_tilt() -> None:
     upright = model.terms(x, dx)["S"]
     assert not upright[:, 0, 1:].any()
     assert np.ptp(tilted[:, 0, 2]) > 1e-3
-    q_1x, q_1y = 3, 6
+    q_1x = 3
+    q_1y = 6
     assert np.abs(tilted[:, [q_1x, q_1y], 1]).max() > 0.1
 
 
@@ -257,7 +260,8 @@ def test_gyroscopic_terms_act_on_the_tilts_alone() -> None:
     """With the axes of Table I and upright bearings, c1 moves no q, and c2 is null."""
     model = build_model(load_robot(), "mod3", bearings=True)
     x, dx, _ = states(model, 50, 13)
-    x[:, 6:], dx[:, 6:] = 0.0, 0.0
+    x[:, 6:] = 0.0
+    dx[:, 6:] = 0.0
     terms = model.terms(x, dx)
     np.testing.assert_allclose(terms["c1"][:, :3], 0.0, atol=1e-12)
     np.testing.assert_allclose(terms["c2"], 0.0, atol=1e-12)

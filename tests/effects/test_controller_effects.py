@@ -16,7 +16,8 @@ OWN = [
     for e in EFFECTS.values()
     if isinstance(e, ControllerEffect) and e.parameters[0].neutral is not None
 ]
-KP, KD = 30.0, 2.0
+KP = 30.0
+KD = 2.0
 
 
 def controlled(**numbers: object) -> Robot:
@@ -27,11 +28,18 @@ def controlled(**numbers: object) -> Robot:
 def law(robot: Robot, text: str) -> dict[str, float]:
     """What an effect adds to the motor residual of joint 2 at q = 0.3, dq = 0.7, tau_m = 5, dr =
     0.4."""
-    equations, instance = ArmEquations(robot), parse(text, robot)
-    dof, n = equations.dof, robot.n
-    x, dx = ca.DM.zeros(dof), ca.DM.zeros(dof)
-    x[1], x[n + 1], dx[1], dx[n + 1] = 0.3, 0.3, 0.7, 0.7
-    zero, one = ca.DM.zeros(n), ca.DM.ones(n)
+    equations = ArmEquations(robot)
+    instance = parse(text, robot)
+    dof = equations.dof
+    n = robot.n
+    x = ca.DM.zeros(dof)
+    dx = ca.DM.zeros(dof)
+    x[1] = 0.3
+    x[n + 1] = 0.3
+    dx[1] = 0.7
+    dx[n + 1] = 0.7
+    zero = ca.DM.zeros(n)
+    one = ca.DM.ones(n)
     drive = robot.joints[1].controller
     assert drive is not None
     kp, kd, _ = drive.gains

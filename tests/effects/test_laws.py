@@ -110,7 +110,8 @@ class At:
         for name, key in (("", "x"), ("d", "dx"), ("dd", "ddx")):
             setattr(self, f"{name}q", motion[key][i])
             setattr(self, f"{name}theta", motion[key][n + i])
-        self.tau_J, self.tau_m = motion["tau_J"][i], motion["tau_m"][i]
+        self.tau_J = motion["tau_J"][i]
+        self.tau_m = motion["tau_m"][i]
         self.d = self.theta - self.q
 
 
@@ -215,7 +216,8 @@ def test_asymmetric_friction_is_larger_in_one_direction(arm, side):
 def test_a_joint_zero_turns_what_hangs_on_the_joint(arm):
     """Both encoders read `offset` too much: the torques are those of the arm at the angles less it,
     K and D apart."""
-    motion, model = random_motion(arm, np.random.default_rng(0)), build_model(arm, engine="numpy")
+    motion = random_motion(arm, np.random.default_rng(0))
+    model = build_model(arm, engine="numpy")
     turned = motion["x"] - 0.05 * np.array([0, 1, 0, 0, 1, 0])
     there, here = (
         model.inverse_dynamics(*(v[None] for v in (x, motion["dx"], motion["ddx"])))[0]
@@ -244,7 +246,8 @@ def test_a_joint_zero_is_the_turned_geometry_of_a_description(arm):
 def test_gravity_compensation_takes_its_share_of_the_weight(arm, joint):
     """Every equation that holds the torque lacks the share of gravity; tau_J counts reversed for
     the motor."""
-    motion, rest = random_motion(arm, np.random.default_rng(0)), np.zeros((1, 6))
+    motion = random_motion(arm, np.random.default_rng(0))
+    rest = np.zeros((1, 6))
     still = np.tile(motion["x"][None, :3], 2)
     weight = 0.4 * build_model(arm, engine="numpy").inverse_dynamics(still, rest, rest)[0, :3]
     if joint:
@@ -322,11 +325,13 @@ def with_payload(robot: Robot, mass, position):
 
 
 def rotation(axis, angle):
-    c, s = np.cos(angle), np.sin(angle)
+    c = np.cos(angle)
+    s = np.sin(angle)
     j, k = [(1, 2), (2, 0)][axis]
     matrix = np.eye(3)
     matrix[j, j] = matrix[k, k] = c
-    matrix[j, k], matrix[k, j] = -s, s
+    matrix[j, k] = -s
+    matrix[k, j] = s
     return matrix
 
 
@@ -376,12 +381,12 @@ def test_model_form_is_the_difference_of_two_models(arm, effect, less, more):
 def test_a_transmission_error_is_found_in_the_deflection_by_other_laws(arm):
     """Backlash beside a transmission error takes its play from theta + e - q."""
     motion = random_motion(arm, np.random.default_rng(1))
-    error, play = (
-        parse("transmission_error:joint_2:amplitude=3e-5"),
-        parse("backlash:joint_2:half_gap=1e-4"),
-    )
-    both, alone = contribution(arm, [play, error], motion), contribution(arm, [error], motion)
-    at, gear = At(motion, 1, 3), arm.joints[1].transmission
+    error = parse("transmission_error:joint_2:amplitude=3e-5")
+    play = parse("backlash:joint_2:half_gap=1e-4")
+    both = contribution(arm, [play, error], motion)
+    alone = contribution(arm, [error], motion)
+    at = At(motion, 1, 3)
+    gear = arm.joints[1].transmission
     d = at.d + 3e-5 * np.sin(2 * gear.harmonic_drive_ratio * at.theta)
     taken = gear.stiffness * (np.sign(d) * max(abs(d) - 1e-4, 0.0) - d)
     assert both["drive"][1] - alone["drive"][1] == pytest.approx(taken)

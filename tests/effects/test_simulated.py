@@ -86,7 +86,8 @@ def test_accelerations_agree_with_the_hidden_arm(arm, effect):
     clock = np.zeros(arm.n + 1 if needs_further_laws(faults) else 0)
     simulator = Simulator(arm, SimulationSettings(effects=[instance], sensors=Sensors.exact()))
     constants = simulator.system.evaluate_constants(np.full(6, 1e-4))
-    dof, rng = simulator.system.dof, np.random.default_rng(0)
+    dof = simulator.system.dof
+    rng = np.random.default_rng(0)
     for _ in range(5):
         motion = random_motion(arm, rng)
         tilts = rng.uniform(-1e-4, 1e-4, (2, dof - 6))
@@ -109,18 +110,24 @@ def test_residuals_of_a_simulated_arm_are_the_law(arm, effect):
     """The nominal model misses a simulated arm by exactly what the law says, in all three equations
     of every joint."""
     text, name = INSTANCES[effect]
-    instance, model = parse(text, arm), build_model(arm, name, engine="numpy")
+    instance = parse(text, arm)
+    model = build_model(arm, name, engine="numpy")
     simulator = Simulator(
         arm, SimulationSettings(model=name, effects=[instance], sensors=Sensors.exact())
     )
-    system, constants = simulator.system, simulator._loop.constants
+    system = simulator.system
+    constants = simulator._loop.constants
     K, D = (
         np.array([getattr(j.transmission, k) for j in arm.joints]) for k in ("stiffness", "damping")
     )
-    rng, largest = np.random.default_rng(0), 0.0
+    rng = np.random.default_rng(0)
+    largest = 0.0
     for _ in range(3):
         motion = random_motion(arm, rng)
-        x, dx, u, z = motion["x"], motion["dx"], motion["tau_m"], rng.uniform(-1, 1, system.states)
+        x = motion["x"]
+        dx = motion["dx"]
+        u = motion["tau_m"]
+        z = rng.uniform(-1, 1, system.states)
         motion["ddx"], _, motion["tau_J"] = (
             np.array(v).ravel() for v in system.accelerations(x, dx, z, u, constants)
         )
@@ -139,7 +146,8 @@ def test_friction_of_a_simulated_arm_changes_over_the_run(arm):
     from begin to end."""
     t = np.arange(4001)[:, None] / RATE
     speed = 0.5 * np.where(t % 2.0 < 1.0, 1.0, -1.0) * [[1.0, 0.0, 0.0]]
-    q, still = np.cumsum(speed, axis=0) / RATE, np.zeros_like(speed)
+    q = np.cumsum(speed, axis=0) / RATE
+    still = np.zeros_like(speed)
     friction = [
         parse("coulomb_friction:joint_1:torque=20", arm),
         parse("viscous_friction:joint_1:coefficient=10", arm),
@@ -175,7 +183,8 @@ def test_residuals_of_recorded_channels_are_the_law(arm, effect):
         drive = c["tau_J"] - K * (c["theta"] - c["q"]) - D * (c["dtheta"] - c["dq"])
         return {"link": c["tau_J"], "drive": drive, "motor": c["tau_m"] - c["tau_J"]}
 
-    before, after = residuals(truth.channels()), residuals(measured)
+    before = residuals(truth.channels())
+    after = residuals(measured)
     for k in (10, 150, 290):
         motion = {"x": np.append(measured["q"][k], measured["theta"][k]), "ddx": np.zeros(6)}
         motion["dx"] = np.append(measured["dq"][k], measured["dtheta"][k])
@@ -226,7 +235,8 @@ def test_torque_lowpass_is_the_law(arm):
         arm, [parse("torque_lowpass:joint_2:cutoff=5,channels=joint_torque+motor_torque")]
     )
     for name in ("tau_J", "tau_m"):
-        y, true = measured[name][:, 1], truth.channels()[name][:, 1]
+        y = measured[name][:, 1]
+        true = truth.channels()[name][:, 1]
         rate = np.diff(y) * RATE
         expected = -0.5 * (rate[1:] + rate[:-1]) / (2 * np.pi * 5)
         # At the first samples the load comes at once.
@@ -274,7 +284,9 @@ def test_conservative_effects_keep_energy(arm, effect):
     )
     truth, _ = simulator.drive(np.zeros((1000, 3)))
     kinetic, potential = build_model(robot, engine="numpy").energy(truth.x, truth.dx)
-    gear, theta, q = robot.joints[1].transmission, truth.theta[:, 1], truth.q[:, 1]
+    gear = robot.joints[1].transmission
+    theta = truth.theta[:, 1]
+    q = truth.q[:, 1]
     energy = kinetic + potential - 0.5 * gear.stiffness * (theta - q) ** 2
     energy = energy + stored(effect, instance.parameters, gear, theta, q)
     without = kinetic + potential
@@ -333,7 +345,8 @@ def test_model_form_effects_make_the_richer_model(arm):
     """mod1 with the spline's inertia moves as mod2, mod2 with S as mod3, mod1 with both as mod3."""
     nominal = {"controller": Simulator(arm).controller}
     mod1, mod2, mod3 = (run(arm, model=name, **nominal)[0].x for name in ("mod1", "mod2", "mod3"))
-    spline, coupling = parse("spline_inertia"), parse("inertia_coupling")
+    spline = parse("spline_inertia")
+    coupling = parse("inertia_coupling")
     assert np.abs(run(arm, [spline], model="mod1", **nominal)[0].x - mod2).max() < 1e-10
     assert np.abs(run(arm, [coupling], model="mod2", **nominal)[0].x - mod3).max() < 1e-10
     assert np.abs(run(arm, [spline, coupling], model="mod1", **nominal)[0].x - mod3).max() < 1e-10
@@ -374,12 +387,14 @@ def test_the_law_of_bearings_explains_a_simulated_arm(arm):
         arm, SimulationSettings(effects=[instance], sensors=Sensors.exact()), q0=q[0]
     )
     truth, _ = simulator.follow(q, dq, ddq)
-    system, constants = simulator.system, simulator._loop.constants
+    system = simulator.system
+    constants = simulator._loop.constants
     rows = zip(truth.x, truth.dx, truth.command, strict=True)
     ddx = np.array(
         [np.array(system.accelerations(x, dx, [], u, constants)[0])[:6, 0] for x, dx, u in rows]
     )
-    x, dx = truth.x[:, :6], truth.dx[:, :6]
+    x = truth.x[:, :6]
+    dx = truth.dx[:, :6]
     missed = -build_model(arm, engine="numpy").inverse_dynamics(x, dx, ddx)[:, :3]
     jerk = np.gradient(smoothed(ddx), 1 / RATE, axis=0)
     snap = np.gradient(jerk, 1 / RATE, axis=0)
@@ -387,6 +402,7 @@ def test_the_law_of_bearings_explains_a_simulated_arm(arm):
     channels = (x.T, dx.T, ddx.T, *[none] * 4, jerk.T, snap.T, none[:0])
     law = np.array(law_function(arm, [instance]).map(len(x))(*channels)[0]).T
     settled = slice(300, -100)
-    left, whole = smoothed(missed - law)[settled], smoothed(missed)[settled]
+    left = smoothed(missed - law)[settled]
+    whole = smoothed(missed)[settled]
     assert (left**2).sum() < 0.1 * (whole**2).sum()
     assert whole.std() > 0.05

@@ -76,7 +76,8 @@ def error_of(effect, signals, channels=("joint_torque",)):
 def test_the_error_is_recorded_less_true_torque(effect, predicted):
     """By a torque without noise, recorded or the model's: a lag of 20 ms and a corner of 5 Hz, to 1
     % of the error."""
-    recorded, exact = FILTERS[effect][2], {"tau_J": np.full(3, 1e-12)}
+    recorded = FILTERS[effect][2]
+    exact = {"tau_J": np.full(3, 1e-12)}
     found = error_of(
         effect, Signals(true_torque(T) if predicted else recorded, predicted, torque_noise=exact)
     )[INSIDE]

@@ -153,7 +153,8 @@ def test_segment_distance_is_the_least_over_both_segments(
     # Segment 1 of the chain p0 p1 p2 p3 joins the two that are compared.
     found = _distances(p[None], np.array([[0, 2]]))[0, 0]
     s = np.linspace(0, 1, 201)
-    first, second = p[0] + s[:, None] * (p[1] - p[0]), p[2] + s[:, None] * (p[3] - p[2])
+    first = p[0] + s[:, None] * (p[1] - p[0])
+    second = p[2] + s[:, None] * (p[3] - p[2])
     grid = np.linalg.norm(first[:, None] - second[None], axis=2).min()
     spacing = (np.linalg.norm(p[1] - p[0]) + np.linalg.norm(p[3] - p[2])) / 400
     assert grid - spacing - 1e-9 <= found <= grid + 1e-9

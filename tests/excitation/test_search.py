@@ -64,7 +64,8 @@ def test_criteria_of_orthonormal_columns() -> None:
 def test_criteria_are_what_their_formulas_say() -> None:
     """Each criterion equals its formula by the normal equations, columns in units of `scale`."""
     rng = np.random.default_rng(1)
-    W, scale = rng.normal(size=(40, 4)), np.array([1.0, 2.0, 0.5, 3.0])
+    W = rng.normal(size=(40, 4))
+    scale = np.array([1.0, 2.0, 0.5, 3.0])
     N = (W / scale).T @ (W / scale)
     assert CRITERIA["condition"](W, scale) == pytest.approx(np.sqrt(np.linalg.cond(N)))
     assert CRITERIA["d_optimal"](W, scale) == pytest.approx(-np.log10(np.linalg.det(N)) / 8)
@@ -82,12 +83,11 @@ def test_dependent_columns_are_the_worst_finite_number() -> None:
 
 def test_noise_divides_the_rows_of_its_equation(mod3: Model, columns: np.ndarray) -> None:
     """Twice the noise in all equations halves the base regressor; in one, its rows alone."""
-    motion, noise = trajectory(periods=1), np.ones(6)
+    motion = trajectory(periods=1)
+    noise = np.ones(6)
     noise[4] = 2.0
-    plain, weighted = (
-        BaseRegressor(mod3, columns)(motion),
-        BaseRegressor(mod3, columns, noise)(motion),
-    )
+    plain = BaseRegressor(mod3, columns)(motion)
+    weighted = BaseRegressor(mod3, columns, noise)(motion)
     ratio = np.ones((150, 6))
     ratio[:, 4] = 0.5
     np.testing.assert_allclose(weighted, plain * ratio.ravel()[:, None])
@@ -224,7 +224,8 @@ def test_random_motions_are_found_where_few_places_are_free(
     """Where the links are thick, most random places are in the floor or in another link; others are
     sought then."""
     robot = random_arm(6, np.random.default_rng(6))
-    model, limits = build_model(robot), MotionLimits.of(robot)
+    model = build_model(robot)
+    limits = MotionLimits.of(robot)
     monkeypatch.setattr(problem, "PLACES", 10)
     (motion,) = random_trajectories(model, limits, 1, rng=np.random.default_rng(0))
     assert limits.use(motion, model).kept

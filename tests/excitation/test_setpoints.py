@@ -83,7 +83,8 @@ def test_identify_judges_a_recording_as_its_motion_was_judged(tmp_path: Path) ->
     period poor."""
     (tmp_path / "arm.urdf").write_text(URDF)
     robot = load_robot(tmp_path / "arm.urdf")
-    a, b = 0.7 * np.array([[0.5, 0.5, 0.5, 0.9, 0.9]]), 0.7 * np.array([[0.0, 0.4, 0.2, 0.5, 0.9]])
+    a = 0.7 * np.array([[0.5, 0.5, 0.5, 0.9, 0.9]])
+    b = 0.7 * np.array([[0.0, 0.4, 0.2, 0.5, 0.9]])
     planned = FourierTrajectory.of_periods(10.0, a, b, np.zeros(1), ramp=0.0)
     periods, found = judged(build_model(robot, "mod3"), planned)
     assert periods > 1 and not found.poor

@@ -13,7 +13,8 @@ from tests.helpers.motions import trajectory
 
 def test_velocity_and_acceleration_are_the_derivatives_of_position() -> None:
     """dq and ddq agree with fourth-order differences of q all along, ramps included."""
-    motion, h = trajectory(), 1e-3
+    motion = trajectory()
+    h = 1e-3
     t = np.linspace(0.01, motion.duration - 0.01, 900)
     _, dq, ddq = motion.evaluate(t)
     far, near = ([motion.evaluate(t + s * k * h) for s in (-1, 1)] for k in (2, 1))

@@ -42,7 +42,8 @@ def main() -> int:
     options = parser.parse_args()
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     faulthandler.enable()
-    groups, rng = ("bags", "files"), np.random.default_rng(options.seed)
+    groups = ("bags", "files")
+    rng = np.random.default_rng(options.seed)
     found: dict[str, Outcome] = {}
     for group in groups:
         seconds = 60.0 * options.minutes / len(groups)

@@ -97,7 +97,8 @@ def _bags(folder: Path, rng: np.random.Generator) -> tuple[list[bytes], bytes, b
 
 def _without_checksums(content: bytes) -> bytes:
     """Return an MCAP file whose chunks have no checksum, so that damage reaches what reads them."""
-    changed, at = bytearray(content), 8
+    changed = bytearray(content)
+    at = 8
     while at + 9 < len(content):
         opcode, size = struct.unpack_from("<BQ", content, at)
         if opcode == Opcode.CHUNK:

@@ -37,7 +37,8 @@ def batches(begin: int, end: int, later: float = 0.0) -> list[Samples]:
 
 def fed(parts: list[Samples]) -> tuple[Identifier, list[str]]:
     """Return the estimator that got these samples, and what it complained of."""
-    identifier, complaints = identifier_of(load_robot(None)), []
+    identifier = identifier_of(load_robot(None))
+    complaints = []
     for each in parts:
         try:
             identifier.add(each)
@@ -52,7 +53,8 @@ def fed(parts: list[Samples]) -> tuple[Identifier, list[str]]:
 def test_a_sample_stamped_in_the_future_does_not_end_the_stream(before: int, alone: bool) -> None:
     """Samples after one that is stamped 12 days ahead are used as those before: not refused until
     that day."""
-    first, strange = at(0, before), at(before, before + 1, FAR)
+    first = at(0, before)
+    strange = at(before, before + 1, FAR)
     parts = [first, strange] if alone else [joined(first, strange)]
     identifier, complaints = fed([*parts, *batches(before + 1, len(samples()))])
     assert len(complaints) <= 1
@@ -82,7 +84,8 @@ def test_a_clock_set_back_begins_another_piece() -> None:
 def test_a_pause_before_the_arm_moves_chooses_no_smoother(count: int) -> None:
     """An arm at rest shows no bandwidth: what is chosen after the pause is as without it."""
     still = part(samples(), np.zeros(count, dtype=np.intp))
-    plain, paused = identifier_of(load_robot(None)), identifier_of(load_robot(None))
+    plain = identifier_of(load_robot(None))
+    paused = identifier_of(load_robot(None))
     paused.add(replace(still, t=1e-3 * np.arange(count)))
     paused.pause()
     paused.resume()
@@ -97,7 +100,8 @@ def test_a_pause_before_the_arm_moves_chooses_no_smoother(count: int) -> None:
 def test_stamps_that_hardly_advance_take_no_memory() -> None:
     """A nanosecond from sample to sample, the four seconds of motion never come: no more than so
     many are held."""
-    run, crawling = IncomingRun(), at(3000, 8000)
+    run = IncomingRun()
+    crawling = at(3000, 8000)
     for k in range(2 + CAPACITY // 5000):
         run.take(replace(crawling, t=k * 1e-5 + 1e-9 * np.arange(5000)))
         assert run.first_in_motion(wait=True) is None

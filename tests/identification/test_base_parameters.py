@@ -58,7 +58,8 @@ def test_one_encoder_side_sees_fewer_parameters(model: Model) -> None:
     """With theta = q there are no deflections, so K and D drop out and the rest regroups
     exactly."""
     equations = BaseRegression(model, ("theta", "tau_m"))
-    base, n = equations.base, model.n
+    base = equations.base
+    n = model.n
     assert not any(name.endswith((".K", ".D")) for name in base.names)
     rng = np.random.default_rng(13)
     phi = model.regressor(*states(model, rng, rigid=True))

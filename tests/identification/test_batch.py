@@ -93,10 +93,12 @@ def test_both_torques_identify_an_arm_described_as_rigid(samples: Samples) -> No
 def test_intervals_cover_the_truth_over_seeds(model: Model) -> None:
     """95 % intervals of all 26 parameters, with a smoother's coloured errors, cover in 92 to 98.5 %
     of cases."""
-    hits, bias = [], []
+    hits = []
+    bias = []
     for seed in SEEDS:
         identifier = fed(model, record(model, np.random.default_rng(100 + seed), **REAL), [])
-        found, true = identifier.fit(), identifier.equations.base.T @ model.Psi
+        found = identifier.fit()
+        true = identifier.equations.base.T @ model.Psi
         hits.append(np.abs(found.Psi - true) < 1.96 * found.std)
         bias.append((found.Psi - true) / found.std)
     assert 0.92 <= np.mean(hits) <= 0.985
@@ -109,7 +111,8 @@ def test_a_lost_sample_and_a_gap_lose_nothing_else(model: Model, samples: Sample
     intervals."""
     lost = np.r_[3000:3002, 9000:9500]
     identifier = fed(model, part(samples, np.setdiff1d(np.arange(len(samples)), lost)), [5000])
-    found, true = identifier.fit(), identifier.equations.base.T @ model.Psi
+    found = identifier.fit()
+    true = identifier.equations.base.T @ model.Psi
     assert identifier.progress.pieces == 2
     assert np.mean(np.abs(found.Psi - true) < 4 * found.std) > 0.9
 
@@ -158,7 +161,8 @@ def test_every_set_of_channels_is_identified_by_the_equations_it_allows(
     """
     identifier = fed(model, replace(samples, **dict.fromkeys(missing)), [])
     assert identifier.equations.sides == sides
-    found, equations = identifier.fit(), identifier.equations
+    found = identifier.fit()
+    equations = identifier.equations
     error = np.abs(found.Psi - equations.base.T @ model.Psi)
     assert np.median(relative_std(equations, found.Psi, error)) < (0.01 if len(sides) > 1 else 0.05)
 

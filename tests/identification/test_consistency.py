@@ -133,7 +133,9 @@ def test_errors_count_as_alike_over_half_a_period_only_where_the_motion_repeats(
 def of_rigid_arm(described: Robot, harmonics: int, trembles: float | None = None) -> Recording:
     """Return 20 s of a rigid arm with friction; of joint 1 held with a tremble of 20 Hz, rad, if it
     is said."""
-    rate, rng, t = 500.0, np.random.default_rng(1), np.arange(10_000) / 500.0
+    rate = 500.0
+    rng = np.random.default_rng(1)
+    t = np.arange(10_000) / 500.0
     q = link_motion(described.n, t, 20.0, harmonics, rng)
     if trembles is not None:
         q[:, 0] = trembles * np.sin(2 * np.pi * 20.0 * t)
@@ -214,7 +216,8 @@ def test_only_what_is_surely_below_zero_speaks_against_the_model(true_robot: Rob
     identifier.add(
         record(identifier.model, np.random.default_rng(4), encoder_noise=1e-6, velocity_noise=1e-4)
     )
-    fit, equations = identifier.fit(), identifier.equations
+    fit = identifier.fit()
+    equations = identifier.equations
     column = equations.base.names.index("viscous_friction:joint_2.coefficient")
     for deviations, named in ((1.0, False), (10.0, True)):
         below = np.where(np.arange(len(fit.Psi)) == column, -deviations * fit.std[column], fit.Psi)

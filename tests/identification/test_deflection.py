@@ -109,7 +109,8 @@ def test_lag_and_offset_of_a_link_encoder_are_not_read_as_compliance(arm: Robot)
 def test_zeros_that_differ_between_recordings_are_aligned_and_said(arm: Robot) -> None:
     """Two recordings whose link encoders count from 3 mrad apart give the stiffness that each alone
     gives."""
-    first, second = measured(arm, 1e-6), measured(arm, 1e-6, seed=1)
+    first = measured(arm, 1e-6)
+    second = measured(arm, 1e-6, seed=1)
     both = [
         without_sensors(arm, first, first.q, "first"),
         without_sensors(arm, second, second.q + 3e-3, "second"),

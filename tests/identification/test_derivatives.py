@@ -46,7 +46,8 @@ def stuck(recording: Samples) -> np.ndarray:
 def test_a_joint_that_is_parked_sticks_in_every_run(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where runs are shorter than the 7.5 s for which it stands, their own speeds do not show
     it."""
-    angles, end = swinging(), round(12.5 * RATE)
+    angles = swinging()
+    end = round(12.5 * RATE)
     angles[end:, 0] = angles[end, 0]
     whole = stuck(samples(angles))
     monkeypatch.setattr(smoother, "RUN", 2048)

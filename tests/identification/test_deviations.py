@@ -83,7 +83,8 @@ def test_a_prior_on_weak_parameters_leaves_the_deviations_of_the_others() -> Non
     ratios = []
     for seed in range(20):
         rng = np.random.default_rng(seed)
-        alone, beside = Blocks(1, 9), Blocks(1, 25)
+        alone = Blocks(1, 9)
+        beside = Blocks(1, 25)
         for _ in range(12):
             phi = rng.standard_normal((60, 24)) * [*[1.0] * 8, *[1e-3] * 16]
             y = phi[:, 0] + rng.standard_normal(60)
@@ -100,13 +101,15 @@ def test_a_prior_that_the_data_outweigh_changes_nothing() -> None:
 
     The prior is of unit size about zero; the parameters are three of its deviations off.
     """
-    rng, blocks = np.random.default_rng(5), Blocks(2, 7)
+    rng = np.random.default_rng(5)
+    blocks = Blocks(2, 7)
     truth = np.array([3.0, -3.0, 3.0, -3.0, 3.0, -3.0])
     for shown in ([1.0, 1.0, 1.0, 1.0, 0.0, 0.0], [1.0, 1.0, 0.0, 0.0, 1.0, 1.0]):
         phi = rng.standard_normal((2, 60, 6)) * shown
         y = phi @ truth + 1e-6 * rng.standard_normal((2, 60))
         blocks.add(triangular(np.concatenate([phi, y[..., None]], axis=2)), 60)
-    plain, held = fit(blocks), fit(blocks, prior=Prior(np.zeros(6), np.eye(6)))
+    plain = fit(blocks)
+    held = fit(blocks, prior=Prior(np.zeros(6), np.eye(6)))
     assert np.all(np.abs(held.Psi - plain.Psi) < 0.01 * plain.std)
     assert held.std == pytest.approx(plain.std, rel=0.01)
 
@@ -117,7 +120,8 @@ def test_intervals_hold_the_truth_where_errors_last_longer_than_blocks() -> None
 
     Of blocks as they are 71 % do. Scores of white errors resemble no neighbours.
     """
-    hits, joined = [], []
+    hits = []
+    joined = []
     for seed in range(300):
         rng = np.random.default_rng(seed)
 
@@ -127,7 +131,8 @@ def test_intervals_hold_the_truth_where_errors_last_longer_than_blocks() -> None
             )
 
         blocks = Blocks(1, 3)
-        phi, error = np.column_stack([slow(), slow()]), slow()
+        phi = np.column_stack([slow(), slow()])
+        error = slow()
         for k in range(48):
             rows = slice(40 * k, 40 * k + 40)
             y = phi[rows] @ [2.0, -1.0] + error[rows]

@@ -15,7 +15,8 @@ from elastic_arm.identification.triangular import triangular
 def noisy(signal: float, seed: int) -> Fit:
     """Fit y = 2 a - b from 12 blocks in which `a`, of size `signal`, is seen through noise of size
     one."""
-    rng, blocks = np.random.default_rng(seed), Blocks(1, 3)
+    rng = np.random.default_rng(seed)
+    blocks = Blocks(1, 3)
     for _ in range(12):
         phi = rng.standard_normal((60, 2)) * [signal, 1.0]
         y = phi @ [2.0, -1.0] + 0.1 * rng.standard_normal(60)
@@ -47,8 +48,10 @@ def test_rows_without_noise_have_the_square_less_the_noise() -> None:
     """Also where a column is null and another one is a combination of others."""
     rng = np.random.default_rng(1)
     rows = rng.standard_normal((50, 5))
-    rows[:, 1], rows[:, 3] = 0.0, rows[:, 0] + rows[:, 2]
-    whole, noise = triangular(rows), np.diag([3.0, 0.0, 0.0, 0.0, 5.0])
+    rows[:, 1] = 0.0
+    rows[:, 3] = rows[:, 0] + rows[:, 2]
+    whole = triangular(rows)
+    noise = np.diag([3.0, 0.0, 0.0, 0.0, 5.0])
     share = correction_share(whole, noise)
     left = without_noise(whole, noise)
     np.testing.assert_allclose(left.T @ left, rows.T @ rows - share * noise, atol=1e-9)

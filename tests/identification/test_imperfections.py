@@ -130,10 +130,8 @@ def test_the_prior_of_what_is_ordinary_weighs_as_the_errors_last(robot: Robot) -
     identifier.add(samples)
     identifier.finish()
     equations: BaseRegression = identifier.equations
-    place, sizes = (
-        equations.base.names.index(column.name),
-        law_sizes(identifier.linear_blocks(), equations),
-    )
+    place = equations.base.names.index(column.name)
+    sizes = law_sizes(identifier.linear_blocks(), equations)
     assert sizes[place] == 0.5
     white, coloured = (prior_of(equations, np.inf, laws=sizes, correlated=c) for c in (1.0, 100.0))
     assert white.factor[place, place] == pytest.approx(2.0) and coloured.factor[

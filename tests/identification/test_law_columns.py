@@ -23,7 +23,8 @@ def test_laws_of_identification_need_no_course_of_time() -> None:
     )
     whole = smooth_motion(MODEL, samples=50)
     order = np.random.default_rng(0).permutation(50)
-    found, shuffled = column.values(whole), column.values(whole[order])
+    found = column.values(whole)
+    shuffled = column.values(whole[order])
     assert column.name == "viscous_friction:joint_2.coefficient"
     np.testing.assert_array_equal(found[order], shuffled)
     np.testing.assert_allclose(found[:, 2 * ROBOT.n + 1], np.asarray(whole.dtheta)[:, 1])

@@ -9,7 +9,8 @@ from elastic_arm.identification.least_squares import MISFIT_POWER, Blocks, Fit, 
 from elastic_arm.identification.triangular import triangular
 from tests.helpers.nightly import nightly
 
-GROUPS, P = 3, 12
+GROUPS = 3
+P = 12
 NOISE = np.array([0.1, 1.0, 3.0])
 
 
@@ -23,11 +24,9 @@ def problem(
     fixed = np.random.default_rng(7)
     for g in range(GROUPS):
         for p in range(P):
-            amplitude, phase, f = (
-                fixed.standard_normal(3),
-                fixed.uniform(0, 6, 3),
-                fixed.uniform(0.1, 2.5, 3),
-            )
+            amplitude = fixed.standard_normal(3)
+            phase = fixed.uniform(0, 6, 3)
+            f = fixed.uniform(0.1, 2.5, 3)
             phi[g, :, p] = (p + g) % 2 * np.sin(2 * np.pi * np.outer(t, f) + phase) @ amplitude
     error = (
         lfilter([1.0], [1.0, -colour], rng.standard_normal((GROUPS, samples)), axis=1)

@@ -23,12 +23,11 @@ def motion(
 ) -> Motion:
     """Angles of sines, with the torques of an arm under some gravity, dry friction, a zero and
     noise."""
-    rng, n = np.random.default_rng(seed), robot.n
-    t, w, phase = (
-        np.linspace(0.0, 10.0, 3000)[:, None],
-        rng.uniform(0.5, 2.0, n),
-        rng.uniform(-3.0, 3.0, n),
-    )
+    rng = np.random.default_rng(seed)
+    n = robot.n
+    t = np.linspace(0.0, 10.0, 3000)[:, None]
+    w = rng.uniform(0.5, 2.0, n)
+    phase = rng.uniform(-3.0, 3.0, n)
     rates = [
         size * np.sin(w * t + phase),
         size * w * np.cos(w * t + phase),
@@ -138,7 +137,8 @@ def test_the_arm_as_mounted_feels_the_gravity_that_its_torques_show(x: float, y:
     robot = random_arm(3, np.random.default_rng(1), elastic=False).with_(gravity=DOWN)
     turn = turned(x, y)
     mounting = Mounting(x, y, turn.T @ DOWN, DOWN)
-    mounted, base = mounting.of(robot), robot.base_placement[:3, :3]
+    mounted = mounting.of(robot)
+    base = robot.base_placement[:3, :3]
     felt = mounted.base_placement[:3, :3].T @ DOWN
     assert felt == pytest.approx(base.T @ mounting.shown)
 
@@ -161,7 +161,8 @@ def test_an_arm_described_on_its_side_is_identified_as_it_stands() -> None:
     turn = np.eye(4)
     turn[:3, :3] = turned(np.pi / 2, 0.0)
     described = robot.with_(base_placement=turn @ robot.base_placement)
-    found, upright = identify(recording, described), identify(recording, robot)
+    found = identify(recording, described)
+    upright = identify(recording, robot)
     assert any("mounted differently" in note for note in found.notes)
     assert not any("mounted differently" in note for note in upright.notes)
     for equation, errors in upright.noise.items():

@@ -29,7 +29,10 @@ URDF = """<robot name="one"><link name="base"/><joint name="j" type="revolute">
 <inertia ixx="{I}" iyy="{I}" izz="{I}" ixy="0" ixz="0" iyz="0"/>
 </inertial></link></robot>"""
 LAWS = ("viscous_friction", "coulomb_friction")
-VISCOUS, DRY, INERTIA, MOMENT = 0.2, 0.3, 0.065, 0.3
+VISCOUS = 0.2
+DRY = 0.3
+INERTIA = 0.065
+MOMENT = 0.3
 
 
 def pendulum(friction: float) -> Robot:
@@ -46,7 +49,8 @@ def pendulum(friction: float) -> Robot:
 
 def recorded(q: np.ndarray, torque: np.ndarray, seed: int) -> Recording:
     rng = np.random.default_rng(seed)
-    q, torque = q + 2e-5 * rng.standard_normal(len(T)), torque + 0.02 * rng.standard_normal(len(T))
+    q = q + 2e-5 * rng.standard_normal(len(T))
+    torque = torque + 0.02 * rng.standard_normal(len(T))
     side = Side(np.rint(T * 1e9).astype(np.int64), q[:, None], None, torque[:, None])
     return Recording(("j",), motor=side, source=f"run_{seed}")
 
@@ -54,16 +58,17 @@ def recorded(q: np.ndarray, torque: np.ndarray, seed: int) -> Recording:
 def swung(seed: int, *, gravity: float = 1.0, steady: float = 0.0, zero: float = 0.0) -> Recording:
     """Return the pendulum in motion, at a steady speed besides; its torques lack some gravity, or
     have a zero."""
-    q, dq, ddq = steady * T, np.full(len(T), steady), np.zeros(len(T))
+    q = steady * T
+    dq = np.full(len(T), steady)
+    ddq = np.zeros(len(T))
     for f, phase in zip(
         (0.13, 0.31, 0.53), np.random.default_rng(seed).uniform(0, 2 * np.pi, 3), strict=True
     ):
-        w, size = 2 * np.pi * f, 0.3 / (2 * np.pi * f)
-        q, dq, ddq = (
-            q + size * np.sin(w * T + phase),
-            dq + size * w * np.cos(w * T + phase),
-            ddq - size * w**2 * np.sin(w * T + phase),
-        )
+        w = 2 * np.pi * f
+        size = 0.3 / (2 * np.pi * f)
+        q = q + size * np.sin(w * T + phase)
+        dq = dq + size * w * np.cos(w * T + phase)
+        ddq = ddq - size * w**2 * np.sin(w * T + phase)
     torque = (
         INERTIA * ddq
         - gravity * 9.81 * MOMENT * np.sin(q)
@@ -139,11 +144,15 @@ def test_a_held_torque_counts_when_it_is_read(every: int) -> None:
 
 def two_masses() -> tuple[Robot, Recording, Recording]:
     """Return a rigid joint, a recording of the same with a resonance of 6 Hz, and one of itself."""
-    motor, link, damping, rng = 0.4, 1.3, 3.0, np.random.default_rng(4)
+    motor = 0.4
+    link = 1.3
+    damping = 3.0
+    rng = np.random.default_rng(4)
     stiffness = (2 * np.pi * 6.0) ** 2 / (1 / motor + 1 / link)
     rigid, elastic, torque = np.zeros((3, len(T)))
     for f in np.arange(0.5, 9.0, 0.05):
-        s, phase = 2j * np.pi * f, np.exp(1j * rng.uniform(0, 2 * np.pi))
+        s = 2j * np.pi * f
+        phase = np.exp(1j * rng.uniform(0, 2 * np.pi))
         spring = stiffness + damping * s
         moved = (link * s**2 + spring) / (
             (motor * s**2 + spring) * (link * s**2 + spring) - spring**2

@@ -138,7 +138,8 @@ def test_what_a_rigid_arm_repeats_does_not_spoil_another_motion(
 
     All parts of the recording hold the same, so that none left out shows the need of one.
     """
-    rigid, t = parse_urdf(to_urdf(arm)), np.arange(8000) / 500.0
+    rigid = parse_urdf(to_urdf(arm))
+    t = np.arange(8000) / 500.0
     model = build_model(rigid)
     small, large = (
         size * link_motion(3, t, 2.0, 2, np.random.default_rng(1)) for size in (0.2, 2.0)
@@ -205,7 +206,8 @@ def test_the_error_that_deviations_count_is_an_upper_bound(arm: Robot) -> None:
     equations = BaseRegression(
         build_model(arm, "mod3"), ("q", "theta", "tau_J", "tau_m"), joints=arm.joint_names
     )
-    prior, error = prior_of(equations, 1.0), 0.15
+    prior = prior_of(equations, 1.0)
+    error = 0.15
     spread = np.sqrt(np.diag(np.linalg.inv(prior.factor.T @ prior.factor)))
     below = 0
     for seed in range(40):
@@ -247,7 +249,8 @@ def test_friction_of_a_joint_that_never_reverses_stays_within_its_torque(arm: Ro
         frozenset({"q", "tau_J"}),
         law_columns(parse_laws(("coulomb_friction:side=link", "joint_torque_offset"), arm), arm),
     )
-    rng, width = np.random.default_rng(3), len(equations.base) + 1
+    rng = np.random.default_rng(3)
+    width = len(equations.base) + 1
     rows = rng.standard_normal((len(equations.groups), 200, width))
     rows[..., -1] *= 30.0
     names = equations.base.names

@@ -20,7 +20,8 @@ RECORDINGS = 8
 def errors_together(encoder_noise: float, seed: int) -> tuple[float, int]:
     """Return chi² of an arm that differs from its description, 20 s of random motion, and the
     parameters' number."""
-    rng, robot = np.random.default_rng(seed), load_robot(None)
+    rng = np.random.default_rng(seed)
+    robot = load_robot(None)
     true = varied(robot, rng)
     shape = Shape(period=10.0, periods=2)
     motion = random_trajectories(
@@ -51,6 +52,7 @@ def test_errors_of_all_parameters_together_are_as_large_as_their_covariance(
     equation leave open is a bound), not too narrow.
     """
     found = [errors_together(encoder_noise, seed) for seed in range(RECORDINGS)]
-    sizes, freedom = [each for each, _ in found], found[0][1]
+    sizes = [each for each, _ in found]
+    freedom = found[0][1]
     assert sum(sizes) < chi2.ppf(0.99, RECORDINGS * freedom)
     assert sorted(sizes)[-2] < chi2.ppf(0.99, freedom)

@@ -21,7 +21,8 @@ from elastic_arm.robot import Robot, load_robot, parse_urdf, to_urdf
 from tests.helpers.periodic_arm import derivative, link_motion, record
 
 FRICTION = ("viscous_friction", "coulomb_friction")
-RATE, SECONDS = 500.0, 20.0
+RATE = 500.0
+SECONDS = 20.0
 
 
 @pytest.fixture(scope="module")
@@ -88,7 +89,8 @@ def test_speeds_of_joints_that_slide_are_in_metres(arm: Robot) -> None:
 
 def test_dry_friction_turns_over_at_each_joint_where_it_does(arm: Robot, samples: Samples) -> None:
     """Sharp friction at one joint and gradual at another are both found within 5 %."""
-    turning, dry = np.array([1e-4, 1e-4, 5e-2]), np.array([0.0, 20.0, 20.0])
+    turning = np.array([1e-4, 1e-4, 5e-2])
+    dry = np.array([0.0, 20.0, 20.0])
     recording = with_torque(arm, samples, dry * np.tanh(samples.dtheta / turning))
     found = identify(
         recording, arm, IdentificationSettings(effects=parse_laws(FRICTION, arm), consistent=False)
@@ -106,7 +108,8 @@ def test_friction_turns_over_as_usual_where_recordings_do_not_tell() -> None:
     One that misses a fifth less in all is.
     """
     rng = np.random.default_rng(3)
-    block, scatter = rng.uniform(1.0, 2.0, 40), rng.standard_normal((len(SIGN_SPEEDS), 40))
+    block = rng.uniform(1.0, 2.0, 40)
+    scatter = rng.standard_normal((len(SIGN_SPEEDS), 40))
     scatter -= scatter.mean(axis=1, keepdims=True)
     errors = block + 0.2 * scatter
     errors[0] -= 0.01
@@ -122,9 +125,11 @@ def test_friction_turns_over_as_usual_where_recordings_do_not_tell() -> None:
 def vibrating(rigid: Robot, seed: int) -> Recording:
     """Return a recording of a rigid arm whose motors vibrate at 30 Hz against links that stay at
     rest."""
-    rng, t = np.random.default_rng(seed), np.arange(round(RATE * SECONDS)) / RATE
+    rng = np.random.default_rng(seed)
+    t = np.arange(round(RATE * SECONDS)) / RATE
     q = link_motion(rigid.n, t, SECONDS, 10, rng)
-    dq, ddq = derivative(q, 1, RATE), derivative(q, 2, RATE)
+    dq = derivative(q, 1, RATE)
+    ddq = derivative(q, 2, RATE)
     torque = build_model(rigid).inverse_dynamics(q, dq, ddq) + 5.0 * np.tanh(dq / 1e-3) + 3.0 * dq
     turned = 1e-4 * np.abs(dq) * np.sin(2 * np.pi * 30.0 * t[:, None] + rng.uniform(0, 6, rigid.n))
     theta = q + turned + 1e-7 * rng.standard_normal(q.shape)

@@ -14,7 +14,8 @@ from elastic_arm.simulation import SimulationSettings, simulate
 from tests.helpers.gap_recordings import ROBOT, motions
 
 TRUE = 10.0  # Nm
-LAW, NAME = "coulomb_friction:joint_2", "coulomb_friction:joint_2.torque"
+LAW = "coulomb_friction:joint_2"
+NAME = "coulomb_friction:joint_2.torque"
 ENCODER = Encoder(noise=2e-5, velocity_noise=2e-3)
 
 
@@ -39,14 +40,16 @@ def live(rest: float) -> tuple[float, float]:
     for first in range(0, len(samples), 100):
         stream.add(part(samples, slice(first, first + 100)))
     stream.finish()
-    found, k = stream.fit(), stream.equations.base.names.index(NAME)
+    found = stream.fit()
+    k = stream.equations.base.names.index(NAME)
     return float(found.Psi[k]), float(found.std[k])
 
 
 def test_rest_takes_nothing_from_the_live_estimate() -> None:
     """Friction is as certain after 60 s of standstill as after 3 s of it, and within three
     deviations of the truth."""
-    (early, before), (late, after) = live(3.0), live(60.0)
+    (early, before) = live(3.0)
+    (late, after) = live(60.0)
     assert abs(late - early) < 0.2 * before
     assert after < 1.1 * before < 0.2
     assert abs(late - TRUE) < 3.0 * after

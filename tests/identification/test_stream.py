@@ -100,7 +100,8 @@ def test_an_arm_that_stands_first_is_identified_within_the_deviations(standing: 
     a, b = (rng.normal(0.0, 0.3, (3, 5)) for _ in range(2))
     trajectory = FourierTrajectory(2 * np.pi / 5.0, a, b, np.zeros(3), 10.0, 0.5, robot.joint_names)
     reference = trajectory.evaluate(np.arange(-standing, 10.0, 1 / RATE).clip(0.0))
-    torque, encoder = TorqueSensor(noise=0.26), Encoder(noise=0.0, velocity_noise=0.0)
+    torque = TorqueSensor(noise=0.26)
+    encoder = Encoder(noise=0.0, velocity_noise=0.0)
     sensors = Sensors(encoder, encoder, torque, torque)
     simulator = Simulator(
         robot,

@@ -21,9 +21,12 @@ from tests.helpers.periodic_arm import derivative, link_motion
 
 def test_rows_of_a_joint_that_sticks_do_not_make_its_error_smaller() -> None:
     """Held-out errors of 1 Nm are 1 Nm, also where half of a joint's rows do not count."""
-    arm, t = load_robot(None), np.arange(1000) / 500.0
-    identifier, errors = identifier_of(arm), np.random.default_rng(1).choice([-1.0, 1.0], (1000, 3))
-    q, stuck = np.full((1000, 3), 0.3), np.zeros((1000, 3), dtype=bool)
+    arm = load_robot(None)
+    t = np.arange(1000) / 500.0
+    identifier = identifier_of(arm)
+    errors = np.random.default_rng(1).choice([-1.0, 1.0], (1000, 3))
+    q = np.full((1000, 3), 0.3)
+    stuck = np.zeros((1000, 3), dtype=bool)
     stuck[::2, 1] = True
     still = Motion(t, q, 0 * q, 0 * q, q, 0 * q, 0 * q, tau_J=0 * q, tau_m=0 * q, stuck=stuck)
     equations = identifier.choose_equations(still)
@@ -51,11 +54,9 @@ def test_robot_yaml_names_motor_inertia_where_it_was_put_back() -> None:
 def test_noise_in_accelerations_does_not_speak_for_small_masses() -> None:
     """With noise of 28 rad/s² half the masses miss less torque than the true ones; averages judge
     rightly."""
-    arm, t, rng = (
-        parse_urdf(to_urdf(load_robot(None))),
-        np.arange(4000) / 500.0,
-        np.random.default_rng(3),
-    )
+    arm = parse_urdf(to_urdf(load_robot(None)))
+    t = np.arange(4000) / 500.0
+    rng = np.random.default_rng(3)
     q = link_motion(3, t, 4.0, 5, rng)
     dq, ddq = (derivative(q, order, 500.0) for order in (1, 2))
     torque = build_model(arm).inverse_dynamics(q, dq, ddq)
@@ -82,7 +83,9 @@ def test_a_held_out_recording_that_cannot_be_used_is_named_before_the_fit(
     lost: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Behind the fit, which may take minutes, the error would take its result along."""
-    robot, begun, rng = load_robot(None), [], np.random.default_rng(1)
+    robot = load_robot(None)
+    begun = []
+    rng = np.random.default_rng(1)
     monkeypatch.setattr(Trials, "selected", lambda trials: begun.append(trials))
     fitted, short = (simulate(robot, trajectory(seed=3), duration=t, rng=rng) for t in (6.0, 0.03))
     held_out = short if lost == "samples" else replace(fitted, link=None)

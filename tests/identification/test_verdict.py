@@ -17,10 +17,8 @@ def test_a_spring_that_noise_has_drawn_to_zero_is_not_called_well_determined() -
         build_model(robot, "mod3"), recorded, (), robot.joint_names, summed=True
     )
     names = equations.base.names
-    spring, moment = (
-        names.index("joint_1.K"),
-        next(k for k, name in enumerate(names) if name.startswith("link_2.mx")),
-    )
+    spring = names.index("joint_1.K")
+    moment = next(k for k, name in enumerate(names) if name.startswith("link_2.mx"))
     Psi = equations.base.T @ equations.nominal
     std = 0.01 * natural_scales(equations)
     assert set(np.array(verdicts(relative_std(equations, Psi, std)))[[spring, moment]]) == {"well"}

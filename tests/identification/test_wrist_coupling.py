@@ -31,10 +31,12 @@ ROBOT = random_arm(4, np.random.default_rng(2), elastic=False)
 def recorded(seed: int) -> Recording:
     """Record what the motors do, and bring it to the joints: torques by Pinocchio, the last motor
     by its own speed."""
-    motion, rng = trajectory(seed, ROBOT.n), np.random.default_rng(seed)
+    motion = trajectory(seed, ROBOT.n)
+    rng = np.random.default_rng(seed)
     t = np.arange(0.0, 14.0, 1.0 / RATE)
     q, dq, ddq = (np.asarray(values) for values in motion.evaluate(t))
-    tree, to_motors = FullTree(ROBOT, bearings=False), np.linalg.inv(C).T
+    tree = FullTree(ROBOT, bearings=False)
+    to_motors = np.linalg.inv(C).T
     joints = np.array([tree.inverse_dynamics(*state) for state in zip(q, dq, ddq, strict=True)])
     speed, acceleration = (values @ to_motors for values in (dq, ddq))
     motors = joints @ C

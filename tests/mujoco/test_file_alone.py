@@ -2,7 +2,9 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -77,27 +79,49 @@ def written(change: Callable[[Robot], Robot], folder: Path, *, refined: bool) ->
     )
 
 
-@pytest.mark.parametrize("change", [loaded, banded])
+class Refined(NamedTuple):
+    """A correction that was refined for its file, and the folder of the file."""
+
+    done: Written
+    folder: Path
+
+
+@pytest.fixture(scope="module")
+def refined(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Refined]:
+    """Refine each arm once."""
+
+    @cache
+    def made(change: str) -> Refined:
+        folder = tmp_path_factory.mktemp(change)
+        arms = {"loaded": loaded, "banded": banded}
+        return Refined(written(arms[change], folder, refined=True), folder)
+
+    return made
+
+
+@pytest.mark.parametrize("change", ["loaded", "banded"])
 def test_the_numbers_of_a_file_are_refined_for_it_alone(
-    tmp_path: Path, change: Callable[[Robot], Robot]
+    refined: Callable[[str], Refined], change: str
 ) -> None:
-    """robot.yaml errs little, the file alone less than the description."""
-    done = written(change, tmp_path, refined=True)
+    """The error of robot.yaml is small, that of the file alone below that of the description."""
+    done = refined(change).done
     assert done.choice is not None and isinstance(done.file, Exported)
     lift = done.choice.errors["lift"]
     assert lift.alone is not None
     assert lift.corrected < 0.1 * lift.alone and lift.alone < 0.8 * lift.described
     (words,) = done.file.stand_ins
-    what = "load dependent friction" if change is loaded else "dead band"
+    what = "load dependent friction" if change == "loaded" else "dead band"
     assert words.startswith(f"The file cannot state {what} of lift.")
     assert done.kept_in_file == () and done.notes() == ()
 
 
-def test_the_errors_are_those_of_the_file_that_is_written(tmp_path: Path) -> None:
-    """Opened and played as any other MJCF, the file has the errors that the result says; laws do
-    not act on it twice."""
-    done = written(loaded, tmp_path, refined=True)
-    opened = open_mjcf(tmp_path / "arm_corrected.xml")
+def test_the_errors_are_those_of_the_file_that_is_written(
+    refined: Callable[[str], Refined],
+) -> None:
+    """Opened and simulated as any other MJCF, the file has the errors that the result states; laws
+    cannot act on it twice."""
+    done, folder = refined("loaded")
+    opened = open_mjcf(folder / "arm_corrected.xml")
     assert done.choice is not None and done.robot is not None
     true = loaded(servo_arm().robot)
     judge = Judging(recorded(with_controllers(servo_arm(), true), 100.0, 17, seed=1))
@@ -106,7 +130,7 @@ def test_the_errors_are_those_of_the_file_that_is_written(tmp_path: Path) -> Non
     said = [one.alone for one in done.choice.errors.values()]
     np.testing.assert_allclose(played.errors, said, rtol=0.02)
     with pytest.raises(RobotError, match="refined without the laws"):
-        attach(mujoco.MjModel.from_xml_path(str(tmp_path / "arm_corrected.xml")), true)
+        attach(mujoco.MjModel.from_xml_path(str(folder / "arm_corrected.xml")), true)
 
 
 def test_a_joint_whose_file_alone_moves_worse_keeps_the_description(tmp_path: Path) -> None:

@@ -81,7 +81,8 @@ def test_collision_shapes_are_the_capsules_of_the_collision_check(rng: np.random
             if (min(link_of[a], link_of[b]), max(link_of[a], link_of[b])) in pairs:
                 shapes.addCollisionPair(pinocchio.CollisionPair(a, b))
     compared = 0
-    data, shape_data = model.createData(), pinocchio.GeometryData(shapes)
+    data = model.createData()
+    shape_data = pinocchio.GeometryData(shapes)
     for q in rng.uniform(-2, 2, (10, ARM.n)):
         pinocchio.computeDistances(model, data, shapes, shape_data, q)
         gap = min(result.min_distance for result in shape_data.distanceResults)

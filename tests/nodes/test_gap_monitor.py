@@ -306,7 +306,8 @@ def test_the_friction_of_a_moving_arm_is_named(graph: Graph) -> None:
 @pytest.mark.graph
 def test_a_replay_shorter_than_the_window_is_diagnosed_at_its_end(graph: Graph) -> None:
     """12 s of samples for a window of 15 s: when no more come, what came is diagnosed, once."""
-    settings, rng = SimulationSettings(effects=[EFFECT]), np.random.default_rng(1)
+    settings = SimulationSettings(effects=[EFFECT])
+    rng = np.random.default_rng(1)
     write_recording(
         graph.folder / "short", simulate(load_robot(), swinging(), settings, duration=12.0, rng=rng)
     )

@@ -330,7 +330,8 @@ def test_a_goal_in_weeks_is_refused(policy: str) -> None:
 @pytest.mark.parametrize(("with_velocity", "lag"), [(True, 1e-3), (False, 0.02)])
 def test_commands_of_a_controller_are_followed(with_velocity: bool, lag: float) -> None:
     """A sine of 0.3 rad/s, commanded every 10 ms: within the lag, s, times its speed."""
-    arm, course = follower(), []
+    arm = follower()
+    course = []
     for k in range(200):
         t = 0.01 * k
         command = JointState(name=list(NAMES), position=[0.15 * np.sin(2.0 * t)] * 3)

@@ -100,7 +100,8 @@ def test_the_estimate_converges_to_the_truth(run: Run) -> None:
     assert sum(e.verdict == "well" for e in online.estimates) > 10
     true = np.array([e.nominal for e in online.estimates])
     assert np.sqrt(chi_square(online, true) / len(true)) < 2.0
-    first, last = run.estimates[0], run.estimates[-1]
+    first = run.estimates[0]
+    last = run.estimates[-1]
     assert last.samples > first.samples
     assert np.median(np.array(last.std) / np.array(first.std)) < 1.0
 
@@ -151,7 +152,8 @@ def test_online_and_offline_agree(graph: Graph, run: Run) -> None:
 def test_a_replay_says_what_was_recorded(graph: Graph, run: Run) -> None:
     """The replayer publishes every recorded sample in order, with its stamp, and the clock beside
     it."""
-    clock, messages = graph.listen(Clock, "/clock"), graph.listen(JointState, "/joint_states")
+    clock = graph.listen(Clock, "/clock")
+    messages = graph.listen(JointState, "/joint_states")
     recorded = read_recording(run.bag).link
     replayer = graph.start("replayer", bag=run.bag, topics="['/joint_states']", rate=3.0)
     graph.until(lambda: replayer.process.poll() is not None, "the bag ends")
@@ -172,7 +174,8 @@ def test_samples_come_in_order_one_a_millisecond(graph: Graph) -> None:
         "/joint_torques": JointTorques,
     }
     heard = {topic: graph.listen(kind, topic) for topic, kind in kinds.items()}
-    clock, description = graph.listen(Clock, "/clock"), graph.listen(String, "/robot_description")
+    clock = graph.listen(Clock, "/clock")
+    description = graph.listen(String, "/robot_description")
     graph.start("simulator", real_time_factor=0.5)
     graph.until(lambda: min(map(len, heard.values())) > 500, "500 samples")
     for messages in heard.values():
@@ -214,7 +217,8 @@ def test_an_arm_faster_than_real_time_is_moved_on_its_own_clock(graph: Graph) ->
     # has begun.
     heard = recording.reference.stamp_ns >= recording.motor.stamp_ns[0]
     assert np.mean(heard) > 0.5
-    stamps, reference = recording.reference.stamp_ns[heard], recording.reference.position[heard, 0]
+    stamps = recording.reference.stamp_ns[heard]
+    reference = recording.reference.position[heard, 0]
     followed = np.interp(stamps, recording.motor.stamp_ns, recording.motor.position[:, 0])
     np.testing.assert_allclose(followed, reference, atol=0.01)
     assert clock
@@ -416,7 +420,8 @@ def test_states_without_a_place_of_the_arm_are_refused_by_the_generator(
 def test_absurd_references_leave_the_arm_as_it_is(graph: Graph) -> None:
     """One message of years of points, or of impossible numbers, is refused in words; the arm goes
     on."""
-    samples, status = graph.listen(JointState, "/joint_states"), graph.status("simulator")
+    samples = graph.listen(JointState, "/joint_states")
+    status = graph.status("simulator")
     simulator = graph.start("simulator", rate=250.0)
     publishers = {
         topic: graph.peer.create_publisher(JointTrajectory, topic, qos("/reference"))

@@ -49,7 +49,8 @@ def test_the_recorder_listens_before_anybody_publishes(graph: Graph) -> None:
     recorder = graph.start("recorder", bag=graph.folder / "bag")
     graph.until(lambda: "recording to" in recorder.output, "it says so")
     graph.until(lambda: graph.peer.count_subscribers("/joint_states") == 1, "it listens")
-    driver, status = Driver(graph, STREAM), graph.status("recorder")
+    driver = Driver(graph, STREAM)
+    status = graph.status("recorder")
     for _ in range(COUNT):
         driver.publish()
     graph.until(lambda: int(status.get("/joint_states", 0)) == COUNT, "all are in the bag")

@@ -86,7 +86,8 @@ def test_an_estimate_survives_an_absurd_sample(samples: Samples) -> None:
     ):
         sound.add(batch)
         screened.add(screen.take(bad))
-    one, other = sound.estimate(), screened.estimate()
+    one = sound.estimate()
+    other = screened.estimate()
     assert np.abs((one.Psi_base - other.Psi_base) / one.std).max() < 0.1
 
 

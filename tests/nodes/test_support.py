@@ -109,7 +109,8 @@ def test_samples_that_come_otherwise_are_put_in_order_or_counted(what: str) -> N
     """What is handed out increases within a run, and every sample that is not is counted by the
     reason."""
     window, batches, expected, counts = PAIRED[what]
-    pairing, handed = Pairing(window_ns=window), list[int]()
+    pairing = Pairing(window_ns=window)
+    handed = list[int]()
     for batch in (*batches, None):
         if batch is not None:
             feed(pairing, *batch)

@@ -94,7 +94,8 @@ def test_a_killed_recorder_holds_no_lock_of_the_arm_s(tmp_path: Path) -> None:
         assert shared_memory_of(simulator) == shared_memory_of(recorder) == set()
         recorder.process.send_signal(signal.SIGKILL)
         recorder.wait()
-        killed, before = time.monotonic(), len(heard)
+        killed = time.monotonic()
+        before = len(heard)
         graph.until(lambda: len(heard) > before + 100, "the arm goes on", patience=30.0)
         assert time.monotonic() - killed < 30.0
         assert simulator.stop() == 0

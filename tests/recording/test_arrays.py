@@ -85,7 +85,8 @@ def test_samples_that_no_bag_could_hold_are_to_be_mended_in_the_file(
     wrong: str, tmp_path: Path
 ) -> None:
     """The remedy is no repair of a bag, as there is none yet."""
-    times, angles = np.arange(10) / 300, np.zeros((10, 1))
+    times = np.arange(10) / 300
+    angles = np.zeros((10, 1))
     (angles if wrong == "number" else times)[5:6] = np.inf if wrong == "number" else 0.0
     np.savez(tmp_path / "a.npz", q=angles, t=times)
     with pytest.raises(RecordingError, match="Correct these samples in the file") as told:

@@ -94,7 +94,8 @@ def test_a_channel_that_some_joints_have_is_noted(tmp_path: Path, rng: np.random
     """Link encoders at two of three joints are in order, and named; a channel that no joint has is
     warned of."""
     whole = two_sided(rng, 500)
-    whole.link.position[:, 2], whole.link.velocity[:, 2] = np.nan, np.nan
+    whole.link.position[:, 2] = np.nan
+    whole.link.velocity[:, 2] = np.nan
     report = check_bag(write_recording(tmp_path / "some", whole))
     assert report.ok
     assert "/joint_states.position is missing for joint_3" in [

@@ -13,7 +13,8 @@ STAMPS = np.arange(600) * 20_000_000
 
 def motion(late: float = 0.0, seed: int = 0, ratio: float = 1.0) -> np.ndarray:
     """(600, 2) rad."""
-    rng, t = np.random.default_rng(seed), STAMPS * 1e-9 - late
+    rng = np.random.default_rng(seed)
+    t = STAMPS * 1e-9 - late
     phases = rng.uniform(0, 6, (4, 2))
     return ratio * sum(
         np.sin(np.outer(t, [w, 1.3 * w]) + p)

@@ -124,10 +124,12 @@ def test_damaged_bytes_end_in_one_line_and_never_this_process(tmp_path: Path, na
     numbers = np.arange(60.0).reshape(30, 2)
     if name.endswith("h5"):
         with h5py.File(tmp_path / name, "w") as file:
-            file["q"], file["t"] = numbers, numbers[:, 0]
+            file["q"] = numbers
+            file["t"] = numbers[:, 0]
     else:
         pq.write_table(pa.table({"q": numbers.tolist(), "t": numbers[:, 0]}), tmp_path / name)
-    whole, rng = (tmp_path / name).read_bytes(), np.random.default_rng(0)
+    whole = (tmp_path / name).read_bytes()
+    rng = np.random.default_rng(0)
     (tmp_path / name).unlink()
     for k in range(5):
         content = bytearray(whole)

@@ -34,7 +34,9 @@ def test_an_angle_against_the_horizontal_is_named(run: str) -> None:
 @pytest.mark.parametrize(("joint", "sign"), [(2, 1.0), *nightly([(3, -1.0)])])
 def test_sums_and_differences_of_other_joints_are_named(joint: int, sign: float) -> None:
     """With torques of the motors, which bear what the coupling brings."""
-    arm, rng, t = clean_arm(1), np.random.default_rng(4), np.arange(2500) / 125.0
+    arm = clean_arm(1)
+    rng = np.random.default_rng(4)
+    t = np.arange(2500) / 125.0
     motion = sines(rng, t)
     effort = arm.torques(motion, 0.01) + 0.02 * rng.normal(size=motion[0].shape)
     stamps = np.round(1e9 * t).astype(np.int64)
@@ -45,6 +47,7 @@ def test_sums_and_differences_of_other_joints_are_named(joint: int, sign: float)
     effort[:, joint - 1] -= sign * effort[:, joint]
     coupled = replace(plain, link=Side(stamps, given), motor=Side(stamps, effort=effort))
     (words,) = named(coupled, arm.robot)
-    name, before = arm.robot.joint_names[joint], arm.robot.joint_names[joint - 1]
+    name = arm.robot.joint_names[joint]
+    before = arm.robot.joint_names[joint - 1]
     assert f"coupling: {{{name}: {{{name}: 1.0, {before}: {-sign:g}}}}}" in words
     assert "angle and torque under motor" in words

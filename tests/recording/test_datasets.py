@@ -19,7 +19,9 @@ pa = pytest.importorskip("pyarrow")
 pq = pytest.importorskip("pyarrow.parquet")
 h5py = pytest.importorskip("h5py")
 
-EPISODES, LENGTH, JOINTS = 3, 80, ["pan", "lift"]
+EPISODES = 3
+LENGTH = 80
+JOINTS = ["pan", "lift"]
 
 
 def motion(seed: int) -> np.ndarray:
@@ -97,14 +99,10 @@ def test_hdf5_files_of_aloha_kind_are_recordings(tmp_path: Path) -> None:
     of their numbers."""
     for k in (2, 10):
         with h5py.File(tmp_path / f"episode_{k}.hdf5", "w") as file:
-            file["observations/qpos"], file["observations/effort"] = (
-                np.radians(motion(k)),
-                3.0 * motion(k),
-            )
-            file["action"], file["observations/images/top"] = (
-                np.radians(motion(k)) + 0.1,
-                np.zeros((LENGTH, 4, 4, 3)),
-            )
+            file["observations/qpos"] = np.radians(motion(k))
+            file["observations/effort"] = 3.0 * motion(k)
+            file["action"] = np.radians(motion(k)) + 0.1
+            file["observations/images/top"] = np.zeros((LENGTH, 4, 4, 3))
             file["compress_len"] = np.ones((2, LENGTH + k))
     draft = guess_mapping(load_arrays(tmp_path), JOINTS)
     assert draft.missing == ["times.rate"]

@@ -48,9 +48,11 @@ def recorded(
 ) -> Recording:
     """Sines, with torques of the arm under some gravity, friction, zeros and noise; `flipped` have
     the other sign."""
-    rng, n = np.random.default_rng(5), robot.n
+    rng = np.random.default_rng(5)
+    n = robot.n
     t = np.arange(round(seconds * RATE))[:, None] / RATE
-    w, phase = speed * rng.uniform(0.5, 2.0, (2, n)), rng.uniform(-3.0, 3.0, (2, n))
+    w = speed * rng.uniform(0.5, 2.0, (2, n))
+    phase = rng.uniform(-3.0, 3.0, (2, n))
     rates = [
         sum(0.6 * w[k] ** d * np.sin(w[k] * t + phase[k] + d * np.pi / 2) for k in range(2))
         for d in range(3)
@@ -64,7 +66,8 @@ def recorded(
     torque += friction + rng.normal(0.0, noise, torque.shape) + rng.normal(0.0, 0.5, n)
     torque[:, list(flipped)] *= -1.0
     stamp_ns = 10**18 + np.rint(1e9 * t[:, 0]).astype(np.int64)
-    position, effort = Side(stamp_ns, rates[0], rates[1]), Side(stamp_ns, effort=torque)
+    position = Side(stamp_ns, rates[0], rates[1])
+    effort = Side(stamp_ns, effort=torque)
     if side == "motor":
         return Recording(robot.joint_names, link=position, motor=effort)
     return Recording(robot.joint_names, link=position.filled(effort))
@@ -131,7 +134,8 @@ def test_the_parts_of_a_recording_are_judged_together() -> None:
 )
 def test_inertia_tells_signs_of_all_torques_from_an_arm_upside_down(which: str, words: str) -> None:
     """Gravity is reversed in both, inertia and friction in one of them."""
-    robot, gravity = arm(), DOWN if which == "all signs" else -DOWN
+    robot = arm()
+    gravity = DOWN if which == "all signs" else -DOWN
     (finding,) = contradicted_gravity(
         recorded(robot, gravity, speed=0.3, flipped=range(4) if which == "all signs" else ()), robot
     )
@@ -214,7 +218,8 @@ def test_check_and_the_commands_that_fit_say_so(tmp_path: Path) -> None:
 def test_torques_of_a_wrong_unit_are_named_with_their_factor(factor: float, words: str) -> None:
     """What follows gravity a thousand times too small is in another unit; 1.2 times is a matter of
     masses."""
-    robot, recording = arm(), recorded(arm(), speed=0.3)
+    robot = arm()
+    recording = recorded(arm(), speed=0.3)
     wrong = replace(recording, link=replace(recording.link, effort=factor * recording.link.effort))
     (finding,) = contradicted_gravity(wrong, robot)
     assert finding.code == "gravity_size" and words in finding.message

@@ -45,7 +45,8 @@ def test_recordings_that_begin_at_different_times_are_brought_to_cover() -> None
 def test_a_channel_that_is_late_has_its_lag() -> None:
     """A torque 3 ms later than the motion is named with its lag, where the reference tells the
     time."""
-    real, simulated = recording(0.0, 12.0), recording(0.0, 12.0)
+    real = recording(0.0, 12.0)
+    simulated = recording(0.0, 12.0)
     assert real.motor is not None and simulated.motor is not None
     late = recording(0.0, 12.0, late=0.003).motor
     real = replace(real, motor=replace(real.motor, effort=late.effort))

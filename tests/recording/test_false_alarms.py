@@ -39,7 +39,8 @@ def motion(*channels: str, phase: float = 0.0) -> tuple[Side, Side]:
     """Return link and motor side of two joints with dry friction that turns over at once."""
     angle = np.outer(TIMES, [1.1, 0.7]) * 2.0 + phase
     noise = np.random.default_rng(3)
-    q, dq = np.sin(angle), np.cos(angle) * np.array([2.2, 1.4])
+    q = np.sin(angle)
+    dq = np.cos(angle) * np.array([2.2, 1.4])
     tau = 16.0 * np.sign(dq) + 3.0 * dq + 5.0 * np.cos(q) + 0.05 * noise.normal(size=q.shape)
     link = Side(
         TIME_NS, q + 2e-6 * noise.normal(size=q.shape), dq + 1e-3 * noise.normal(size=q.shape)
@@ -209,7 +210,8 @@ def test_per_cent_of_a_range_is_no_angle() -> None:
             found.code == "percent"
             and "shoulder_pan 220, shoulder_lift 200, elbow_flex 190" in found.message
         )
-    tick, way = 360.0 / 4096, np.sin(np.outer(TIMES, [1.0, 1.3]))
+    tick = 360.0 / 4096
+    way = np.sin(np.outer(TIMES, [1.0, 1.3]))
     for ranges, expected in (
         ((150.0, 270.0), ["percent"]),
         ((200.0, 200.0), []),

@@ -214,7 +214,8 @@ def test_arrays_of_other_joints_or_without_a_sample_are_refused() -> None:
 def test_columns_without_a_sensor_are_left_out(tmp_path: Path) -> None:
     """Zeros of a joint that turns by its motor's encoder; one that stands on both sides keeps its
     columns."""
-    link, motor = Q * [1.0, 1.0, 0.0], Q * [1.0, 0.0, 1.0]
+    link = Q * [1.0, 1.0, 0.0]
+    motor = Q * [1.0, 0.0, 1.0]
     link[:, 1] = motor[:, 1]
     arrays = {
         "time": T,
@@ -289,7 +290,8 @@ def test_an_array_of_a_joint_without_a_sensor_is_ignored(tmp_path: Path) -> None
 
 def test_a_number_that_is_missing_makes_no_degrees(tmp_path: Path) -> None:
     """One NaN among the angles, and one among the times."""
-    q, t = Q.copy(), T.copy()
+    q = Q.copy()
+    t = T.copy()
     q[10, 1] = t[20] = np.nan
     np.savez(tmp_path / "run.npz", time=t, pos=q, vel=DQ, torque=TAU)
     draft = guess_mapping(load_arrays(tmp_path / "run.npz"), JOINTS)
@@ -373,7 +375,8 @@ def test_units_after_an_underscore_name_the_channel() -> None:
     """`turn_Ist_deg` is an angle in degrees and `turn_Strom_A` a current, in a table of other
     languages, too."""
     t = np.linspace(0.0, 10.0, 2001)
-    angle, current = 60.0 * np.sin(t), np.cos(t)
+    angle = 60.0 * np.sin(t)
+    current = np.cos(t)
     arrays = {
         "Zeit": t,
         **{f"{j}_Ist_deg": angle for j in "ab"},

@@ -167,7 +167,8 @@ def test_stamps_of_another_type_are_none(tmp_path: Path, kind: str) -> None:
     """A bag may define std_msgs/Header as it likes."""
     definition = HEADERS.format(f"{kind} sec\n{kind} nanosec\n")
     rows = b"".join(at(START_NS + row, bytes([0, 1, 0, 0]) + bytes(40)) for row in range(20))
-    bag, channels = tmp_path / "a.mcap", tmp_path / "map.yaml"
+    bag = tmp_path / "a.mcap"
+    channels = tmp_path / "map.yaml"
     bag.write_bytes(file(schema("a/msg/T", definition), channel(1, "/x"), chunk(rows, len(rows))))
     channels.write_text("joints: {a: {link: {position: {topic: /x, field: data, index: 0}}}}\n")
     assert "no header stamp" in str(quickly(lambda: read_recording(bag, channels)))

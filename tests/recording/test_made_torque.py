@@ -11,7 +11,9 @@ from elastic_arm.recording.made_torque import with_made_torque
 from elastic_arm.robot import JointController, Robot, load_robot
 
 # Hz, rad/s, s by which the arm of these tests is behind its command
-RATE, W, LAG = 50.0, 2 * np.pi * 0.8, 0.06
+RATE = 50.0
+W = 2 * np.pi * 0.8
+LAG = 0.06
 STEP = 1.0 / RATE
 
 
@@ -108,7 +110,8 @@ def test_gravity_is_fed_forward_of_the_command(arm: Robot) -> None:
 def test_what_is_known_otherwise_is_left_as_it_is(arm: Robot) -> None:
     """A recorded torque is never replaced; without commands, or without a controller, nothing is
     made."""
-    plain, robot = recording(), controlled(arm, kp=20.0)
+    plain = recording()
+    robot = controlled(arm, kp=20.0)
     torqued = replace(plain, link=replace(plain.link, effort=np.ones((300, 3))))
     assert with_made_torque(torqued, robot) is torqued
     assert with_made_torque(plain, arm) is plain

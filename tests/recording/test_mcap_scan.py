@@ -20,7 +20,9 @@ def test_every_record_is_found_once(
 ) -> None:
     """Any run of records, however often it repeats and wherever it is torn, is found whole, in
     order, and no more."""
-    content, begins, others = b"", [], []
+    content = b""
+    begins = []
+    others = []
     for opcode, channel, extra in kinds * repeats:
         if opcode == 5:
             begins.append(len(content))
@@ -108,13 +110,12 @@ def test_a_chunk_like_the_one_before_has_the_messages_that_a_walk_finds(
 
 def by_indexes(plain: bytes, offsets: dict[int, list[int]]) -> McapBlock | None:
     """What :func:`indexed` makes of a chunk whose indexes name these records."""
-    file, indexes = b"", []
+    file = b""
+    indexes = []
     for channel, where in offsets.items():
         pairs = np.stack([np.zeros(len(where), "<u8"), np.array(where, "<u8")], axis=1).tobytes()
-        begin, file = (
-            len(file),
-            file + channel.to_bytes(2, "little") + len(pairs).to_bytes(4, "little") + pairs,
-        )
+        begin = len(file)
+        file = file + channel.to_bytes(2, "little") + len(pairs).to_bytes(4, "little") + pairs
         indexes.append(Record(7, begin, len(file)))
     return indexed(np.frombuffer(file, np.uint8), indexes, np.frombuffer(plain, np.uint8), 0)
 
@@ -160,7 +161,9 @@ def test_lengths_that_overflow_together_are_refused() -> None:
 def test_a_regular_message_within_another_does_not_make_up_for_a_gap() -> None:
     """Three channels, each equally spaced, that take no turns: the first would go on among the
     bytes of the third."""
-    a, b, c = message(1, 59), message(2, 0), message(3, 29)
+    a = message(1, 59)
+    b = message(2, 0)
+    c = message(3, 29)
     before = by_channel(a + b + a + c + b + c)
     hidden = bytearray(a + b + a + c + b + c + bytes(len(a)))
     at = 2 * (len(a) + len(b))

@@ -183,10 +183,8 @@ def test_a_single_sample_within_the_range_of_others_is_said_to_be_off_its_neighb
         in words
         and "from the curve through its neighbours" in words
     )
-    off, kept = (
-        float(words.split("with a deviation of up to ")[1].split()[0]),
-        float(words.split("within ")[1]),
-    )
+    off = float(words.split("with a deviation of up to ")[1].split()[0])
+    kept = float(words.split("within ")[1])
     assert off > 10.0
     assert kept < 3.0
     assert "others are between" not in words

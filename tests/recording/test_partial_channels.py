@@ -12,7 +12,8 @@ from elastic_arm.recording import Recording, Side, load_channels, read_recording
 from elastic_arm.recording.inspection.outliers import find_outliers
 from tests.helpers.bags import JOINT_STATE, imported, joint_state, stamps, write_foreign
 
-N, JOINTS = 400, ("a", "b", "c")
+N = 400
+JOINTS = ("a", "b", "c")
 ARM = ("joint_1", "joint_2", "joint_3")
 STAMPS = np.arange(N, dtype=np.int64) * 4_000_000
 

@@ -27,7 +27,8 @@ def motion(t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     w = 2 * np.pi * np.array([[0.31, 0.43, 0.57], [0.91, 1.13, 1.37]])
     phase = np.array([[0.0, 1.0, 2.0], [0.5, 0.1, 0.9]])
     angle = w[:, None] * t[:, None] + phase[:, None]
-    q, dq = np.sum(0.4 * np.sin(angle), axis=0), np.sum(0.4 * w[:, None] * np.cos(angle), axis=0)
+    q = np.sum(0.4 * np.sin(angle), axis=0)
+    dq = np.sum(0.4 * w[:, None] * np.cos(angle), axis=0)
     return (
         q,
         dq,
@@ -236,7 +237,8 @@ SLOW_RATE = 200.0
 
 def torque(seconds: float = 30.0) -> np.ndarray:
     """Return torques (N, 2) of slow motion with dry friction and white noise, Nm."""
-    t, rng = np.arange(round(seconds * SLOW_RATE)) / SLOW_RATE, np.random.default_rng(7)
+    t = np.arange(round(seconds * SLOW_RATE)) / SLOW_RATE
+    rng = np.random.default_rng(7)
     slow = np.stack([20.0 * np.sin(1.3 * t), 5.0 * np.cos(2.1 * t)], axis=1)
     friction = 3.0 * np.sign(np.stack([np.cos(1.3 * t), -np.sin(2.1 * t)], axis=1))
     return slow + friction + rng.normal(0.0, 0.2, slow.shape)

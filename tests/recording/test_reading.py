@@ -133,7 +133,8 @@ def test_files_of_the_mcap_library_are_read(
 
 def test_several_bags_make_one_recording(tmp_path: Path) -> None:
     """Two bags of one run, and a folder of several files, read as if never split."""
-    first, second = stamps(200), stamps(200, start_ns=int(stamps(201)[-1]))
+    first = stamps(200)
+    second = stamps(200, start_ns=int(stamps(201)[-1]))
     bags = [
         write_foreign(
             tmp_path / name, states("/joint_states", part) + states("/motor_states", part)

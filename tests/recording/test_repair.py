@@ -172,7 +172,8 @@ def test_flipped_bits_in_packed_chunks_are_found(tmp_path: Path, compression: st
     given = two_sided(np.random.default_rng(1), 3_000)
     file = write_recording(tmp_path / "bag", given, compression) / "bag_0.mcap"  # type: ignore[arg-type]
     content = file.read_bytes()
-    rng, found = np.random.default_rng(2), 0
+    rng = np.random.default_rng(2)
+    found = 0
     spans = [(chunk.begin, chunk.end) for chunk in open_mcap(file).chunks]
     for begin, end in rng.choice(spans, 40).tolist():
         changed = bytearray(content)

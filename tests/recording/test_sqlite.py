@@ -43,10 +43,8 @@ def test_the_same_recording_comes_from_both_storages(tmp_path: Path) -> None:
     """A bag of 18 000 messages in a .db3 gives the very arrays that the same messages in an MCAP
     file give."""
     messages = both(stamps(9_000))
-    one, other = (
-        write_foreign(tmp_path / "mcap", messages),
-        write_sqlite(tmp_path / "sqlite", messages),
-    )
+    one = write_foreign(tmp_path / "mcap", messages)
+    other = write_sqlite(tmp_path / "sqlite", messages)
     assert_equal(read_recording(other), read_recording(one))
     assert list(read_messages(other)) == list(read_messages(one))
     assert [t[:3] for t in map(vars_of, read_topics(other))] == [

@@ -79,7 +79,8 @@ def test_the_parts_of_a_bag_are_the_recording(tmp_path: Path) -> None:
     """Put together they hold every sample of it, and the last one says that all was read."""
     bag = write_recording(tmp_path / "bag", two_sided(np.random.default_rng(0), 20_000))
     parts = list(read_parts(bag, most=10_000))
-    whole, joined = read_recording(bag), Recording.joined([part for part, _ in parts])
+    whole = read_recording(bag)
+    joined = Recording.joined([part for part, _ in parts])
     assert len(parts) > 2 and parts[-1][1] == 1.0
     for name, values in whole.link.channels().items():
         np.testing.assert_array_equal(joined.link.channels()[name], values)

@@ -18,14 +18,16 @@ from tests.helpers.random_arms import random_arm
 
 Array = NDArray[np.float64]
 NAMES = ("joint_1", "joint_2", "joint_3")
-COUNT, RATE = 6000, 200.0
+COUNT = 6000
+RATE = 200.0
 
 
 def recording(noise: float = 0.3, step: float = 0.5, limit: float = np.inf) -> Recording:
     """Angles of sines beside motor torques of some steps, which the second joint's drive bounds."""
     t = np.arange(COUNT)[:, None] / RATE
     w = np.array([0.7, 1.1, 1.7])
-    q, dq = np.sin(w * t), w * np.cos(w * t)
+    q = np.sin(w * t)
+    dq = w * np.cos(w * t)
     torque = 60.0 * np.sin(w * t + 0.4) + noise * np.random.default_rng(0).standard_normal(q.shape)
     torque[:, 1] = np.clip(torque[:, 1], -limit, np.inf)
     torque = step * np.rint(torque / step) if step else torque
@@ -84,8 +86,10 @@ def test_an_arm_at_rest_neither_freezes_nor_saturates() -> None:
     resting = recording(noise=0.0, step=0.0)
     turning = int(np.argmin(np.abs(resting.link.velocity).max(axis=1)[:600]))
     still = held(resting, slice(2000, 3000), turning)
-    velocity, effort = still.link.velocity.copy(), np.array(still.motor.effort)
-    velocity[2000:3000], effort[2000:3000] = 0.0, 80.0
+    velocity = still.link.velocity.copy()
+    effort = np.array(still.motor.effort)
+    velocity[2000:3000] = 0.0
+    effort[2000:3000] = 80.0
     still = replace(
         still,
         link=replace(still.link, velocity=velocity),
@@ -117,7 +121,8 @@ def test_freezes_are_found_with_their_times() -> None:
     """Two stretches of 0.1 s, and the end; with velocities and without; single repeats and slow
     channels are none."""
     rows = (slice(1000, 1021), slice(3000, 3021), slice(COUNT - 100, COUNT))
-    whole, icy = recording(), recording()
+    whole = recording()
+    icy = recording()
     for stretch in rows:
         icy = held(icy, stretch)
     for frosty in (icy, replace(icy, link=replace(icy.link, velocity=None))):
@@ -216,7 +221,8 @@ def test_joints_at_rest_hold_their_numbers() -> None:
     for name in ("link", "motor"):
         side: Side = getattr(whole, name)
         position, velocity = (values.copy() for values in (side.position, side.velocity))
-        position[:, 1], velocity[:, 1] = 0.3, 5e-3
+        position[:, 1] = 0.3
+        velocity[:, 1] = 5e-3
         whole = replace(whole, **{name: replace(side, position=position, velocity=velocity)})
     torque = whole.motor.effort.copy()
     torque[:, 1] = 2.0
@@ -308,7 +314,8 @@ def test_measured_values_between_zeros_are_no_outliers() -> None:
     """A velocity that is zero in two of three samples is named as that, and nothing of it is left
     out."""
     t = np.arange(3000) / 250.0
-    q, dq = np.sin(2.0 * t)[:, None], 2.0 * np.cos(2.0 * t)[:, None]
+    q = np.sin(2.0 * t)[:, None]
+    dq = 2.0 * np.cos(2.0 * t)[:, None]
     dq[np.arange(len(t)) % 3 != 0] = 0.0
     given = Recording(("j",), motor=Side(np.rint(1e9 * t).astype(np.int64), q, dq, 3.0 * q))
     whole, found = cleared(given)

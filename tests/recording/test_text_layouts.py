@@ -18,10 +18,11 @@ from scipy.io import savemat
 
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording import read_recording
-from elastic_arm.recording.foreign.array_files import Arrays, load_arrays
+from elastic_arm.recording.foreign.array_files import load_arrays
 from elastic_arm.recording.foreign.arrays import import_arrays
 from elastic_arm.recording.foreign.guess import guess_mapping
 from elastic_arm.recording.foreign.text_layouts import arrays_of
+from elastic_arm.recording.foreign.text_tables import Arrays
 from tests.helpers.command_line import refusal, run
 
 REPORTS = Path(__file__).parents[3] / "shared" / "data" / "public_reports_2"
@@ -268,7 +269,8 @@ def texts_in_hdf5(file: Path) -> None:
 def records_of_numpy() -> np.ndarray:
     """Return times and angles as records."""
     records = np.zeros(len(T), dtype=[("t", "f8"), ("q", "f8", (2,))])
-    records["t"], records["q"] = T, Q
+    records["t"] = T
+    records["q"] = Q
     return records
 
 

@@ -31,7 +31,8 @@ def test_equal_stamps_are_joined_exactly(rng: np.random.Generator) -> None:
 
 def test_lost_messages_are_left_out_of_both_sides(rng: np.random.Generator) -> None:
     """A sample that one side lost is left out of the other too, and counted."""
-    link, motor = side(rng, stamps(1000)), side(rng, stamps(1000))
+    link = side(rng, stamps(1000))
+    motor = side(rng, stamps(1000))
     samples = Recording(
         JOINTS, link.at(np.arange(1000) != 40), motor.at(np.arange(1000) != 70)
     ).samples()
@@ -44,7 +45,8 @@ def test_lost_messages_are_left_out_of_both_sides(rng: np.random.Generator) -> N
 def test_stamps_apart_are_interpolated_to_the_link_side() -> None:
     """Half a sample apart, a 5 Hz motion at 1 kHz is met to the cubic spline's error, and the
     result says so."""
-    link, motor = wave(stamps(2000)), wave(stamps(2000) + 500_000)
+    link = wave(stamps(2000))
+    motor = wave(stamps(2000) + 500_000)
     samples = Recording(JOINTS, link, motor).samples()
     expected = wave(samples.stamp_ns)
     # (w h)^4 / 384 of the spline's error bound, h = 1 ms, w = 2 pi 10 Hz of the effort

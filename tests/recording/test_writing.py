@@ -151,7 +151,8 @@ def test_transforms_move_the_links_of_the_urdf_beside_them(
         pinocchio.framesForwardKinematics(model, data, pinocchio_angles(model, robot, q[2 * k]))
         seen = {"world": np.eye(4)}
         for each in message.transforms:
-            t, r = each.transform.translation, each.transform.rotation
+            t = each.transform.translation
+            r = each.transform.rotation
             inside = pinocchio.XYZQUATToSE3(
                 np.array([t.x, t.y, t.z, r.x, r.y, r.z, r.w])
             ).homogeneous

@@ -40,10 +40,8 @@ def assert_same_torque(path: Path, chain: str | None = None, at: str | None = No
     ends = None if chain is None else tuple(chain.split(":"))
     arm = open_mjcf(path, ends, at)
     motion = random_motion(arm.robot.n)
-    ours, theirs = (
-        stated_torque(without_dry_friction(arm.robot), *motion),
-        mujoco_torque(arm, *motion),
-    )
+    ours = stated_torque(without_dry_friction(arm.robot), *motion)
+    theirs = mujoco_torque(arm, *motion)
     assert np.abs(ours - theirs).max() < 1e-9 * max(1.0, np.abs(theirs).max())
 
 
@@ -378,7 +376,8 @@ def test_a_second_hinge_of_small_range_is_play(tmp_path: Path) -> None:
     path = two_joints(
         tmp_path, play='<joint name="slack" axis="0 1 0" range="-0.02 0.01" armature="0.001"/>'
     )
-    robot, plain = load_robot(path), load_robot(two_joints(tmp_path))
+    robot = load_robot(path)
+    plain = load_robot(two_joints(tmp_path))
     assert robot.joint_names == ("j1", "j2") and robot.effects == plain.effects
     (note,) = (note for note in robot.notes if "slack" in note)
     assert "play of ±0.015 rad in j2" in note and "backlash:j2:half_gap=0.015" in note
@@ -485,7 +484,8 @@ def test_a_servo_moves_the_arm_as_in_mujoco(tmp_path: Path, actuator: str) -> No
         .replace('frictionloss="0.3"', "")
         .replace("<option ", '<option integrator="RK4" ')
     )
-    arm, target = open_mjcf(path), np.array([0.4, -0.3])
+    arm = open_mjcf(path)
+    target = np.array([0.4, -0.3])
     simulator = Simulator(arm.robot, SimulationSettings(sensors=Sensors.exact()), q0=np.zeros(2))
     constant = np.tile(target, (1000, 1))
     ours, _ = simulator.follow(constant, 0.0 * constant, 0.0 * constant)

@@ -100,7 +100,8 @@ def test_gravity_and_the_whole_arm_have_theirs() -> None:
     assert "mm/s²" in doubtful(robot.with_(gravity=np.array([0.0, 0.0, -9810.0])))[-1]
     tiny = robot
     for joint in robot.joints:
-        before, after = joint.before.copy(), joint.after.copy()
+        before = joint.before.copy()
+        after = joint.after.copy()
         before[:3, 3] *= 1e-3
         after[:3, 3] *= 1e-3
         tiny = tiny.with_joint(joint.name, before=before, after=after)

@@ -58,10 +58,12 @@ def two_joints(*more: str) -> str:
 def random_chain(rng: np.random.Generator, joints: int) -> str:
     """A chain with axes and origins in all directions, fixed links between and at the end,
     continuous joints."""
-    elements, parent = [link("foot")], "foot"
+    elements = [link("foot")]
+    parent = "foot"
     for i in range(2 * joints + 1):
         child = f"link_{i}"
-        mass, (x, y, z) = rng.uniform(0.5, 3.0), rng.uniform(0.01, 0.05, 3)
+        mass = rng.uniform(0.5, 3.0)
+        (x, y, z) = rng.uniform(0.01, 0.05, 3)
         inertia = f'ixx="{y + z}" iyy="{x + z}" izz="{x + y}" ixy="0" ixz="0" iyz="0"'
         xyz, rpy = ("{} {} {}".format(*rng.uniform(-1, 1, 3)) for _ in range(2))
         elements.append(
@@ -80,10 +82,12 @@ def random_chain(rng: np.random.Generator, joints: int) -> str:
 
 def assert_same_dynamics(robot: Robot, text: str) -> None:
     """Inverse dynamics and mass matrix are those of Pinocchio's own reading of `text`, to 1e-9."""
-    model, peer = build_model(robot, engine="numpy"), pinocchio.buildModelFromXML(text)
+    model = build_model(robot, engine="numpy")
+    peer = pinocchio.buildModelFromXML(text)
     data = peer.createData()
     q, dq, ddq = np.random.default_rng(5).normal(size=(3, 12, robot.n))
-    tau, M = model.inverse_dynamics(q, dq, ddq), model.mass_matrix(q)
+    tau = model.inverse_dynamics(q, dq, ddq)
+    M = model.mass_matrix(q)
     for k in range(len(q)):
         # Pinocchio holds a continuous joint's angle as its cosine and sine.
         own = [
@@ -143,7 +147,8 @@ def test_the_elastic_arm_as_urdf_carries_its_motors() -> None:
     rigid = parse_urdf(text)
     assert rigid.mass == pytest.approx(robot.mass, rel=1e-12)
     q = np.random.default_rng(1).uniform(-3, 3, (10, robot.n))
-    still, x = np.zeros((10, 2 * robot.n)), np.hstack([q, q])
+    still = np.zeros((10, 2 * robot.n))
+    x = np.hstack([q, q])
     gravity = build_model(robot, engine="numpy").inverse_dynamics(x, still, still)
     expected = gravity[:, : robot.n] + gravity[:, robot.n :]
     found = build_model(rigid, engine="numpy").inverse_dynamics(
@@ -162,7 +167,9 @@ def test_mujoco_takes_the_urdf_and_agrees() -> None:
     q, dq, ddq = np.random.default_rng(2).normal(size=(3, 8, rigid.n))
     found = build_model(rigid, engine="numpy").inverse_dynamics(q, dq, ddq)
     for k in range(len(q)):
-        data.qpos[:], data.qvel[:], data.qacc[:] = q[k], dq[k], ddq[k]
+        data.qpos[:] = q[k]
+        data.qvel[:] = dq[k]
+        data.qacc[:] = ddq[k]
         mujoco.mj_inverse(engine, data)
         np.testing.assert_allclose(found[k], data.qfrc_inverse, atol=1e-9 * np.abs(found[k]).max())
 
@@ -170,7 +177,8 @@ def test_mujoco_takes_the_urdf_and_agrees() -> None:
 def test_link_frames_stand_where_pinocchio_puts_them() -> None:
     """Forward kinematics over arrays of poses agrees with Pinocchio's."""
     text = random_chain(np.random.default_rng(4), 3)
-    robot, peer = parse_urdf(text), pinocchio.buildModelFromXML(text)
+    robot = parse_urdf(text)
+    peer = pinocchio.buildModelFromXML(text)
     data = peer.createData()
     q = np.random.default_rng(4).uniform(-1, 2, (5, robot.n))
     _, links = link_placements(robot, q)

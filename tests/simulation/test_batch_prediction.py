@@ -40,7 +40,8 @@ def test_every_start_follows_the_simulator(effects: tuple[str, ...]) -> None:
     motion = completed(smooth_motion(MODEL, samples=60, period=1e-3), MODEL)
     equations = ArmEquations(ROBOT, "mod3")
     batch = BatchPrediction(equations, laws, equations.nominal, drive_constants(MODEL)[0], 1e-3)
-    begins, steps = np.array([3, 17, 30]), [5, 20]
+    begins = np.array([3, 17, 30])
+    steps = [5, 20]
     q, theta = batch.angles(motion, begins, steps)
     torque = 0.5 * (motion.tau_m[:-1] + motion.tau_m[1:])
     simulator = Simulator(
@@ -89,7 +90,9 @@ def test_strong_friction_on_a_light_link_is_followed(tmp_path: Path) -> None:
 
     Its exact motion is w = tau/d (1 − exp(−d t/J)): after 40 ms the angle is tau/d (t − J/d).
     """
-    inertia, damping, torque = 1e-3, 370.0, 7.4
+    inertia = 1e-3
+    damping = 370.0
+    torque = 7.4
     file = tmp_path / "one.yaml"
     file.write_text(ONE_JOINT.format(inertia=inertia))
     robot = load_robot(file)

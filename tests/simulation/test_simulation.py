@@ -79,14 +79,19 @@ def test_error_over_ten_seconds_is_below_1e_minus_8_rad(arm):
     )
     function = build_model(arm).function("forward_dynamics")
     buffer, run = function.buffer()
-    x, dx, f, ddx = np.zeros(6), np.zeros(6), np.zeros(6), np.zeros(6)
+    x = np.zeros(6)
+    dx = np.zeros(6)
+    f = np.zeros(6)
+    ddx = np.zeros(6)
     psi = build_model(arm).Psi.copy()
     for k, array in enumerate((x, dx, f, psi)):
         buffer.set_arg(k, memoryview(array))
     buffer.set_res(0, memoryview(ddx))
 
     def rate(y, command):
-        x[:], dx[:], f[3:] = y[:6], y[6:], command
+        x[:] = y[:6]
+        dx[:] = y[6:]
+        f[3:] = command
         run()
         return np.concatenate([y[6:], ddx])
 
@@ -110,7 +115,8 @@ def test_motion_agrees_with_pinocchio(arm, bearings):
     dof = truth.x.shape[1]
 
     def rate(y, held):
-        x, dx = y[:dof], y[dof:]
+        x = y[:dof]
+        dx = y[dof:]
         mass, bias = tree.terms(x, dx)
         f = -bias - springs(arm, x, dx)
         f[3:6] += held
@@ -398,7 +404,8 @@ def test_effects_that_cannot_be_taken_leave_the_arm_as_it_was(arm):
                 simulator.change_effects([parse("payload:mass=1e6")])
         return simulator.effects, simulator.follow(*still)[0]
 
-    (asked, one), (alone, two) = run(True), run(False)
+    (asked, one) = run(True)
+    (alone, two) = run(False)
     assert asked == alone
     assert np.array_equal(one.x, two.x)
 
@@ -460,7 +467,8 @@ def test_any_number_of_joints_moves():
     robot = rigid.with_(joints=tuple(joints))
     model = pin.Model()
     model.gravity = pin.Motion(robot.gravity, np.zeros(3))
-    parent, placement = 0, pin.SE3.Identity()
+    parent = 0
+    placement = pin.SE3.Identity()
     for joint in robot.joints:
         before, after = (
             pin.SE3(m[:3, :3].copy(), m[:3, 3].copy()) for m in (joint.before, joint.after)

@@ -111,7 +111,8 @@ def test_every_effect_is_drawn_at_the_wanted_multiple_of_its_bound(effect: str) 
     ).arm
     # What scales friction is drawn with friction.
     place = [fault.effect for fault in arm.faults].index(effect)
-    bound, multiple = arm.bound[place], arm.multiple[place]
+    bound = arm.bound[place]
+    multiple = arm.multiple[place]
     if bound is None:
         assert arm.model != "mod3"
         return
@@ -146,7 +147,8 @@ EFFECT = Effect(
 def test_an_effect_acts_in_both_recordings_or_is_refused(tmp_path: Path) -> None:
     """A buffer is drawn where both motions touch it, with a size of its range; one that nothing
     reaches is refused."""
-    requests, catalogues = [], []
+    requests = []
+    catalogues = []
     for name, low, high in (("near", -0.5, 0.5), ("never", 50.0, 60.0)):
         file = tmp_path / f"{name}.py"
         file.write_text(BUFFER.replace("{low}", str(low)).replace("{high}", str(high)))
@@ -221,10 +223,8 @@ def test_a_field_arm_is_recorded_with_its_description_and_read_back(tmp_path: Pa
     assert question["priors"] == {"sensors": {"motor_torque_gain": 0.15}}
     truth = campaign.open_sealed(tmp_path, campaign.load_manifest(tmp_path)["truth_sha256"])
     for entry in truth:
-        path, channels = (
-            description_path(tmp_path, entry["name"]),
-            channels_path(tmp_path, entry["name"]),
-        )
+        path = description_path(tmp_path, entry["name"])
+        channels = channels_path(tmp_path, entry["name"])
         robot = load_robot(path)
         read = read_recording(
             tmp_path / "bags" / f"{entry['name']}_identify", channels, robot.joint_names

@@ -70,7 +70,8 @@ def test_hidden_arms_and_the_diagnosis_share_no_code() -> None:
 def test_hidden_tree_agrees_with_the_projects_own_derivation(bearings: bool) -> None:
     """Two engines that share no code give the same torques for the same motion, to rounding."""
     rng = np.random.default_rng(0)
-    tree, model = KinematicTree(ROBOT, bearings=bearings), build_model(ROBOT, bearings=bearings)
+    tree = KinematicTree(ROBOT, bearings=bearings)
+    model = build_model(ROBOT, bearings=bearings)
     x, dx, ddx = (0.3 * rng.standard_normal((3, tree.dof)) for _ in range(3))
     still = np.zeros_like(x)
     # What hangs on stiffness and damping is not the tree's.
@@ -133,8 +134,10 @@ def test_an_arm_on_a_lifting_column_moves_as_pinocchio_says_and_the_project_deri
     course = HiddenArm(arm).run(
         random_points(np.random.default_rng(5), 6, 3.0)
     )  # raises where the engines differ
-    tree, model = KinematicTree(arm), build_model(arm)
-    x, still = np.tile(course.q[1000], 2), np.zeros(12)
+    tree = KinematicTree(arm)
+    model = build_model(arm)
+    x = np.tile(course.q[1000], 2)
+    still = np.zeros(12)
     parts = sum(
         c.mass
         for j in arm.joints
@@ -169,7 +172,8 @@ def test_the_larger_set_of_equations_without_its_effects_is_the_smaller_one() ->
     """An arm with a spring of no stiffness moves as the plain one does."""
     motion = random_motion(np.random.default_rng(3), 3, 2.0)
     none = Fault("joint_spring", 1, {"stiffness": 0.0, "rest": 0.0})
-    first, second = HiddenArm(ROBOT).run(motion), HiddenArm(ROBOT, [none]).run(motion)
+    first = HiddenArm(ROBOT).run(motion)
+    second = HiddenArm(ROBOT, [none]).run(motion)
     assert np.abs(first.q - second.q).max() < 1e-12
 
 
@@ -209,7 +213,8 @@ def test_friction_by_direction_is_larger_one_way() -> None:
     motion = random_motion(np.random.default_rng(3), 3, 4.0)
     plain, course = (HiddenArm(ROBOT, some).run(motion) for some in ((), faults))
     moving = np.abs(course.dtheta[:, 1]) > 0.3
-    added, sign = (course.tau_m - plain.tau_m)[moving, 1], course.dtheta[moving, 1] > 0.0
+    added = (course.tau_m - plain.tau_m)[moving, 1]
+    sign = course.dtheta[moving, 1] > 0.0
     assert np.median(added[sign]) == pytest.approx(13.0, rel=0.02)
     assert np.median(added[~sign]) == pytest.approx(-7.0, rel=0.02)
 
@@ -258,8 +263,10 @@ def test_a_strained_body_stays_one_and_gains_products_of_inertia() -> None:
     """The moments of a rod stretched along itself grow across it by twice the strain; shear makes a
     product."""
     rod = np.diag([0.0, 1.0, 1.0])
-    along, sheared = np.zeros((3, 3)), np.zeros((3, 3))
-    along[0, 0], sheared[1, 0] = 0.01, 0.01
+    along = np.zeros((3, 3))
+    sheared = np.zeros((3, 3))
+    along[0, 0] = 0.01
+    sheared[1, 0] = 0.01
     assert strained(rod, along) == pytest.approx(np.diag([0.0, 1.0201, 1.0201]))
     assert strained(rod, sheared)[0, 1] == pytest.approx(-0.01)
     principal = np.sort(np.linalg.eigvalsh(strained(rod, along + sheared)))
@@ -307,5 +314,6 @@ def test_realistic_sensors_leave_out_a_side_and_thin_out_samples() -> None:
     turns = read.motor.position / (2 * np.pi / 2**13 / 100.0)
     assert np.abs(turns - np.round(turns)).max() < 1e-6
     assert np.median(np.diff(read.motor.stamp_ns)) == 10_000_000
-    inner, ends = course.tau_m[36:45].sum(axis=0), course.tau_m[[35, 45]].mean(axis=0)
+    inner = course.tau_m[36:45].sum(axis=0)
+    ends = course.tau_m[[35, 45]].mean(axis=0)
     np.testing.assert_allclose(read.motor.effort[3], (inner + ends) / 10.0, atol=1e-6)

@@ -79,7 +79,8 @@ def test_tau_l_of_mod3_falls_as_the_bushing_grows_stiff(robot: Robot) -> None:
 
 def test_halving_the_step_shrinks_the_error_as_a_fourth_order_method_does(robot: Robot) -> None:
     """By at least eight times, on a smooth motion."""
-    prototype, motion = Prototype(robot), short_ramp(POSE, shape=QUINTIC)
+    prototype = Prototype(robot)
+    motion = short_ramp(POSE, shape=QUINTIC)
     fine, half, whole = (prototype.follow(motion, step=step).tau_m for step in (5e-5, 1e-4, 2e-4))
     assert np.abs(whole - fine).max() > 8.0 * np.abs(half - fine).max()
 
@@ -97,7 +98,8 @@ def test_in_equilibrium_nothing_moves(robot: Robot) -> None:
 
 def test_torques_read_under_an_imposed_motion_bring_that_motion_about(robot: Robot) -> None:
     """The inverse of the forward prototype: its own tau_m, applied, gives back theta."""
-    prototype, motion = Prototype(robot), short_ramp(POSE, shape=QUINTIC)
+    prototype = Prototype(robot)
+    motion = short_ramp(POSE, shape=QUINTIC)
     step = 2.5e-4
     imposed = prototype.follow(motion, step=step, rate=2.0 / step)  # a sample at every half step
     run = prototype.actuate(

@@ -114,7 +114,8 @@ class YieldingJoint:
 
     def residuals(self, signals: MotionSignals, values: Mapping[str, Any]) -> Array:
         """Return what the link's motion behind the encoder adds to the residuals, (N, 3 n)."""
-        (j,), h = values["joints"], float(signals.t[1] - signals.t[0])
+        (j,) = values["joints"]
+        h = float(signals.t[1] - signals.t[0])
         model = self._model
         motor = float(self.equations.robot.joints[j].armature or 0.0)
         motion = [signals.values[name] for name in ("x", "dx", "ddx")]

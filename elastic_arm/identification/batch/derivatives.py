@@ -180,7 +180,9 @@ class DerivativeStage:
         angle = "theta" if self._longest.theta is not None else "q"
         lost = 2 * self._smoother.lag
         grids = [grid for grid in self._grids if len(grid) > lost]
-        fastest, low, high = [], [], []
+        fastest = []
+        low = []
+        high = []
         for grid in grids:
             position = getattr(grid, angle)
             low.append(position.min(axis=0))

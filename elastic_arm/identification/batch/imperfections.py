@@ -1,12 +1,12 @@
-"""Imperfections that every recording may have, asked for or not: zeros of torque channels, a base
-off level.
+"""Imperfections that every recording may have: zeros of torque channels, and a base that is not
+level.
 
-They are identified where laws beyond the model are: without these, a constant torque goes into
-friction, masses and motor inertia. What differs from none in the recordings is free (Wald test by
-the scatter of their blocks), what they show to be none is left out. The others are held to an
-ordinary size by a prior where the description serves as one, and left out elsewhere: in a short
-recording a zero and the moment of a mass hardly differ, and whatever is left out goes into the
-other.
+They are identified together with laws beyond the model. Without them, a constant torque would be
+attributed to friction, masses and motor inertia. Imperfections that the recordings show to differ
+from zero are free (Wald test by the scatter of their blocks); those that they show to be zero are
+left out. The others are constrained to their ordinary size by a prior if the description also
+serves as a prior, and otherwise left out: in a short recording, a zero and the moment of a mass
+hardly differ, and leaving one out changes the other.
 """
 
 from collections.abc import Sequence
@@ -42,7 +42,7 @@ LEVEL = 0.02
 
 @dataclass(frozen=True)
 class NuisanceLaw:
-    """A law that nobody asked for."""
+    """A law that is identified without a request."""
 
     instance: EffectInstance  # The effect at its joint, as the description states it, if it does
     ordinary: float | None = (
@@ -57,9 +57,9 @@ class NuisanceLaw:
 
 
 def nuisance_effects(robot: Robot, catalogue: Catalogue | None = None) -> dict[str, str | None]:
-    """Return effects that are identified unasked, each with the channel of its zero.
+    """Return the effects that are identified without a request, each with the channel of its zero.
 
-    None for an effect that is no zero.
+    None for an effect that is not a zero.
     """
     known = catalogue or EFFECTS
     found: dict[str, str | None] = {
@@ -74,9 +74,9 @@ def possible_imperfections(
     asked: Sequence[EffectInstance],
     catalogue: Catalogue | None = None,
 ) -> tuple[NuisanceLaw, ...]:
-    """Return zeros of all recorded torques and the tilt of the base.
+    """Return zeros of all recorded torques and the tilt of the base, each with its ordinary size.
 
-    Those that were asked for are left out; each is of ordinary size.
+    Those that were requested are left out.
     """
     places = {(instance.effect.id, instance.joint) for instance in asked}
     stated = {(each.effect.id, each.joint): each for each in robot_effects(robot, catalogue)}
@@ -94,8 +94,8 @@ def possible_imperfections(
 def _ordinary_zeros(
     recordings: Sequence[Samples], robot: Robot, channel: str
 ) -> dict[str | None, float]:
-    """Return the ordinary size of the zero of a torque channel at each joint that has it, and
-    torque in it."""
+    """Return the ordinary size of the zero of a torque channel at each joint with that channel, and
+    the torque in it."""
     have = [values for samples in recordings if (values := getattr(samples, channel)) is not None]
     if not have:
         return {}
@@ -110,10 +110,10 @@ def _ordinary_zeros(
 def told_apart(
     possible: Sequence[NuisanceLaw], equations: BaseRegression
 ) -> tuple[NuisanceLaw, ...]:
-    """Return the laws without a tilt that another parameter of the equations can stand for.
+    """Return the laws without a tilt that is equivalent to another parameter of the equations.
 
-    About a horizontal first axis it is the same as another centre of mass, for one, and of a
-    sliding axis as a zero.
+    About a horizontal first axis, a tilt is equivalent to another centre of mass; for a sliding
+    axis, to a zero.
     """
     return tuple(
         e for e in possible if e.stated or e.place[0] != TILT or _is_by_itself(e, equations)
@@ -121,8 +121,8 @@ def told_apart(
 
 
 def _is_by_itself(each: NuisanceLaw, equations: BaseRegression) -> bool:
-    """Whether those of a law's parameters that leave a trace are base parameters by themselves, and
-    some are."""
+    """Return whether the visible parameters of a law are separate base parameters, and there are
+    any."""
     shares = [equations.base.T[:, equations.names.index(name)] for name in _names(each, equations)]
     traced = [share for share in shares if share.any()]
     alone = (np.count_nonzero(equations.base.T[np.argmax(np.abs(share))]) == 1 for share in traced)
@@ -134,9 +134,8 @@ def judged_imperfections(
 ) -> tuple[NuisanceLaw, ...]:
     """Return which imperfections are identified, and how.
 
-    Those that differ from none are free; the rest is held to its ordinary size or left out.
-
-    What the description states is never left out.
+    Those that differ from zero are free; the others are constrained to their ordinary size or left
+    out. Imperfections that the description states are never left out.
     """
     place = {name: k for k, name in enumerate(equations.base.names)}
     sizes = {}

@@ -1,10 +1,10 @@
-"""How an arm is mounted as its torques show it, where its description has it mounted otherwise.
+"""Find how an arm is mounted from its torques, if the description states another mounting.
 
     tau = tau(q, q', q'', gravity = 0) + G(q) gravity + F sign(q') + zero
 
-A description rarely states how the arm was mounted: on a wall, upside down, on its side. About a
-wrong mounting all else is far from linear, and masses and gains of a calibration stand in for it.
-So it is looked for first.
+A description rarely states whether the arm is mounted on a wall, upside down, or on its side. About
+a wrong mounting, all other estimates are far from linear, and masses and gains would compensate for
+it. Therefore the mounting is determined first.
 """
 
 from collections.abc import Sequence
@@ -48,7 +48,7 @@ WORDS = (
 
 @dataclass(frozen=True)
 class Mounting:
-    """A base that is turned, as the effect `base_tilt` has it."""
+    """A rotation of the base, as in the effect `base_tilt`."""
 
     x: float  # rad; turned by Rx(x) Ry(y) in the ground frame from where the description has it
     y: float
@@ -58,14 +58,14 @@ class Mounting:
     described: Array  # (3,) m/s²
 
     def of(self, robot: Robot) -> Robot:
-        """Return the arm as it is mounted."""
+        """Return the arm with this mounting."""
         return robot.with_(
             base_placement=placed(turned(self.x, self.y)) @ robot.base_placement, base_dh=None
         )
 
     @property
     def note(self) -> str:
-        """What the reader should know of it."""
+        """The note for the reader."""
         shown = short_numbers(self.shown)
         described = short_numbers(self.described)
         note = WORDS.format(shown, described, np.degrees(self.x), np.degrees(self.y))
@@ -83,18 +83,19 @@ def turned(x: float, y: float) -> Array:
 
 
 def tilt_of(gravity: Array) -> tuple[float, float]:
-    """Return x, y, rad, of the turn Rx(x) Ry(y) that makes gravity `gravity` (3,)."""
+    """Return x, y, rad, of the rotation Rx(x) Ry(y) that gives the gravity vector `gravity`
+    (3,)."""
     down = gravity / np.linalg.norm(gravity)
     return float(-np.arcsin(np.clip(down[1], -1.0, 1.0))), float(np.arctan2(down[0], -down[2]))
 
 
 def other_mounting(robot: Robot, model: str, motions: Sequence[Motion]) -> Mounting | None:
-    """Return how the arm is mounted where its torques exclude the description, or None.
+    """Return the mounting of the arm if its torques exclude the described one, otherwise None.
 
-    Torques are linear in gravity, whatever its direction: three columns, beside dry friction and a
-    zero of each joint. The joints that carry most decide. Only where another direction explains
-    them far better, by more than chance, and better than channels of the wrong sign or springs
-    would, the arm is called mounted otherwise.
+    Torques are linear in the gravity vector: three columns, next to dry friction and a zero of each
+    joint. The joints with the largest load decide. Another mounting is reported only if it explains
+    them far better, more than chance allows, and better than channels with the wrong sign or
+    springs.
     """
     described = np.asarray(robot.gravity, dtype=float)
     turning = [not joint.prismatic for joint in robot.joints]
@@ -131,10 +132,10 @@ def other_mounting(robot: Robot, model: str, motions: Sequence[Motion]) -> Mount
 
 
 def _torques(robot: Robot, model: str, motion: Motion) -> tuple[Array, ...] | None:
-    """Return torques (N, n), those of the motion, what gravity pulls, friction and zero, and
-    springs (N, n, k).
+    """Return torques (N, n), those of the motion, gravity columns, friction and zero, and springs
+    (N, n, k).
 
-    None where the motion holds no torques or angles of all joints.
+    None if the motion lacks torques or angles of all joints.
     """
     sides = [(motion.q, motion.dq, motion.ddq), (motion.theta, motion.dtheta, motion.ddtheta)]
     recorded: list[Any] = [side for side in sides if all(rate is not None for rate in side)]
@@ -156,10 +157,10 @@ def _torques(robot: Robot, model: str, motion: Motion) -> tuple[Array, ...] | No
 
 
 def _chance(before: float, left: float, motion: Motion, laws: tuple[int, ...]) -> float:
-    """Return the probability that gravity of no other direction leaves so much less, by the F test.
+    """Return the probability by the F test that a wrong direction of gravity reduces the remainder
+    as much.
 
-    Errors last as long as the motion does: a joint's samples are worth two independent ones a
-    swing.
+    Errors are correlated as long as the motion is: a joint has two independent samples per swing.
     """
     statistics = MotionStatistics()
     statistics.add(motion)
@@ -171,15 +172,15 @@ def _chance(before: float, left: float, motion: Motion, laws: tuple[int, ...]) -
 
 
 def _left_by_joint(columns: Array, target: Array) -> Array:
-    """Return the sum of squares (n,) that friction and zero (N, n, m) of each joint leave of its
-    torque (N, n)."""
+    """Return the sum of squares (n,) of the torque (N, n) of each joint that friction and zero (N,
+    n, m) do not explain."""
     return np.array(
         [_least_squares(columns[:, [j]], target[:, [j]])[1] for j in range(target.shape[1])]
     )
 
 
 def _least_squares(columns: Array, target: Array) -> tuple[Array, float]:
-    """Return the coefficients (m,) of columns (N, n, m), and the sum of squares that they leave."""
+    """Return the coefficients (m,) of columns (N, n, m), and the remaining sum of squares."""
     flat = columns.reshape(-1, columns.shape[2])
     wanted = target.ravel()
     found = np.asarray(np.linalg.lstsq(flat, wanted, rcond=None)[0], dtype=np.float64)

@@ -1,10 +1,9 @@
-"""What a batch is asked, and what it lets the recordings decide: how dry friction turns over, which
-zeros count.
+"""The settings of a batch identification, and the choices that the recordings decide.
 
-**Dry friction** turns over gradually about standstill: at each joint within the most probable of
-some speeds, by the difference of their errors block by block (Q. Vuong, Econometrica 57 (1989) 307)
-and what is usual. While a joint sticks, its dry friction takes any value: where the law fails
-there, the rows that hold it are left out.
+**Dry friction** reverses gradually about standstill: at each joint within the most probable of
+several speeds, by the difference of their errors block by block (Q. Vuong, Econometrica 57 (1989)
+307) and the usual speed. While a joint sticks, its dry friction may have any value; if the law
+fails there, the rows that contain it are left out.
 
 **Zeros** of torque channels and the tilt of the base: see :mod:`.imperfections`.
 """
@@ -92,7 +91,7 @@ class IdentificationSettings:
 
 @dataclass(frozen=True)
 class BatchChoice:
-    """What the recordings have decided so far."""
+    """The choices that have been decided so far."""
 
     # rad/s, of all joints or (n,), see :func:`.law_columns.law_columns`
     sign_speed: float | tuple[float, ...] = DEFAULT_SIGN_SPEED
@@ -112,7 +111,7 @@ class BatchChoice:
 
     @property
     def held(self) -> bool:
-        """Whether a prior holds some imperfections to what is ordinary."""
+        """Whether a prior constrains some imperfections to their ordinary size."""
         return any(each.ordinary is not None for each in self.imperfections)
 
     @property
@@ -123,7 +122,7 @@ class BatchChoice:
 
 @dataclass(frozen=True)
 class BatchTrial:
-    """An estimator that has seen all recordings, and how their derivatives came about."""
+    """An estimator with the data of all recordings, and the derivative stages."""
 
     identifier: Identifier
     derived: list[Derived]
@@ -143,7 +142,7 @@ class BatchTrial:
 class Trials:
     """Estimators for one question with different choices.
 
-    What depends on no choice is worked out once.
+    Results that depend on no choice are computed once.
     """
 
     recordings: Sequence[tuple[Recording, Samples]]  # With their samples
@@ -215,7 +214,7 @@ class Trials:
         return Identifier(arm, columns, joints=self.robot.joint_names, **options)
 
     def selected(self) -> BatchChoice:
-        """Return what the recordings decide."""
+        """Return the choices that the recordings decide."""
         possible = self._possible()
         choice = self._sticking(self._speed(self._averaged(BatchChoice(imperfections=possible))))
         if not possible:
@@ -226,7 +225,7 @@ class Trials:
         return replace(choice, imperfections=kept)
 
     def _possible(self) -> tuple[NuisanceLaw, ...]:
-        """Return the imperfections that the channels tell from everything else."""
+        """Return the imperfections that the channels can separate from everything else."""
         if not self.unasked:
             return ()
         samples = [each for _, each in self.recordings]
@@ -241,13 +240,13 @@ class Trials:
     def final(self, choice: BatchChoice) -> BatchTrial:
         """Return the estimator of a choice.
 
-        It takes the ends of short recordings where the equations do not close.
+        It uses the ends of short recordings if the equations do not hold exactly.
         """
         trial = self(choice)
         return trial if closes(trial.fit, trial.linear_blocks) else self(choice, ends=True)
 
     def notes(self, choice: BatchChoice) -> list[str]:
-        """Return in words what was chosen."""
+        """Return the choices in words."""
         found = []
         if any(is_dry(instance) for instance in self.effects):
             found.append(
@@ -259,10 +258,10 @@ class Trials:
         return found + described_imperfections(choice.imperfections)
 
     def _averaged(self, choice: BatchChoice) -> BatchChoice:
-        """Return the choice without averages where they take off nothing.
+        """Return the choice without averages if they remove nothing.
 
-        Where the band ends among the resonances of arms, or the equations close as they stand, the
-        arm is rigid in it.
+        This is the case if the band ends at the resonances of arms, or the equations hold as they
+        are, because the arm is rigid in the band.
         """
         whole = replace(choice, averaged=False)
         if all(stage.band <= RESONANCES or stage.read is not None for stage in self.stages):
@@ -272,11 +271,11 @@ class Trials:
         return choice if rigid and not closes(trial.fit, trial.linear_blocks) else whole
 
     def _sticking(self, choice: BatchChoice) -> BatchChoice:
-        """Return the choice without the rows of joints that stick, where the law of friction fails
+        """Return the choice without the rows of joints that stick, if the law of friction fails
         there.
 
-        Averages keep them: what the model misses is no noise there, and rows that do not count are
-        predicted worse.
+        With averages these rows are kept: the model error is not noise there, and omitted rows
+        would be predicted worse.
         """
         if choice.averaged or not any(is_dry(instance) for instance in self.effects):
             return choice
@@ -294,7 +293,7 @@ class Trials:
         return replace(choice, sticking=bool(stuck <= FAILS * moving))
 
     def _speed(self, choice: BatchChoice) -> BatchChoice:
-        """Return the choice with the speed at which each joint's dry friction turns over."""
+        """Return the choice with the speed within which the dry friction of each joint reverses."""
         if not any(is_dry(instance) for instance in self.effects):
             return choice
         each: dict[float, Array] = {}
@@ -315,7 +314,7 @@ class Trials:
 
 
 def standstill(sign_speed: float | Sequence[float], robot: Robot) -> str:
-    """Return in words the speeds, of all joints or (n,), within which dry friction turns over."""
+    """Return in words the speeds, of all joints or (n,), within which dry friction reverses."""
     by_unit: dict[str, list[float]] = {}
     for name, speed in zip(
         robot.joint_names, np.broadcast_to(sign_speed, robot.n).tolist(), strict=True
@@ -330,14 +329,14 @@ def standstill(sign_speed: float | Sequence[float], robot: Robot) -> str:
 
 
 def turning_speed(errors: Array) -> float:
-    """Return the most probable speed, rad/s, at which dry friction turns over.
+    """Return the most probable speed, rad/s, within which dry friction reverses.
 
-    Each speed makes another law with as many parameters. Where one misses by d more than the best
-    law, with a standard deviation s by the scatter from block to block, it is as good with a
-    relative likelihood of exp(-(d/s)²/2). No law is exact: a share of :data:`ALIKE` of the errors
-    counts in s, as blocks of one motion resemble each other more than another motion does. Before
-    the recordings, speeds are spread by a factor of :data:`SPREAD` about the usual one. `errors`
-    (speeds, blocks) are squared, of one joint.
+    Each speed gives another law with the same number of parameters. If the error of a law exceeds
+    that of the best one by d, with a standard deviation s from the scatter between blocks, its
+    relative likelihood is exp(-(d/s)²/2). Since no law is exact, a share :data:`ALIKE` of the
+    errors is included in s: blocks of one motion resemble each other more than another motion does.
+    The prior of the speeds is spread by a factor of :data:`SPREAD` about the usual one. `errors`
+    (speeds, blocks) are squared errors of one joint.
     """
     more = errors - errors[np.argmin(errors.sum(axis=1))]
     doubt = (
@@ -354,9 +353,9 @@ def turning_speed(errors: Array) -> float:
 def with_trace(
     laws: Sequence[EffectInstance], robot: Robot, model: str, samples: Samples
 ) -> tuple[tuple[EffectInstance, ...], list[str]]:
-    """Return laws that some torque shows, and the names of the others.
+    """Return the laws that affect some recorded torque, and the names of the others.
 
-    The torques of some joints are missing.
+    This applies if the torques of some joints are missing.
     """
     bare = samples.without_torque(robot.joint_names)
     if not any(law.joint in bare for law in laws):
@@ -389,14 +388,14 @@ def identifier_of(
 
 
 def _traced(equations: BaseRegression) -> list[Column]:
-    """Return the columns of laws beyond the model that act in some equation."""
+    """Return the columns of laws beyond the model that act in at least one equation."""
     first = len(equations.names) - len(equations.columns)
     return [c for k, c in enumerate(equations.columns, first) if equations.base.T[:, k].any()]
 
 
 def _errors_by_block(trial: BatchTrial, fit: Fit) -> Array:
-    """Return the squared errors (blocks, groups) of a fit on a trial's rows, none below the
-    rounding of its terms."""
+    """Return the squared errors (blocks, groups) of a fit on the rows of a trial, at least as large
+    as rounding errors."""
     blocks = trial.linear_blocks
     solution = np.append(-fit.Psi, 1.0)
     factors = np.array(blocks.factors)
@@ -406,11 +405,10 @@ def _errors_by_block(trial: BatchTrial, fit: Fit) -> Array:
 
 
 def turning_speeds(recordings: Sequence[Recording], robot: Robot) -> Array | None:
-    """Return the speed (n,) rad/s within which each joint's dry friction turns over.
+    """Return the speed (n,) rad/s within which the dry friction of each joint reverses.
 
-    None where nothing shows it.
-
-    Base parameters, friction and zeros of the torques are fitted beside it.
+    None if nothing shows it. Base parameters, friction and zeros of the torques are fitted together
+    with it.
     """
     chosen = [without_outliers(recording.select(robot.joint_names)) for recording in recordings]
     recorded = [(recording, recording.samples()) for recording in chosen]

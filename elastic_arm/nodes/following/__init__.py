@@ -1,2 +1,2 @@
-"""What an arm follows: streamed references and goals, checked, interpolated and brought onto the
-grid of its steps."""
+"""The motion that an arm follows: streamed references and goals are checked, interpolated and
+sampled at the steps of the arm."""

@@ -34,9 +34,9 @@ STOPPED = 0.01
 
 @dataclass(frozen=True, eq=False)
 class Tolerances:
-    """Largest errors of position and velocity, (n,) each, rad and rad/s.
+    """Largest permitted errors of position and velocity, (n,) each, rad and rad/s.
 
-    Infinite where any is allowed.
+    Infinite without a limit.
     """
 
     position: Array
@@ -46,11 +46,11 @@ class Tolerances:
     def of(
         cls, stated: Sequence[JointTolerance], joints: Sequence[str], velocity: float = 0.0
     ) -> Self:
-        """Take the tolerances of a request: 0 stands for the default there, and less for no limit.
+        """Return the tolerances of a request: 0 means the default, a negative value no limit.
 
         joints: of the arm, (n,).
 
-        Raises a GraphError if one names another joint.
+        Raises a GraphError if a tolerance names another joint.
         """
         values = {"position": np.zeros(len(joints)), "velocity": np.full(len(joints), velocity)}
         for tolerance in stated:
@@ -67,7 +67,7 @@ class Tolerances:
         )
 
     def exceeded(self, joints: Sequence[str], position: Array, velocity: Array) -> str:
-        """Return in words which error (n,) exceeds its tolerance first; empty where none does."""
+        """Return in words which error (n,) exceeds its tolerance first; empty if none does."""
         for name, errors, limits, unit in (
             ("position", position, self.position, "rad"),
             ("velocity", velocity, self.velocity, "rad/s"),
@@ -110,13 +110,13 @@ class TrajectoryAction:
         )
 
     def destroy(self) -> None:
-        """Take the action out of the graph."""
+        """Remove the action from the graph."""
         self._server.destroy()
 
     def observe(self, now_ns: int, reference: Row, position: Array, velocity: Array) -> None:
         """Compare the arm with its reference; give feedback, or end the goal.
 
-        A goal is reached, missed or cancelled.
+        A goal ends when it is reached, missed or cancelled.
 
         reference: of this step, (n,) each; position, velocity: (n,) as measured.
         """
@@ -193,7 +193,7 @@ class TrajectoryAction:
         return _Active(handle, follower.go_to(request.trajectory), path, end, patience, Future())
 
     def _end(self, code: int, words: str, state: Callable[[], None] | None = None) -> None:
-        """Report the outcome of the present goal: aborted, where `state` does not set another."""
+        """Report the outcome of the current goal: aborted, unless `state` sets another one."""
         assert self._active is not None
         active = self._active
         self._active = None

@@ -1,4 +1,4 @@
-"""What the arm follows: the streamed reference or a goal, whichever came last."""
+"""Follow the streamed reference or a goal, whichever arrived last."""
 
 import numpy as np
 from trajectory_msgs.msg import JointTrajectory
@@ -53,19 +53,19 @@ class Follower:
 
     @property
     def now_ns(self) -> int:
-        """Stamp of the step that was given last."""
+        """Stamp of the last step."""
         return self._origin + self._step * self._step_ns
 
     def at(self, step: int) -> Row:
-        """Return the reference of a step; steps are taken in order."""
+        """Return the reference of a step; steps have to be requested in order."""
         self._step = step
         self._feed(step + AHEAD)
         return self.stream.at(step)
 
     def take(self, message: JointTrajectory) -> Goal | None:
-        """Take a message; return the goal that came of it, or None of a part of a stream.
+        """Accept a message; return its goal, or None for a part of a stream.
 
-        Raises a GraphError if it cannot be followed; the arm goes on as before.
+        Raises a GraphError if it cannot be followed; the arm then continues as before.
         """
         stamp = nanoseconds(message.header.stamp)
         if stamp and message.points and not nanoseconds(message.points[0].time_from_start):
@@ -74,9 +74,9 @@ class Follower:
         return self.go_to(message)
 
     def go_to(self, message: JointTrajectory, policy: str | None = None) -> Goal:
-        """Take a message as a goal, whatever its stamp, by its own policy of limits.
+        """Accept a message as a goal, whatever its stamp, with its own policy for limits.
 
-        Raises a GraphError if it cannot be followed; the arm goes on as before.
+        Raises a GraphError if it cannot be followed; the arm then continues as before.
         """
         present = self.stream.present
         goal = plan_goal(
@@ -86,9 +86,9 @@ class Follower:
         return goal
 
     def obey(self, command: JointTrajectory) -> None:
-        """Take a command of one cycle.
+        """Accept a command of one cycle.
 
-        Where it is out of reach by then, the arm goes as fast as the limits allow.
+        If it cannot be reached in time, the arm moves as fast as the limits allow.
         """
         self.go_to(command, "ignore" if self._policy == "ignore" else "slow_down")
 
@@ -150,14 +150,14 @@ class Follower:
             )
 
     def _planned(self, stamp: int) -> Array:
-        """Where the arm will be, as far as is known, (n,)."""
+        """The planned position, as far as it is known, (n,)."""
         if self.goal is not None:
             position: Array = self.goal.at(np.array([stamp])).position[0]
             return position
         return self.stream.last_position(stamp)
 
     def _feed(self, until: int) -> None:
-        """Hand the rows of the goal on, up to a step."""
+        """Pass the rows of the goal on, up to a step."""
         if self.goal is None:
             return
         end = -(-(self.goal.end_ns - self._origin) // self._step_ns)
@@ -168,7 +168,7 @@ class Follower:
 
 
 def _slopes(points: Points) -> Array:
-    """Return the velocity from each point to the next, zero of the last, (N, n)."""
+    """Return the velocity from each point to the next, zero for the last, (N, n)."""
     slopes = np.zeros_like(points.row.position)
     seconds = np.diff(points.stamps)[:, None] * 1e-9
     slopes[:-1] = np.diff(points.row.position, axis=0) / seconds

@@ -1,4 +1,4 @@
-"""Goals: trajectories of few points, gone to from where the arm is."""
+"""Goals: trajectories of a few points that start at the present state of the arm."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -38,7 +38,7 @@ class Goal:
 
     @property
     def begin_ns(self) -> int:
-        """Stamp of the state that it begins with."""
+        """Stamp of the initial state."""
         return int(self.path.stamps[0])
 
     @property
@@ -98,7 +98,7 @@ def plan_goal(
 
 
 def plan_stop(now_ns: int, present: Row, limits: JointLimits) -> Goal:
-    """Return the way to a standstill at an even deceleration within the limits.
+    """Return the motion to a standstill with a constant deceleration within the limits.
 
     present: (n,) position, velocity and acceleration at that time.
     """
@@ -116,7 +116,7 @@ def _standing(stamp_ns: int, state: Row, degree: int = QUINTIC) -> Points:
 
 
 def _within(goal: Goal, limits: JointLimits, policy: str) -> Goal:
-    """Return the goal if it keeps the limits, or a slower one that does."""
+    """Return the goal if it observes the limits, or a slower one that does."""
     tried = goal
     reason = ""
     slower = 1.0
@@ -137,7 +137,7 @@ def _within(goal: Goal, limits: JointLimits, policy: str) -> Goal:
 
 
 def _slowed(goal: Goal, slower: float, reason: str) -> Goal:
-    """Return the goal with all times stretched; the state it begins with stays what it is."""
+    """Return the goal with all times stretched; the initial state is unchanged."""
     after = goal.path.stamps - goal.begin_ns
     stamps = goal.begin_ns + np.rint(after * slower).astype(np.int64)
     position, velocity, acceleration = (values.copy() for values in goal.path.row)
@@ -148,7 +148,8 @@ def _slowed(goal: Goal, slower: float, reason: str) -> Goal:
 
 
 def _samples(goal: Goal) -> Row:
-    """Return the motion at times so close that no peak between them exceeds them much."""
+    """Return the motion at times so close that no peak between them exceeds the samples
+    noticeably."""
     stamps = goal.path.stamps
     share = np.arange(1, SAMPLES + 1) / SAMPLES
     between = stamps[:-1, None] + (np.diff(stamps)[:, None] * share).astype(np.int64)

@@ -1,4 +1,4 @@
-"""Limits of position, velocity and acceleration that a motion has to keep."""
+"""Limits of position, velocity and acceleration."""
 
 from dataclasses import dataclass
 from typing import Self
@@ -23,7 +23,7 @@ _UNITS = {"position": "rad", "velocity": "rad/s", "acceleration": "rad/s²"}
 
 @dataclass(frozen=True)
 class Violation:
-    """The worst of what breaks limits."""
+    """The worst violation of a limit."""
 
     problem: str  # in words, as what follows "a goal that"
     # how many times slower the motion would have to be; infinite where that does not help
@@ -32,7 +32,7 @@ class Violation:
 
 @dataclass(frozen=True, eq=False)
 class JointLimits:
-    """Limits of all joints, (n,) each; angles are infinite where there is none."""
+    """Limits of all joints, (n,) each; angles without a limit are infinite."""
 
     joints: tuple[str, ...]  # their names
     # low, high, velocity, acceleration: rad, rad/s, rad/s²
@@ -46,7 +46,7 @@ class JointLimits:
 
     @classmethod
     def of(cls, robot: Robot, assumed: bool) -> Self:
-        """Take the limits that `robot` states; the others are assumed, or those of any arm."""
+        """Return the limits that `robot` states; missing ones are replaced by defaults."""
 
         def all_of(name: str, unlimited: float) -> Array:
             default = DEFAULTS[name] if assumed else unlimited
@@ -59,9 +59,10 @@ class JointLimits:
         return cls(robot.joint_names, low, high, **fastest, assumed=assumed)
 
     def violation(self, motion: Row, start: Array) -> Violation | None:
-        """Return what of a motion, (N, n) each, breaks a limit most; None where all are kept.
+        """Return the worst violation of a limit by a motion, (N, n) each; None if all limits are
+        observed.
 
-        start: (n,) where the arm stands: an arm outside its range may move back into it.
+        start: (n,) present position: an arm outside its range may move back into it.
         """
         past = np.maximum(
             motion.position - np.maximum(self.high, start),

@@ -1,4 +1,4 @@
-"""The reference that a simulated arm follows: streamed points in, one row per step out."""
+"""The reference of a simulated arm: it converts streamed points to one row per step."""
 
 from collections import deque
 
@@ -57,9 +57,9 @@ class ReferenceQueue:
         self.late = 0
 
     def add(self, points: Points) -> None:
-        """Take streamed points.
+        """Add streamed points.
 
-        They go on from those before where these lie less than half a second back.
+        They continue the earlier ones if they are less than half a second behind them.
         """
         self._cut(int(points.stamps[0]))
         if (tail := self.bridge(int(points.stamps[0]))) is not None:
@@ -77,18 +77,18 @@ class ReferenceQueue:
         self._tail = points.last
 
     def bridge(self, stamp: int) -> Points | None:
-        """Return the point from which a stream goes on to `stamp`; None for another motion."""
+        """Return the point from which a stream continues to `stamp`; None for another motion."""
         if self._tail and 0 < stamp - int(self._tail.stamps[0]) <= LONGEST_HOLE_NS:
             return self._tail
         return None
 
     @property
     def present(self) -> Row:
-        """What was returned last."""
+        """The row returned last."""
         return self._last
 
     def clear(self) -> None:
-        """Forget all points to come; what is added next is another motion, in time."""
+        """Discard all future points; points added later are a new motion."""
         self._motions.clear()
         self._tail = None
         self._following = False
@@ -97,7 +97,7 @@ class ReferenceQueue:
     def extend(self, first: int, rows: Row) -> None:
         """Append rows on the grid, (N, n) each, from the step `first` on.
 
-        It follows the last one's.
+        It follows the last step added.
         """
         if not self._motions or self._motions[-1][-1][0] != first - 1:
             self._motions.append(deque())
@@ -106,7 +106,7 @@ class ReferenceQueue:
         )
 
     def last_position(self, stamp: int) -> Array:
-        """Return where the arm will stand just before a stamp, as far as is known, (n,)."""
+        """Return the planned position just before a stamp, as far as it is known, (n,)."""
         before = (stamp - 1 - self._origin) // self._step
         for motion in reversed(self._motions):
             if motion[0][0] <= before:
@@ -114,7 +114,7 @@ class ReferenceQueue:
         return self._last.position
 
     def at(self, step: int) -> Row:
-        """Return the reference of a step; steps are taken in order."""
+        """Return the reference of a step; steps have to be requested in order."""
         if self._following:
             self._advance()
         if not self._following:
@@ -123,15 +123,16 @@ class ReferenceQueue:
         return self._last
 
     def starving(self) -> bool:
-        """Return whether the arm is in motion and the stream is about to break off."""
+        """Return whether the arm is moving and the stream is about to end."""
         return self._following and self._feed() < 1.0
 
     def _step_at(self, stamp: int) -> int:
-        """Return the first step that is not before a stamp."""
+        """Return the first step at or after a stamp."""
         return -(-(stamp - self._origin) // self._step)
 
     def _cut(self, stamp: int, keep: bool = False) -> None:
-        """Forget what lies behind a stamp; with `keep` not where the arm is there already."""
+        """Discard the points after a stamp; with `keep` not those that the arm has already
+        reached."""
         first = self._step_at(stamp)
         if keep and self._motions and self._motions[-1][0][0] >= first - 1:
             return
@@ -145,7 +146,7 @@ class ReferenceQueue:
             self._following = self._following and bool(self._motions)
 
     def _begin(self, step: int) -> None:
-        """Start on the next motion if it is due, late if it has to be."""
+        """Start the next motion if it is due, even if late."""
         while self._motions:
             motion = self._motions[0]
             while motion and motion[0][0] < step - OLDEST * NANOSECONDS / self._step:
@@ -171,7 +172,7 @@ class ReferenceQueue:
             self._last = motion[0][1]
 
     def _advance(self) -> None:
-        """Go on along the present motion, at full speed or slower."""
+        """Continue along the current motion, at full speed or slower."""
         motion = self._motions[0]
         before = self._speed
         feed = self._feed()
@@ -180,7 +181,8 @@ class ReferenceQueue:
         # What is left of a motion that broke off is given up for the next.
         if over or (feed < SLOWEST and len(self._motions) > 1):
             self._motions.popleft()
-            self._following, self._last = False, resting(self._last)
+            self._following = False
+            self._last = resting(self._last)
             return
         self._speed = min(feed, before + 1.0 / self._braking) if feed >= SLOWEST else 0.0
         self._head = min(self._head + self._speed, float(motion[-1][0]))
@@ -189,7 +191,7 @@ class ReferenceQueue:
         self._last = self._row((self._speed - before) * NANOSECONDS / self._step)
 
     def _feed(self) -> float:
-        """Return the speed at which to go, 1 or less where the stream is about to break off."""
+        """Return the relative speed: 1, or less if the stream is about to end."""
         end, row = self._motions[0][-1]
         left = (end - self._head - 1.0) / self._braking
         if left >= 1.0 or _still(row):
@@ -198,7 +200,7 @@ class ReferenceQueue:
         return left * (2.0 - left)  # meets full speed without a kink
 
     def _row(self, rise: float) -> Row:
-        """Return the motion at the head, gone through at the present speed, which rises by `rise` a
+        """Return the motion at the head, at the present speed, which increases by `rise` per
         second."""
         motion = self._motions[0]
         rest = self._head - motion[0][0]

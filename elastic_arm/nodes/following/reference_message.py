@@ -1,4 +1,4 @@
-"""The messages of the reference: checked before an arm follows them."""
+"""Messages of the reference, which are checked before an arm follows them."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def reference_points(
 
 
 def _degree(point: JointTrajectoryPoint) -> int:
-    """Return the degree of the polynomial that reaches a point."""
+    """Return the degree of the polynomial that ends at a point."""
     if not point.velocities:
         return LINEAR
     return QUINTIC if point.accelerations else CUBIC
@@ -72,9 +72,8 @@ def _degree(point: JointTrajectoryPoint) -> int:
 def commanded(command: JointState, period: float) -> JointTrajectory | None:
     """Return a controller's command as the goal to reach after `period` s.
 
-    None without numbers.
-
-    Where a velocity is commanded, too, the arm is then further on by it: it follows without a lag.
+    None without numbers. If a velocity is also commanded, the goal lies further ahead by it, so
+    that the arm follows without a lag.
     """
     position = np.array(command.position)
     velocity = np.array(command.velocity)
@@ -99,8 +98,8 @@ def _check_names(names: list[str], joints: Sequence[str], partial: bool) -> None
 
 
 def _column(message: JointTrajectory, field: str, n: int) -> NDArray[np.float64]:
-    """One field of all points for the n joints that the message names, (N, n); zeros where a point
-    does not give it."""
+    """Return one field of all points for the n joints that the message names, (N, n); zeros if a
+    point does not state it."""
     rows = []
     for k, point in enumerate(message.points):
         values = getattr(point, field)

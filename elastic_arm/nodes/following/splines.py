@@ -1,8 +1,8 @@
-"""Motion between points in time: linear, cubic or quintic by what the points hold, as
-joint_trajectory_controller does.
+"""Motion between points in time: linear, cubic or quintic, depending on the contents of the points,
+as in joint_trajectory_controller.
 
-The rule of ros2_controls: between two points that both hold accelerations, the quintic through
-positions, velocities and accelerations; where both hold velocities, the cubic through positions and
+The rule of ros2_controls: between two points with accelerations, the quintic through positions,
+velocities and accelerations; between two points with velocities, the cubic through positions and
 velocities; otherwise a straight line.
 """
 
@@ -36,7 +36,7 @@ class Row(NamedTuple):
         return Row(self.position[index], self.velocity[index], self.acceleration[index])
 
     def followed_by(self, other: Row) -> Row:
-        """Return these points and those of `other` behind them."""
+        """Return these points followed by those of `other`."""
         return Row(*map(np.vstack, zip(self, other, strict=True)))
 
 
@@ -69,7 +69,7 @@ class Points:
         return replace(self, stamps=self.stamps + by_ns)
 
     def followed_by(self, other: Points) -> Points:
-        """Return these points and those of `other` behind them."""
+        """Return these points followed by those of `other`."""
         return Points(
             np.concatenate((self.stamps, other.stamps)),
             self.row.followed_by(other.row),
@@ -79,8 +79,8 @@ class Points:
     def at(self, wanted: NDArray[np.int64] | Array) -> Row:
         """Return position, velocity and acceleration at times (M,) ns, (M, n) each.
 
-        Before the first point its polynomial is continued; the last point's own velocity holds at
-        its time, and zero where it states none. No time is behind the last stamp.
+        Before the first point its polynomial is extrapolated. At the last point its stated velocity
+        applies, or zero without one. No time is after the last stamp.
         """
         if len(self.stamps) == 1:
             return self.row.at(np.zeros(len(wanted), dtype=np.intp))
@@ -105,9 +105,9 @@ class Points:
 
 
 def _coefficients(start: Row, end: Row, h: Array, kind: NDArray[np.int64]) -> Array:
-    """Return those of the powers 0 to 5 of the share of the way in time, (6, M, n).
+    """Return the coefficients of the powers 0 to 5 of the relative time, (6, M, n).
 
-    A line and a cubic are quintics too, with the velocities and accelerations that they have.
+    A line and a cubic are quintics with the corresponding velocities and accelerations.
     """
     rise = end.position - start.position
     v0 = np.where(kind >= CUBIC, start.velocity * h, rise)

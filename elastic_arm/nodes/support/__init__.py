@@ -1,2 +1,2 @@
-"""What the nodes have in common: messages to arrays, parameters, diagnostics. Most of it needs no
-ROS."""
+"""Common parts of the nodes: conversion of messages to arrays, parameters, diagnostics. Most of it
+needs no ROS."""

@@ -1,4 +1,4 @@
-"""Messages of two topics of states as samples of the arm."""
+"""Convert the messages of two state topics to samples of the arm."""
 
 from __future__ import annotations
 
@@ -38,16 +38,16 @@ class Faults:
 
 @dataclass(frozen=True)
 class DriverSide:
-    """One side of all joints: the topic that it comes on, and the channels of each joint."""
+    """One side of all joints: its topic, and the channels of each joint."""
 
     topic: str
     joints: Sequence[SideChannels]
 
     @staticmethod
     def of(channels: ChannelMap, side: str, names: Sequence[str]) -> DriverSide | None:
-        """Return a side of the joints as a map has it; None where it has nothing of it.
+        """Return a side of the joints according to a map; None if the map does not contain it.
 
-        Raises a RecordingError if the map holds what a live graph does not give.
+        Raises a RecordingError if the map contains channels that a live graph cannot provide.
         """
         if missing := [name for name in names if name not in channels.joints]:
             raise RecordingError(
@@ -131,7 +131,7 @@ class Collector:
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything that was received."""
+        """Discard everything that was received."""
         for inbox in self.inboxes.values():
             inbox.clear()
         self.pairing = Pairing()
@@ -142,12 +142,12 @@ class Collector:
 
     @property
     def losses(self) -> Losses:
-        """What did not become a sample of both sides."""
+        """The messages that did not become a sample of both sides."""
         return self.pairing.losses
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """Names of the channels that an arm with all sensors gives."""
+        """Names of the channels of an arm with all sensors."""
         return tuple(
             name
             for topic in self._sources
@@ -158,7 +158,7 @@ class Collector:
     def take(self, everything: bool = False) -> Samples | None:
         """Return the samples that are ready, in order of time, or None.
 
-        They are never older than those before.
+        They are never older than those returned before.
         """
         add = dict(zip(NAMED, (self.pairing.add_link, self.pairing.add_motor), strict=True))
         for topic, inbox in self.inboxes.items():
@@ -190,7 +190,7 @@ class Collector:
         return Samples(t=t, stamp_ns=pairs.stamp_ns, **found)
 
     def problems(self) -> list[str]:
-        """Return in words what is wrong with what arrives."""
+        """Return in words the problems of the incoming messages."""
         now = time.monotonic()
         said = [
             f"no messages on {self._shown(topic)} for {now - heard:.0f} s"
@@ -219,8 +219,8 @@ class Collector:
         stamps: NDArray[np.int64],
         numbers: dict[str, NDArray],
     ) -> tuple[NDArray[np.int64], Array]:
-        """Return the usable messages' stamps and their fields side by side, (N, fields * n), in the
-        arm's order."""
+        """Return the stamps of the usable messages and their fields next to each other, (N, fields
+        * n), in the order of the arm."""
         if topic in self._driver:
             read = self._driver[topic].read(names, numbers)
             names, numbers = (self.joints, read) if read is not None else ((), numbers)

@@ -1,8 +1,8 @@
-"""The arm as ROS's tools want it: a URDF with limits, a tool frame, shapes for collisions and a
+"""The arm in the form that ROS tools need: a URDF with limits, a tool frame, collision shapes and a
 ros2_control block.
 
-What `elastic_arm.robot.to_urdf` writes is the arm alone, so that reading it gives the same arm
-again. What is added here is for MoveIt, RViz, Pinocchio and ros2_control.
+`elastic_arm.robot.to_urdf` writes the arm alone, so that reading it gives the same arm again. The
+additions here are for MoveIt, RViz, Pinocchio and ros2_control.
 """
 
 import xml.etree.ElementTree as ET
@@ -53,8 +53,7 @@ _JOINT = """
 def ros_description(robot: Robot, namespace: str = "") -> str:
     """Return the URDF that nodes of a namespace publish on `robot_description`.
 
-    All joints are revolute with limits; those that the description does not state are assumed, as
-    for goals.
+    All joints are revolute with limits; missing limits have the same defaults as for goals.
     """
     tree = ET.fromstring(to_urdf(robot))
     limits = JointLimits.of(robot, assumed=True)
@@ -97,7 +96,7 @@ def _set_limits(
 
 
 def _effort(robot: Robot, joint: Joint) -> float:
-    """Return a joint's torque limit, Nm; where there is none, twice the torque of its weight when
+    """Return the torque limit of a joint, Nm; by default twice the torque of its weight when
     stretched out."""
     if joint.limits.torque is not None:
         return joint.limits.torque
@@ -109,7 +108,7 @@ def _effort(robot: Robot, joint: Joint) -> float:
 
 
 def _friction(effects: Iterable[Mapping[str, Any]], joint: str) -> dict[str, str]:
-    """Return the attributes of <dynamics>: what reading a URDF makes effects of."""
+    """Return the attributes of <dynamics>, which become effects when the URDF is read."""
     found = dict.fromkeys(DYNAMICS, 0.0)
     for effect in effects:
         for attribute, (name, parameter) in DYNAMICS.items():
@@ -119,8 +118,8 @@ def _friction(effects: Iterable[Mapping[str, Any]], joint: str) -> dict[str, str
 
 
 def _add_capsule(link: ET.Element, visual: ET.Element) -> None:
-    """Add a collision shape to a bar: URDF has no capsules, so it is a cylinder with a sphere at
-    both ends."""
+    """Add a collision shape along a bar: a cylinder with a sphere at each end, because URDF has no
+    capsules."""
     cylinder = visual.find("geometry/cylinder")
     material = visual.find("material")
     origin = visual.find("origin")
@@ -144,7 +143,7 @@ def _collision(link: ET.Element, origin: dict[str, str], shape: str, size: dict[
 
 
 def _add_tool(tree: ET.Element, robot: Robot) -> None:
-    """Add the last link's frame O_n as a link without mass."""
+    """Add the frame O_n of the last link as a link without mass."""
     if TOOL in robot.link_names:
         return
     last = robot.joints[-1]

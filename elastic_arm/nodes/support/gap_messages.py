@@ -1,4 +1,4 @@
-"""A diagnosis as messages: the content of `diagnosis.json`, with NaN for its null and "" for no
+"""A diagnosis as messages: the content of `diagnosis.json`, with NaN for null and "" for no
 joint."""
 
 import math
@@ -21,7 +21,7 @@ from elastic_arm.estimation.equation_sets import SIDES
 
 
 def diagnosis_message(found: Mapping[str, Any]) -> GapDiagnosis:
-    """Return the content of `diagnosis.json` as a message; its stamp is left to the caller."""
+    """Return the content of `diagnosis.json` as a message; the caller sets its stamp."""
     content = {**found, **found["recordings"]}
     content["shrink_interval"] = found["shrink_interval"] or (None, None)
     residuals = [_residual(found, joint, side) for joint in found["noise"] for side in SIDES]
@@ -39,9 +39,10 @@ def diagnosis_message(found: Mapping[str, Any]) -> GapDiagnosis:
 
 
 def in_words(found: Mapping[str, Any]) -> str:
-    """Return verdict, causes and what no cause explains as one line, which is the same while the
+    """Return verdict, causes and unexplained places as one line, which is the same as long as the
     answer is."""
-    verdict, named = found["verdict"], [_named(cause) for cause in found["causes"]]
+    verdict = found["verdict"]
+    named = [_named(cause) for cause in found["causes"]]
     if verdict == "none":
         return "none: the arm moves like its model, within noise and usual tolerances"
     parts = [", ".join(named)] if named else []
@@ -60,8 +61,8 @@ def _named(cause: Mapping[str, Any]) -> str:
 
 
 def _filled(kind: Any, content: Mapping[str, Any], **given: Any) -> Any:
-    """Return a message of what is given, and of what the content has by the names of its other
-    fields."""
+    """Return a message with the given fields, and the others from the entries of the content with
+    the same names."""
     fields = kind.get_fields_and_field_types()
     sent = {name: _sent(content[name], fields[name]) for name in fields if name not in given}
     return kind(**given, **sent)

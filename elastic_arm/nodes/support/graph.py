@@ -1,4 +1,4 @@
-"""The graph around a node: quality of service, who else is there, and when the peers are."""
+"""The graph around a node: quality of service, and discovery of other nodes."""
 
 import importlib
 import os
@@ -25,8 +25,7 @@ UNNAMED = "another node"
 def relative(topic: str) -> str:
     """Return the name of one of the suite's topics for nodes of any namespace.
 
-    Clock and diagnostics are the graph's, not an arm's: nodes of all namespaces share them, as ROS
-    expects.
+    All namespaces share the topics of clock and diagnostics, as ROS expects.
     """
     return topic if topic in topics.GLOBAL else topic.lstrip("/")
 
@@ -37,7 +36,7 @@ def resolved(node: Node, topic: str) -> str:
 
 
 def qos(topic: str) -> QoSProfile:
-    """Return the quality of service of one of the suite's topics, in whatever namespace."""
+    """Return the quality of service of one of the suite's topics, in any namespace."""
     return LATCHED if f"/{topic.rpartition('/')[2]}" in topics.LATCHED else STREAM
 
 
@@ -82,7 +81,7 @@ def other_publishers(node: Node, topic: str) -> list[str]:
 def slowness() -> float:
     """Return how many times longer discovery may take than on an idle machine.
 
-    1 to 4, by the load on each core.
+    1 to 4, depending on the load of each core.
     """
     return min(max(os.getloadavg()[0] / (os.cpu_count() or 1), 1.0), 4.0)
 
@@ -108,7 +107,7 @@ def require_single_publisher(node: Node, wanted: Sequence[str], seconds: float =
 
 
 def company(others: list[str], topic: str) -> GraphError:
-    """Return the error of a topic that has another source already."""
+    """Return the error for a topic that already has another source."""
     problem = f"{others[0]} already publishes {topic}: two sources of one topic would mix"
     if topic in topics.GLOBAL:  # which a namespace does not part
         return GraphError(

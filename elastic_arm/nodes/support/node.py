@@ -1,5 +1,5 @@
-"""What every node has: a rhythm of its own, health on `/diagnostics`, and subscriptions that fit
-all publishers."""
+"""Common parts of all nodes: a schedule, health on `/diagnostics`, and subscriptions that match all
+publishers."""
 
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -38,9 +38,9 @@ class ArmNode(Node):
     failure: ElasticArmError | None = None
 
     def every(self, seconds: float, callback: Callable[[], None]) -> Timer:
-        """Call something again and again, in real time.
+        """Call a function periodically, in real time.
 
-        Also where the node goes by a clock that nobody publishes.
+        This also works if the node uses a clock that nobody publishes.
         """
         return self.create_timer(seconds, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
@@ -51,7 +51,8 @@ class ArmNode(Node):
     def serve(
         self, kind: Any, name: str, answer: Callable[[Any], Mapping[str, Any] | None]
     ) -> Service:
-        """Offer a service: `answer` makes the fields of the response that are not its defaults."""
+        """Offer a service: `answer` returns the fields of the response that differ from the
+        defaults."""
 
         def reply(request: Any, response: Any) -> Any:
             for field, value in (answer(request) or {}).items():
@@ -61,7 +62,7 @@ class ArmNode(Node):
         return self.create_service(kind, f"~/{name}", reply)
 
     def serve_words(self, kind: Any, name: str, act: Callable[[Any], str]) -> Service:
-        """Offer a service that answers whether it succeeded, and why in words."""
+        """Offer a service that answers whether it succeeded, and the reason in words."""
 
         def answer(request: Any) -> Mapping[str, Any]:
             try:
@@ -72,7 +73,7 @@ class ArmNode(Node):
         return self.serve(kind, name, answer)
 
     def tick(self) -> float:
-        """Do what is due; return the seconds until there is more to do."""
+        """Do what is due; return the seconds until the next call."""
         return LONGEST_REST
 
     def done(self) -> bool:
@@ -80,14 +81,14 @@ class ArmNode(Node):
         return False
 
     def close(self) -> None:
-        """Put in order what is to outlive the process; called once, whatever ended it."""
+        """Complete everything that outlives the process; called once, whatever ended it."""
 
 
 class Health:
-    """Publishes the status of a node once a second, and logs it when it gets worse or better.
+    """Publishes the status of a node once per second, and logs changes for the better or worse.
 
-    fine: what to say without problems; look: returns the problems, in words, and figures; now: time
-    of the status, that of the node's clock where there is no other.
+    fine: text without problems; look: returns the problems, in words, and figures; now: time of the
+    status, by default that of the node's clock.
     """
 
     def __init__(
@@ -130,7 +131,7 @@ def _text(value: Any) -> str:
 
 
 class Listener:
-    """A subscription that is made anew when publishers offer less, or latch messages."""
+    """A subscription that is renewed if publishers offer less, or latch messages."""
 
     def __init__(
         self,
@@ -155,7 +156,7 @@ class Listener:
         return str(self._subscription.topic_name)
 
     def adapt(self) -> None:
-        """Ask for what all publishers offer."""
+        """Request what all publishers offer."""
         if self._closed:  # a timer that was due already calls once more
             return
         if infos := self._node.get_publishers_info_by_topic(self.topic):
@@ -177,14 +178,14 @@ class Listener:
         )
 
     def close(self) -> None:
-        """Receive nothing more."""
+        """Stop receiving."""
         self._closed = True
         self._node.destroy_timer(self._timer)
         self._node.destroy_subscription(self._subscription)
 
 
 def matching(infos: list[TopicEndpointInfo]) -> QoSProfile:
-    """Return a quality of service that receives from all publishers, latched ones too."""
+    """Return a quality of service that receives from all publishers, including latched ones."""
     reliable = all(info.qos_profile.reliability == ReliabilityPolicy.RELIABLE for info in infos)
     latched = all(info.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for info in infos)
     return QoSProfile(

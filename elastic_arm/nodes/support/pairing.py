@@ -1,4 +1,4 @@
-"""Both sides of the joints, brought together by stamp as they arrive."""
+"""Pair the samples of both sides of the joints by stamp as they arrive."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -14,7 +14,7 @@ RESTART_NS = 1_000_000_000
 
 
 class Pairs(NamedTuple):
-    """Samples that both sides have: stamps (N,) increasing, and the rows (N, …) of each side."""
+    """Samples of both sides: stamps (N,) increasing, and the rows (N, …) of each side."""
 
     stamp_ns: Stamps
     link: Array
@@ -26,7 +26,7 @@ class Pairs(NamedTuple):
 
 @dataclass
 class Losses:
-    """What did not become a pair, and why."""
+    """The samples that did not become a pair, by reason."""
 
     repeated: int = 0  # A stamp that was there already
     reordered: int = 0  # arrived behind a younger stamp, and was put in its place
@@ -39,11 +39,11 @@ class Losses:
 class Pairing:
     """Pairs the samples of two topics by equal stamps, within a window of bounded length.
 
-    A sample waits `window` for its partner and for older ones that were overtaken; then it is
-    handed out, or counted as unmatched. Nothing handed out is ever followed by something older.
+    A sample waits `window` for its partner and for older samples that were overtaken; then it is
+    returned, or counted as unmatched. Returned samples are never followed by older ones.
 
-    window_ns: how long a sample waits, in the time of the stamps; capacity: samples kept a side at
-    most, whatever their stamps are.
+    window_ns: how long a sample waits, in the time of the stamps; capacity: largest number of
+    samples kept per side, whatever their stamps are.
     """
 
     def __init__(self, window_ns: int = 200_000_000, capacity: int = 20_000) -> None:
@@ -56,15 +56,15 @@ class Pairing:
         self._handed: int | None = None
 
     def add_link(self, stamps: Stamps, rows: Array) -> None:
-        """Take samples of the link side, in order of arrival."""
+        """Add samples of the link side, in order of arrival."""
         self._add(0, stamps, rows)
 
     def add_motor(self, stamps: Stamps, rows: Array) -> None:
-        """Take samples of the motor side, in order of arrival."""
+        """Add samples of the motor side, in order of arrival."""
         self._add(1, stamps, rows)
 
     def take(self, everything: bool = False) -> Pairs | None:
-        """Return the pairs that are old enough (or all of them), None when there are none."""
+        """Return the pairs that are old enough (or all of them), None if there are none."""
         link, motor = self._sides
         if link is None or motor is None:
             return None
@@ -114,7 +114,7 @@ class Pairing:
         self._handed = None
 
     def _drop_until(self, limit: int, handed_out: int) -> None:
-        """Forget what is not younger than `limit`, and count what of it had no partner."""
+        """Discard the samples up to `limit`, and count those without a partner."""
         for side, held in enumerate(self._sides):
             if held is not None:
                 keep = int(np.searchsorted(held[0], limit, side="right"))

@@ -21,10 +21,8 @@ _TYPES = {
 
 @dataclass(frozen=True)
 class Setting:
-    """A row of a node's table of parameters.
-
-    The type is that of the default; [] is a list of texts.
-    """
+    """A row of the table of parameters of a node. The type is that of the default; [] is a list of
+    texts."""
 
     default: Any
     description: str
@@ -75,9 +73,9 @@ def _declare(node: Node, name: str, row: Setting) -> Any:
 
 
 def texts(value: Any) -> list[str]:
-    """Return the texts of a list parameter that are not empty.
+    """Return the non-empty texts of a list parameter.
 
-    Raises a GraphError if it is no list of texts.
+    Raises a GraphError if it is not a list of texts.
     """
     given = [] if value is None else value
     if (

@@ -1,4 +1,4 @@
-"""The life of a node's process: start, spin, stop; errors as one line and an exit code."""
+"""The life of a node's process: start, spin, stop; errors become one line and an exit code."""
 
 import os
 import signal
@@ -72,8 +72,10 @@ def run(make: Callable[[], ArmNode], args: Sequence[str] | None = None) -> int:
 
 
 class _Stop:
-    """Set by SIGINT and SIGTERM. A flag rather than an exception: nothing is cut off in the
-    middle."""
+    """Set by SIGINT and SIGTERM.
+
+    A flag and not an exception, so that nothing is interrupted.
+    """
 
     def __init__(self) -> None:
         self.asked = False
@@ -108,7 +110,7 @@ def _spin(make: Callable[[], ArmNode], stop: _Stop) -> None:
 
 
 def _drain(executor: Executor) -> None:
-    """Let the callbacks have what had arrived when the node was stopped."""
+    """Let the callbacks process the messages that had arrived when the node was stopped."""
     end = time.monotonic() + LONGEST_DRAIN
     while (began := time.monotonic()) < end:
         executor.spin_once(timeout_sec=QUIET)

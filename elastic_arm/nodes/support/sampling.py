@@ -1,4 +1,4 @@
-"""Nodes that take an arm's samples: subscriptions, services and status."""
+"""Nodes that use samples of an arm: subscriptions, services and status."""
 
 import time
 from functools import partial
@@ -19,11 +19,11 @@ BATCH = 0.1
 
 
 class SamplingNode(ArmNode):
-    """A node that makes something of an arm's samples.
+    """A node that processes samples of an arm.
 
-    Subclasses define what, and prepare it before :meth:`listen`.
+    Subclasses define the processing, and prepare it before :meth:`listen`.
 
-    problem: what is wrong, in words.
+    problem: the current problem, in words.
     """
 
     settings: SimpleNamespace
@@ -31,7 +31,7 @@ class SamplingNode(ArmNode):
     paused = False
 
     def collect(self, robot: Robot) -> ChannelMap | None:
-        """Prepare to take the samples of an arm; return the map of its channels, if any."""
+        """Prepare to receive the samples of an arm; return the map of its channels, if any."""
         channels = load_channels(self.settings.channels) if self.settings.channels else None
         self.collector = Collector(
             robot.joint_names, self.settings.sides, partial(graph.resolved, self), channels
@@ -41,7 +41,7 @@ class SamplingNode(ArmNode):
     def listen(self, what: str, fine: str) -> None:
         """Subscribe, offer the services, and report the health of `what`.
 
-        It is `fine` without problems.
+        Without problems the status is `fine`.
         """
         self.serve_words(Trigger, "reset", self._reset)
         self.serve_words(SetBool, "pause", self._pause)
@@ -52,28 +52,28 @@ class SamplingNode(ArmNode):
         self._due = time.monotonic()
 
     def tick(self) -> float:
-        """Do the work of a batch, when it is due."""
+        """Process a batch if it is due."""
         if (now := time.monotonic()) >= self._due:
             self._due = now + BATCH
             self.work(now)
         return min(self._due - time.monotonic(), LONGEST_REST)
 
     def work(self, now: float) -> None:
-        """Take what has arrived, and publish what is due."""
+        """Read the new samples, and publish what is due."""
 
     def forget(self) -> None:
-        """Forget what was made of all samples."""
+        """Discard the results of all samples."""
 
     def pause(self, paused: bool) -> None:
-        """Ignore samples, or take them again."""
+        """Ignore samples, or use them again."""
         self.paused = paused
 
     def save(self, request: Trigger.Request) -> str:
-        """Write what was found; return what was done, in words."""
+        """Write the results; return in words what was done."""
         raise NotImplementedError
 
     def status(self) -> tuple[list[str], dict[str, Any]]:
-        """Return what is wrong, in words, and figures."""
+        """Return problems, in words, and figures."""
         return [], {}
 
     def _reset(self, _: Trigger.Request) -> str:

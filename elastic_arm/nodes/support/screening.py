@@ -1,5 +1,5 @@
-"""Absurd numbers in a stream of samples, left out before they reach an estimator that cannot forget
-them."""
+"""Remove absurd numbers from a stream of samples before they reach an estimator, which cannot
+forget them."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,25 +15,24 @@ OF_A_BATCH = 20
 
 
 class StreamScreen:
-    """Leaves out samples that no arm has.
+    """Removes samples that no arm can have.
 
-    They lie a hundred times the range of those before from their middle.
-
-    A recording is screened as a whole, and more closely
-    (:func:`~elastic_arm.recording.inspection.outliers.without_outliers`): here what follows is not
-    known yet, and an arm that begins to move has to pass.
+    Their distance from the middle of the earlier samples is a hundred times the range of these. A
+    complete recording is screened more strictly
+    (:func:`~elastic_arm.recording.inspection.outliers.without_outliers`): in a stream the future is
+    unknown, and an arm that starts to move has to pass.
     """
 
     def __init__(self) -> None:
         self.reset()
 
     def reset(self) -> None:
-        """Forget all samples."""
+        """Discard all samples."""
         self.left_out = 0
         self._remembered: dict[str, NDArray[np.float64]] = {}
 
     def take(self, samples: Samples) -> Samples:
-        """Return the samples without those that are absurd."""
+        """Return the samples without absurd ones."""
         good = np.ones(len(samples), np.bool_)
         known = samples.recorded()
         for name, values in known.items():

@@ -1,8 +1,8 @@
-"""Messages at a kilohertz: bytes in, bytes out, with numpy views in between.
+"""Messages at 1 kHz: bytes in, bytes out, with numpy views in between.
 
-Building a Python message costs more than sending it. A topic's messages differ only in their
-numbers, so one of them is serialised once and serves as a form to fill in; those that arrive are
-kept as bytes and decoded many at a time.
+Building a Python message takes longer than sending it. The messages of a topic differ only in their
+numbers, so one of them is serialised once and serves as a form. Incoming messages are stored as
+bytes and decoded in batches.
 """
 
 import struct
@@ -72,12 +72,10 @@ class Form:
 
 
 class Inbox:
-    """Messages of one topic, to be decoded many at a time.
+    """Messages of one topic, to be decoded in batches.
 
-    When it is full, the oldest are dropped.
-
-    Counted are messages that came, gave way, or do not fit their type (or have one layout too
-    many).
+    When it is full, the oldest messages are dropped. It counts messages that arrived, were dropped,
+    or do not match their type (or have too many layouts).
     """
 
     def __init__(self, type_name: str, capacity: int = 20_000) -> None:
@@ -86,22 +84,21 @@ class Inbox:
         self._messages: deque[bytes] = deque(maxlen=capacity)
 
     def put(self, message: bytes) -> None:
-        """Keep a message; this is the callback of a raw subscription."""
+        """Store a message; this is the callback of a raw subscription."""
         self.received += 1
         self.overflowed += len(self._messages) == self._messages.maxlen
         self._messages.append(message)
 
     def clear(self) -> None:
-        """Throw away what is in it."""
+        """Discard all messages."""
         self._messages.clear()
 
     def __len__(self) -> int:
         return len(self._messages)
 
     def take(self) -> Iterator[Decoded]:
-        """Empty the box: yield names, stamps (N,) ns and numbers by field (N, count).
-
-        One layout at a time.
+        """Empty the box: yield names, stamps (N,) ns and numbers by field (N, count), one layout at
+        a time.
 
         Within a layout the order is that of arrival.
         """

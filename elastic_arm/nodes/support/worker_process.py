@@ -1,5 +1,5 @@
-"""Work that takes seconds, in a process of low priority: the node's own thread goes on taking
-samples meanwhile."""
+"""Work that takes seconds, in a process of low priority, while the node continues to receive
+samples."""
 
 import multiprocessing
 import os
@@ -21,7 +21,7 @@ PATIENCE = 1.0
 
 @dataclass(frozen=True)
 class Answer:
-    """What came of a question: a value, or what was wrong with the question, in words."""
+    """The answer to a question: a value, or the problem of the question in words."""
 
     value: Any = None
     problem: str = ""
@@ -61,15 +61,15 @@ class WorkerProcess:
         return self._answer is not None
 
     def ask(self, question: Any) -> None:
-        """Put a question, when none is open; the answer is there later."""
+        """Put a question if none is open; the answer is available later."""
         assert not self.busy, "only one question at a time"
         self._answer = self._courier.submit(self._exchange, question)
 
     def answer(self) -> Answer | None:
-        """Return the answer if it is there; None if it is not.
+        """Return the answer if it is available, otherwise None.
 
-        Where the process has died over the question, the answer is that problem, and a new process
-        takes the next one.
+        If the process died over the question, the answer is that problem, and a new process serves
+        the next question.
         """
         if self._answer is None or not self._answer.done():
             return None
@@ -88,7 +88,7 @@ class WorkerProcess:
             return Answer(problem=problem)
 
     def close(self) -> None:
-        """End the process, whatever it is at."""
+        """End the process, whatever it is doing."""
         self._end()
         self._courier.shutdown(wait=False, cancel_futures=True)
 

@@ -32,11 +32,11 @@ def export_paths(path: Path, joined: bool = False) -> list[Path]:
 
 
 def export_arrays(recording: Recording, path: Path, joined: bool = False) -> list[str]:
-    """Write a recording, and return what was done, line by line.
+    """Write a recording as arrays, and return a line for each step.
 
-    Each side is a table with stamps of its own. An .npz or .h5 holds all of them; a .csv or
-    .parquet of several sides is a folder with a file for each. With `joined` all channels go on one
-    time base, by interpolation where stamps are apart.
+    Each side is a table with its own stamps. An .npz or .h5 file contains all tables; for .csv and
+    .parquet, several sides become a folder with one file each. With `joined`, all channels are on
+    one time base; sides with different stamps are interpolated.
     """
     export_paths(path, joined)
     if (kind := path.suffix.lower()) in LIBRARIES:

@@ -1,8 +1,8 @@
-"""Arrays of a real robot as a recording, by a small mapping file (docs/channel_maps.md)."""
+"""Import the arrays of a real robot as a recording, with a mapping file (docs/channel_maps.md)."""
 
+import fnmatch
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
@@ -12,7 +12,7 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from elastic_arm.errors import RecordingError
 from elastic_arm.input_files import Number, WholeNumber, read_text
-from elastic_arm.recording.foreign.array_files import FILE_INDEX, Arrays, load_arrays
+from elastic_arm.recording.foreign.array_files import FILE_INDEX, load_arrays
 from elastic_arm.recording.foreign.calibration import degrees_per_cent
 from elastic_arm.recording.foreign.channels import (
     DAY,
@@ -37,6 +37,7 @@ from elastic_arm.recording.foreign.channels import (
     stated_unit,
     time_unit,
 )
+from elastic_arm.recording.foreign.text_tables import Arrays
 from elastic_arm.recording.inspection.report import REPAIR, checked
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Array, Side, Stamps, joints_with
@@ -67,8 +68,8 @@ class Times(Strict):
 
 
 class Rows(Strict):
-    """The runs of arrays that hold several: rows where array `key` is the same number, as an
-    episode's."""
+    """Selects runs from arrays that contain several: the rows of a run have the same number in
+    array `key`."""
 
     key: Key
     value: WholeNumber | list[WholeNumber] | None = None  # of one run, or of several; all when None
@@ -117,20 +118,20 @@ class ArrayChannel(Strict):
         return [list(joints).index(name) for name in own]
 
     def scales(self, channel: ChannelName, n: int) -> list[ChannelScale]:
-        """Return how each of n joints' numbers become ones in SI units at the harmonic-drive
-        output."""
+        """Return for each of n joints how its numbers are converted to SI units at the
+        harmonic-drive output."""
         names = ("unit", "offset", "factor", "sign", "torque_constant", "ratio")
         given = {name: getattr(self, name) for name in names}
         for name, value in given.items():
             if isinstance(value, list) and len(value) != n:
                 raise ValueError(f"{channel}.{name} has {len(value)} values for {n} joints")
-        of_joint = [
-            ChannelScale(**{k: v[joint] if isinstance(v, list) else v for k, v in given.items()})
-            for joint in range(n)
-        ]
-        for scale in of_joint:
+        found = []
+        for joint in range(n):
+            own = {k: v[joint] if isinstance(v, list) else v for k, v in given.items()}
+            scale = ChannelScale(**own)
             scale.check_unit(channel)
-        return of_joint
+            found.append(scale)
+        return found
 
 
 class SideArrays(Present):
@@ -143,7 +144,8 @@ class SideArrays(Present):
 
 
 class CommandArrays(SideArrays):
-    """What the arm was told; of measured sides accelerations are derived, and not taken."""
+    """The commands of the arm. Accelerations of measured sides are derived quantities and not
+    imported."""
 
     acceleration: ArrayChannel | None = None
 
@@ -199,7 +201,7 @@ class ArrayMap(Strict):
         return self
 
     def firmware_gains(self) -> dict[str, float]:
-        """Return numbers of the servos' registers of the position gain, by joint."""
+        """Return the numbers in the servos' registers of the position gain, by joint."""
         if self.firmware_gain is None:
             return {}
         if isinstance(self.firmware_gain, dict):
@@ -214,14 +216,14 @@ class ArrayMap(Strict):
             )
 
     def currents(self) -> tuple[str, ...]:
-        """Return the torque channels, by the names of a recording, that are currents of any
+        """Return which torque channels, by their names in a recording, are currents at any
         joint."""
         units = (None if own is None else own.unit for own in (self.link.effort, self.motor.effort))
         found = from_currents(*(unit if isinstance(unit, list) else [unit] for unit in units))
         return tuple(dict.fromkeys((*self.from_currents, *found)))
 
     def times_of(self, side: SideName) -> Times:
-        """Return where a side's times come from."""
+        """Return the source of the times of a side."""
         return getattr(self, side).times or self.times
 
 
@@ -276,8 +278,7 @@ def import_runs(path: str | Path, mapping: str | Path) -> dict[str, Recording]:
 
 @dataclass(frozen=True)
 class _SideTable:
-    """All rows of a side: times as they are, or numbers of the rows where there is a rate, and
-    channels in SI units."""
+    """All rows of a side: times, or row numbers if a rate is given, and channels in SI units."""
 
     rules: Times
     times: np.ndarray
@@ -298,19 +299,18 @@ def _refuse_strays(arrays: Arrays, rules: ArrayMap) -> None:
     }
     # A bracket in a pattern may be one of the name: columns are called `Time [ms]`.
     patterns = [*rules.ignore, *(pattern.replace("[", "[[]") for pattern in rules.ignore)]
-    left = {name for name in numbers - used if not _other_form(name, arrays, used)}
-    if strays := sorted(
-        name for name in left if not any(fnmatchcase(name, pattern) for pattern in patterns)
-    ):
+    ignored = {name for pattern in patterns for name in fnmatch.filter(numbers, pattern)}
+    left = numbers - used - ignored
+    strays = sorted(name for name in left if not _other_form(name, arrays, used))
+    if strays:
         problem = f"arrays {', '.join(strays)} are not mapped"
         raise RecordingError(problem, "Map them, or list them under 'ignore' in the mapping.")
 
 
 def _other_form(name: str, arrays: Mapping[str, np.ndarray], used: Collection[str]) -> bool:
-    """Return whether an array that is not used is another form of one that is, or of one that names
-    it shorter.
+    """Return whether an unused array contains the same data as a used one, under another name.
 
-    A table without names in a folder is there as `file`, and by columns as `file.0`, `file.1` …
+    A table without names in a folder is available as `file`, and by columns as `file.0`, `file.1` …
     """
     whole, _, column = name.rpartition(".")
     if column.isdecimal() and whole in arrays:
@@ -343,7 +343,7 @@ def _calibrated(rules: ArrayMap, folder: Path) -> ArrayMap:
 def _in_stated_unit(
     channel: ArrayChannel, name: ChannelName, arrays: Arrays, n: int
 ) -> tuple[ArrayChannel, list[str]]:
-    """Give a channel without a unit those that its columns' names or a row of units state; note
+    """Give a channel without a unit the units that its column names or a row of units state; note
     those that differ."""
     keys = channel.arrays()
     words = [stated_unit(key, arrays.units.get(key, "")) for key in keys]
@@ -378,7 +378,8 @@ def _in_stated_unit(
 
 def _read_side(arrays: Arrays, rules: ArrayMap, side: SideName, notes: list[str]) -> _SideTable:
     """Read all rows of a side."""
-    times, channels = rules.times_of(side), getattr(rules, side).present()
+    times = rules.times_of(side)
+    channels = getattr(rules, side).present()
     if times.key is None:
         channel = next(iter(channels.values()))
         first = arrays[channel.arrays()[0]]
@@ -426,16 +427,16 @@ def _read_side(arrays: Arrays, rules: ArrayMap, side: SideName, notes: list[str]
 def _runs(
     arrays: Mapping[str, np.ndarray], rules: ArrayMap
 ) -> list[tuple[str, NDArray[np.bool_] | None]]:
-    """Return the runs by name, each with the rows that are its own; None for all."""
+    """Return the runs by name, each with its rows; None for all rows."""
     if rules.rows is None:
         return [("", None)]
-    numbers, key, value = (
-        np.asarray(arrays[rules.rows.key]).ravel(),
-        rules.rows.key,
-        rules.rows.value,
-    )
+    key = rules.rows.key
+    value = rules.rows.value
+    numbers = np.asarray(arrays[key]).ravel()
     known = np.unique(numbers)
-    wanted = known.tolist() if value is None else value if isinstance(value, list) else [value]
+    wanted = known.tolist()
+    if value is not None:
+        wanted = value if isinstance(value, list) else [value]
     if missing := [number for number in wanted if number not in known]:
         shown = ", ".join(f"{number:g}" for number in known[:8])
         raise RecordingError(
@@ -449,7 +450,7 @@ def _runs(
 def _recording(
     rules: ArrayMap, tables: Mapping[SideName, _SideTable], chosen: NDArray[np.bool_] | None
 ) -> Recording:
-    """Build the recording of one run: rows with holes are left out of their side."""
+    """Build the recording of one run; rows with missing numbers are omitted from their side."""
     notes: list[str] = []
     sides: dict[str, Side | None] = dict.fromkeys(SIDE_NAMES)
     for side, table in tables.items():
@@ -462,10 +463,8 @@ def _recording(
         rows = (np.arange(len(table.times)) if chosen is None else np.flatnonzero(chosen))[
             :: rules.every
         ]
-        times, values = (
-            table.times[rows],
-            {name: channel[rows] for name, channel in table.channels.items()},
-        )
+        times = table.times[rows]
+        values = {name: channel[rows] for name, channel in table.channels.items()}
         whole = ~np.isnan(times) if times.dtype.kind == "f" else np.ones(len(rows), np.bool_)
         for channel in values.values():
             whole &= ~np.isnan(channel[:, joints_with(channel)]).any(axis=1)
@@ -492,7 +491,7 @@ def _recording(
 
 
 def _stamps(values: np.ndarray, times: Times, first: int) -> Stamps:
-    """(N,) ns of times as they are."""
+    """Return the times (N,) in ns."""
     if times.key is None:
         return round(times.start * 1e9) + np.rint(
             (values - first) * (1e9 / float(times.rate or 1))

@@ -1,4 +1,4 @@
-"""Channel maps: what a foreign bag calls, and how it scales, what a recording holds
+"""Channel maps: the names, units and scales of the channels of a foreign bag
 (docs/channel_maps.md)."""
 
 import math
@@ -76,12 +76,13 @@ DEFAULT_UNIT: dict[ChannelName, Unit] = {
 
 
 def stated_unit(name: str, row: str = "") -> str:
-    """Return the unit that a column's name, or its cell in a row of units, states; empty where
-    neither does."""
+    """Return the unit in the name of a column, or in its cell of a row of units; empty if neither
+    states one."""
     if row:
         return row
     for match in _IN_NAME.finditer(name):
-        certain, likely = match[1] or match[2], match[3] or match[4]
+        certain = match[1] or match[2]
+        likely = match[3] or match[4]
         if certain or known_unit(likely) is not None or likely in ("s", "ms", "us", "µs", "ns"):
             return certain or likely
     share = _OF_A_RANGE.search(name)
@@ -89,25 +90,24 @@ def stated_unit(name: str, row: str = "") -> str:
 
 
 def time_unit(written: str) -> str:
-    """Return the unit of time that a file's word for one means; empty for other words."""
+    """Return the unit of time for a word in a file; empty for other words."""
     word = written.lower().replace("µ", "u").replace("sec", "s")
     return word if word in NANOSECONDS else ""
 
 
 def known_unit(written: str) -> tuple[Unit, float] | None:
-    """Return the unit that a file's word for one means, and how many of it that is; None for other
-    words."""
+    """Return the unit for a word in a file, and the factor between both; None for unknown words."""
     return _WRITTEN.get("".join(written.split()).lower())
 
 
 class Strict(BaseModel):
-    """A model that knows all its fields: a misspelt one is an error, not a default."""
+    """A model that refuses unknown fields, so that a misspelt field is an error."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
 class ChannelScale(Strict):
-    """How a recorded number becomes one in SI units at the harmonic-drive output."""
+    """How a recorded number is converted to SI units at the harmonic-drive output."""
 
     # of the recorded number; `Nm_motor` is a torque at the motor shaft, `A` a motor current.
     # Lengths and forces are those of a prismatic joint.
@@ -143,7 +143,7 @@ class ChannelScale(Strict):
         return self
 
     def check_unit(self, channel: ChannelName) -> None:
-        """Raise a ValueError if the unit is none of this channel's."""
+        """Raise a ValueError if the unit does not fit the channel."""
         if self.unit is not None and self.unit not in TO_SI[channel]:
             raise ValueError(
                 f"{channel} cannot have unit {self.unit}; choose one of {', '.join(TO_SI[channel])}"
@@ -162,7 +162,7 @@ class ChannelScale(Strict):
 
 
 class Channel(ChannelScale):
-    """Where one channel of one joint comes from."""
+    """The source of one channel of one joint."""
 
     topic: str  # topic in the bag
     # path of the field in the message: `position`, `wrench.torque.z`, `data`; the channel's own
@@ -174,7 +174,7 @@ class Channel(ChannelScale):
 
 
 class Present(Strict):
-    """Channels of which some are there."""
+    """A group of channels of which some are given."""
 
     def present(self) -> dict[ChannelName, Any]:
         """Return the channels that are there."""
@@ -200,16 +200,16 @@ class SideChannels(Present):
 
 
 def from_currents(link: Sequence[str | None], motor: Sequence[str | None]) -> tuple[str, ...]:
-    """Return the torque channels, by the names of a recording, of which any joint has the unit of a
-    current."""
+    """Return which torque channels, by their names in a recording, have the unit of a current at
+    any joint."""
     return tuple(
         name for name, units in zip(TORQUE_CHANNELS, (link, motor), strict=True) if "A" in units
     )
 
 
 class JointChannels(Strict):
-    """The sides of a joint and its command; `name` is what the bag calls it, for channels without
-    one of their own."""
+    """The sides of a joint and its command; `name` is the joint's name in the bag, for channels
+    without a name of their own."""
 
     name: str = ""
     link: SideChannels = SideChannels()
@@ -234,7 +234,7 @@ class ChannelMap(Strict):
     @model_validator(mode="before")
     @classmethod
     def _written_out(cls, data: Any) -> Any:
-        """Fill in the defaults of all joints, and what a channel leaves out."""
+        """Fill in the defaults of all joints and the omitted entries of channels."""
         if not isinstance(data, dict):
             return data
         defaults, rest = (
@@ -269,15 +269,15 @@ class ChannelMap(Strict):
         return set(self.fields())
 
     def currents(self) -> tuple[str, ...]:
-        """Return the torque channels, by the names of a recording, that are currents of any
+        """Return which torque channels, by their names in a recording, are currents at any
         joint."""
-        sides = zip(
-            *((joint.link.effort, joint.motor.effort) for joint in self.joints.values()),
-            strict=True,
-        )
-        return from_currents(
-            *([None if one is None else one.unit for one in efforts] for efforts in sides)
-        )
+        link = [joint.link.effort for joint in self.joints.values()]
+        motor = [joint.motor.effort for joint in self.joints.values()]
+        return from_currents(_units_of(link), _units_of(motor))
+
+
+def _units_of(channels: Sequence[Channel | None]) -> list[str | None]:
+    return [None if channel is None else channel.unit for channel in channels]
 
 
 def load_channels(path: str | Path) -> ChannelMap:
@@ -318,8 +318,8 @@ def load_model(model: type[M], path: str | Path, what: str) -> M:
 
 
 def _other_kind(path: str | Path, what: str) -> tuple[str, str] | None:
-    """Return problem and remedy where a file is of the other of both kinds of YAML; None where it
-    is not."""
+    """Return problem and remedy if a file is an array mapping instead of a channel map, or the
+    other way round; None otherwise."""
     content = read_fields(path, RecordingError, REMEDY)
     if what == "mapping" and "defaults" in content:
         problem = f"{path} is a channel map, for a bag, and not a mapping of arrays"
@@ -331,17 +331,17 @@ def _other_kind(path: str | Path, what: str) -> tuple[str, str] | None:
 
 
 def _merged(defaults: Any, own: Any) -> Any:
-    """Lay `own` over `defaults`, mapping by mapping."""
+    """Merge `own` into `defaults`, mapping by mapping."""
     if not (isinstance(defaults, dict) and isinstance(own, dict)):
         return own
     return {**defaults, **{key: _merged(defaults.get(key), value) for key, value in own.items()}}
 
 
 def _filled(joint_name: str, joint: Any) -> Any:
-    """Fill in what a channel leaves out: the joint's name in the bag, and the field called like the
-    channel.
+    """Fill in omitted entries of a channel: the joint's name in the bag, and the field with the
+    name of the channel.
 
-    What is no mapping is left as it is: the validation has the better words for it.
+    Anything but a mapping is returned unchanged, so that the validation reports it.
     """
     if not isinstance(joint, dict):
         return joint
@@ -361,8 +361,8 @@ def _filled(joint_name: str, joint: Any) -> Any:
 
 
 def coupling_matrix(coupling: Mapping[str, Mapping[str, float]], joints: Sequence[str]) -> Array:
-    """Return the matrix C (n, n) of theta = C theta_motors; joints without an entry turn with their
-    own motor alone."""
+    """Return the matrix C (n, n) of theta = C theta_motors; joints without an entry depend only on
+    their own motor."""
     matrix = np.eye(len(joints))
     for joint, motors in coupling.items():
         for name in (joint, *motors):

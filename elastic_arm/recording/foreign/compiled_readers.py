@@ -36,11 +36,11 @@ _FILE = "file "  # begin of a line on standard error
 
 
 def load_compiled(paths: Sequence[Path], most: int) -> list[dict[str, np.ndarray]]:
-    """Read the arrays of files that unpack to so many bytes together at most.
+    """Read the arrays of files that unpack to at most `most` bytes together.
 
-    Fields of a MATLAB struct are called `struct.field`, HDF5's datasets by their paths with dots. A
-    Parquet column of lists of equally many numbers, such as LeRobot's `observation.state`, is one
-    array. Pictures are left out, and texts of MATLAB.
+    Fields of a MATLAB struct are named `struct.field`, datasets of HDF5 by their paths with dots. A
+    Parquet column of lists of equal length, such as LeRobot's `observation.state`, is one array.
+    Images and texts of MATLAB are omitted.
     """
     kinds = sorted({path.suffix.lower() for path in paths})
     require_libraries(f"{' and '.join(kinds)} files need", *_libraries(paths))
@@ -123,9 +123,9 @@ def _fields(name: object, values: object) -> Iterator[tuple[str, np.ndarray]]:
 
 
 def _of_cells(cells: np.ndarray) -> np.ndarray:
-    """Return cells, or a field of several structs, as a table with a column a cell.
+    """Return cells, or a field of several structs, as a table with one column per cell.
 
-    Cells that are no numbers, or not equally many, cannot be sent as plain data: texts instead.
+    Cells that are not numeric, or differ in size, cannot be sent as plain data and become texts.
     """
     parts = [np.asarray(cell) for cell in cells.ravel().tolist()]
     sizes = {part.size for part in parts}
@@ -154,15 +154,15 @@ def _parquet(path: str, most: int) -> Iterator[tuple[str, np.ndarray]]:
 
 
 def _is_read(leaf: Any) -> bool:
-    """Return whether the innermost part of a column holds numbers, times or texts, not bytes as
-    those of pictures."""
+    """Return whether the innermost part of a column contains numbers, times or texts instead of
+    bytes, such as those of images."""
     of_bytes = leaf.physical_type in ("BYTE_ARRAY", "FIXED_LEN_BYTE_ARRAY")
     return not of_bytes or leaf.logical_type.type in ("STRING", "DECIMAL", "FLOAT16")
 
 
 def _leaves(name: str, column: Any) -> Iterator[tuple[str, Any]]:
-    """Yield a column, or those of its structs by their names with dots; lists of structs as a list
-    for each of their fields."""
+    """Yield a column, or the columns of its structs with dotted names; lists of structs become one
+    list per field."""
     import pyarrow as pa
     import pyarrow.compute as pc
     from pyarrow import types
@@ -185,8 +185,8 @@ def _leaves(name: str, column: Any) -> Iterator[tuple[str, Any]]:
 
 
 def _column(column: Any, most: int) -> np.ndarray:
-    """Return a column as (N,), or as (N, k) where it has lists of k numbers; other lists as JSON,
-    dates and times as ns, and what is left as a text that names its type."""
+    """Return a column as (N,), or as (N, k) for lists of k numbers; other lists as JSON, dates and
+    times as ns, and any other content as a text that names its type."""
     import pyarrow as pa
     import pyarrow.compute as pc
     from pyarrow import types
@@ -221,7 +221,7 @@ def _column(column: Any, most: int) -> np.ndarray:
 
 
 def _texts(texts: Sequence[str], most: int) -> np.ndarray:
-    """Return texts as an array, in which each takes as many bytes as the longest."""
+    """Return texts as an array, whose items all take as many bytes as the longest."""
     longest = max(map(len, texts), default=0)
     if 4 * longest * len(texts) > most // 8:
         return np.full(len(texts), f"texts of up to {longest} characters")
@@ -277,7 +277,7 @@ def _hdf5(path: str, most: int) -> Iterator[tuple[str, np.ndarray]]:
 
 
 def _is_rows(kind: np.dtype[Any]) -> bool:
-    """Return whether an array holds texts, or records of numbers."""
+    """Return whether an array contains texts, or records of numbers."""
     import h5py
 
     is_text = h5py.check_string_dtype(kind) is not None
@@ -285,7 +285,8 @@ def _is_rows(kind: np.dtype[Any]) -> bool:
 
 
 def _cells_of_hdf5(path: str, most: int) -> Iterator[tuple[str, np.ndarray]]:
-    """Yield MATLAB's cells of numbers, and fields of several structs, which are references."""
+    """Yield MATLAB's cells of numbers, and fields of several structs, which are stored as
+    references."""
     import h5py
 
     found: dict[str, Any] = {}
@@ -309,7 +310,7 @@ def _cells_of_hdf5(path: str, most: int) -> Iterator[tuple[str, np.ndarray]]:
 
 
 def _is_plain(item: Any) -> bool:
-    """Return whether an object of an HDF5 file holds numbers that lie in the file itself."""
+    """Return whether an object of an HDF5 file contains numbers stored in the file itself."""
     import h5py
 
     return (
@@ -322,7 +323,7 @@ def _is_plain(item: Any) -> bool:
 
 
 def _width(shape: tuple[int, ...]) -> int:
-    """Return how many axes an array has, but for those of length one; one at least."""
+    """Return the number of axes of an array without those of length one; at least one."""
     return max(sum(length > 1 for length in shape), 1) if len(shape) > 2 else len(shape)
 
 
@@ -334,7 +335,7 @@ def _refuse_large(size: int, most: int) -> None:
 
 
 def _libraries(paths: Sequence[Path]) -> list[str]:
-    """Return the libraries that read some files; MATLAB's version 7.3 is HDF5."""
+    """Return the libraries that read the files; MATLAB's version 7.3 is HDF5."""
     needed = [LIBRARIES[path.suffix.lower()] for path in paths]
     for path in paths:
         with path.open("rb") as file:
@@ -344,7 +345,7 @@ def _libraries(paths: Sequence[Path]) -> list[str]:
 
 
 def _main(most: int, seconds: int, paths: Sequence[Path]) -> int:
-    """Read files within the bounds and write an .npz file to standard output."""
+    """Read files within the bounds, and write an .npz file to standard output."""
     for library in _libraries(paths):
         importlib.import_module(library)
     own = (

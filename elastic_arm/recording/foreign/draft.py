@@ -1,4 +1,5 @@
-"""The draft of an array mapping as a file: what each array may be, with the reasons as comments."""
+"""The draft of an array mapping as a file: the guess for each array, with the reasons as
+comments."""
 
 from __future__ import annotations
 
@@ -32,7 +33,8 @@ class Guess:
     places: tuple[int, ...] | None = None  # which joints have the channel; None for all
 
     def because(self, why: str, instead_of: str = "", **changes: Any) -> Guess:
-        """Return the guess with changes and their reason, instead of reasons with some words."""
+        """Return the guess with changes and their reason; reasons that contain `instead_of` are
+        removed."""
         kept = [reason for reason in self.reasons if not instead_of or instead_of not in reason]
         return replace(self, reasons=(*kept, why), **changes)
 
@@ -50,7 +52,7 @@ class Draft:
 
     @property
     def missing(self) -> list[str]:
-        """What has to be filled in before the mapping can be used."""
+        """The entries that have to be filled in before the mapping can be used."""
         words = [] if self.times is not None else ["times.rate"]
         if not any(
             guess.channel == "position" and guess.side != "command" for guess in self.channels
@@ -94,7 +96,7 @@ class Draft:
         return "\n".join(lines) + "\n"
 
     def _ignored_patterns(self) -> list[tuple[str, str]]:
-        """Return what is left out, counted names and structs of which nothing is used as one
+        """Return the arrays left out; counted names, and structs without a used array, become one
         pattern."""
         left_out = {key for key, _ in self.ignored}
         used = [key for guess in self.channels for key in guess.table.keys if key not in left_out]
@@ -110,20 +112,24 @@ class Draft:
 
 
 def _channel_lines(guess: Guess, joints: Sequence[str]) -> list[str]:
-    table, places = guess.table, range(len(joints)) if guess.places is None else guess.places
-    all_keys = list(table.keys)
-    keys: dict[str, object] = {
-        "key": all_keys[0] if len(all_keys) == 1 else [all_keys[k] for k in places]
-    }
+    table = guess.table
+    places = range(len(joints)) if guess.places is None else guess.places
+    keys: dict[str, object] = {}
+    if len(table.keys) > 1:
+        keys["key"] = [table.keys[k] for k in places]
+    else:
+        keys["key"] = table.keys[0]
     if guess.places is not None:
         keys["joints"] = [joints[k] for k in places]
-    if len(all_keys) == 1 and (table.columns is not None or guess.places is not None):
+    if len(table.keys) == 1 and (table.columns is not None or guess.places is not None):
         columns = range(len(joints)) if table.columns is None else table.columns
         keys["columns"] = [columns[k] for k in places]
-    keys |= {"flat": True} if table.flat else {}
+    if table.flat:
+        keys["flat"] = True
     keys["unit"] = [guess.units[k] for k in places] if guess.units else guess.unit
-    scales = {name: [values[k] for k in places] for name, values in guess.scales.items()}
-    keys |= {k: [int(v) if k == "sign" else v for v in values] for k, values in scales.items()}
+    for name, values in guess.scales.items():
+        number = int if name == "sign" else float
+        keys[name] = [number(values[k]) for k in places]
     lines = [f"  # {_comment(reason)}" for reason in guess.reasons]
     lines.append(f"  {guess.channel}:")
     lines += [f"    {key}: {_inline(value)}" for key, value in keys.items()]
@@ -132,7 +138,7 @@ def _channel_lines(guess: Guess, joints: Sequence[str]) -> list[str]:
 
 
 def _comment(text: str) -> str:
-    """Return text on one line: names of arrays may have several."""
+    """Return text on one line, because names of arrays may contain line breaks."""
     return " ".join(text.split())
 
 

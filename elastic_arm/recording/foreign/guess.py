@@ -1,5 +1,5 @@
-"""A draft of an array mapping: what each array of a file may be, with the reason, for a person to
-read and correct."""
+"""Draft an array mapping: guess what each array contains, and give the reason, for a person to
+check and correct."""
 
 import re
 from collections.abc import Collection, Mapping, Sequence
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from elastic_arm.errors import RecordingError
-from elastic_arm.recording.foreign.array_files import FILE_INDEX, Arrays
+from elastic_arm.recording.foreign.array_files import FILE_INDEX
 from elastic_arm.recording.foreign.channels import (
     CHANNEL_NAMES,
     DEFAULT_UNIT,
@@ -28,6 +28,7 @@ from elastic_arm.recording.foreign.tables import (
     TimeArray,
     find_tables,
 )
+from elastic_arm.recording.foreign.text_tables import Arrays
 from elastic_arm.recording.inspection.commands import COPIED, DIGITS, SHIFTED
 from elastic_arm.recording.inspection.percent import ranges_by_steps
 
@@ -96,6 +97,9 @@ _SIDE_WORDS: dict[SideName, str] = {
         r"|tau_?m|(?<![a-z])iq?(?=_|\d|$)"
     ),
 }
+Place = tuple[SideName, ChannelName]
+Chosen = dict[Place, Guess]
+LeftOut = tuple[JointTable, str]  # with the reason
 # Of several arrays for one channel the one with more of these in its name is taken.
 _MEASURED = r"act(?=_|ual)|meas|rec|sens|raw|abs"
 
@@ -106,8 +110,7 @@ def guess_mapping(
 ) -> Draft:
     """Return a draft of the mapping from arrays to a recording.
 
-    Units follow from names, ranges, and slopes of derivatives; sides and kinds of torque from
-    names.
+    Units follow from names, ranges and slopes of derivatives; sides and kinds of torque from names.
     """
     arrays = arrays if isinstance(arrays, Arrays) else Arrays(arrays)
     contents = find_tables(arrays, joints, arrays.units)
@@ -127,26 +130,11 @@ def guess_mapping(
         key for key in contents.rest if arrays[key].dtype.kind in "iufc" and key != FILE_INDEX
     ]
     ignored = [(key, "not a table of all joints") for key in numbers]
-    chosen: dict[tuple[SideName, ChannelName], Guess] = {}
-    for guess in _Reader(contents).guesses():
-        if isinstance(guess, tuple):
-            table, reason = guess
-        elif (first := chosen.get((guess.side, guess.channel))) is None:
-            chosen[guess.side, guess.channel] = guess
-            continue
-        elif np.array_equal(guess.table.values, first.table.values):
-            table = guess.table
-            reason = f"the same numbers as {first.table.name}"
-        else:
-            table = guess.table
-            place = f"{guess.side} {guess.channel}"
-            reason = f"also a candidate for {place}; {first.table.name} was chosen"
-            another = first.because(f"{table.name} is another candidate")
-            chosen[guess.side, guess.channel] = another
-        ignored += [(key, reason) for key in table.keys]
+    chosen, left_out = _chosen(_Reader(contents).guesses())
+    ignored += left_out
     if not chosen:
-        told = {key: f"{key} ({fault})" for key, fault in faults.items()}
-        listed = ", ".join(told.get(key, key) for key in arrays)
+        stated = {key: f"{key} ({fault})" for key, fault in faults.items()}
+        listed = ", ".join(stated.get(key, key) for key in arrays)
         raise RecordingError(
             f"no array contains positions or torques of {len(joints)} joints; the arrays"
             f" are {listed[:300]}",
@@ -156,23 +144,14 @@ def guess_mapping(
     chosen = {
         place: replace(guess, table=whole[guess.table.keys]) for place, guess in chosen.items()
     }
-    command = chosen.get(("command", "position"))
-    followed = chosen.get(("link", "position")) or chosen.get(("motor", "position"))
-    if command is not None and followed is not None:
-        ranges = [np.median(np.std(guess.table.values, axis=0)) for guess in (followed, command)]
-        why = (
-            f"the positions, {followed.table.name}, swing {ranges[0] / ranges[1]:.3g} times as far"
-        )
-        chosen["command", "position"] = _alike(command, followed).because(why)
-    found = {
-        place: _with_lengths(guess, slides.tolist()) for place, guess in _with_ratio(chosen).items()
-    }
+    _compare_commands(chosen)
+    chosen = _with_ratio(chosen)
+    found = {place: _with_lengths(guess, slides.tolist()) for place, guess in chosen.items()}
     found = {place: _without_dead(guess, found) for place, guess in found.items()}
     for guess in found.values():
         if guess.places is not None and len(guess.table.keys) > 1:  # an array a column
-            ignored += [
-                (key, DEAD) for k, key in enumerate(guess.table.keys) if k not in guess.places
-            ]
+            dead = [key for k, key in enumerate(guess.table.keys) if k not in guess.places]
+            ignored += [(key, DEAD) for key in dead]
     ordered = [found[place] for place in product(SIDE_NAMES, CHANNEL_NAMES) if place in found]
     ignored += [(key, f"not numbers: {fault}") for key, fault in faults.items()]
     return Draft(
@@ -180,8 +159,43 @@ def guess_mapping(
     )
 
 
+def _chosen(guesses: Sequence[Guess | LeftOut]) -> tuple[Chosen, list[tuple[str, str]]]:
+    """Return the first guess of each channel, and the arrays left out with the reasons."""
+    chosen: Chosen = {}
+    ignored: list[tuple[str, str]] = []
+    for guess in guesses:
+        if isinstance(guess, tuple):
+            table, reason = guess
+        else:
+            table = guess.table
+            place = (guess.side, guess.channel)
+            first = chosen.setdefault(place, guess)
+            if first is guess:
+                continue
+            if np.array_equal(table.values, first.table.values):
+                reason = f"the same numbers as {first.table.name}"
+            else:
+                channel = f"{guess.side} {guess.channel}"
+                reason = f"also a candidate for {channel}; {first.table.name} was chosen"
+                chosen[place] = first.because(f"{table.name} is another candidate")
+        ignored += [(key, reason) for key in table.keys]
+    return chosen, ignored
+
+
+def _compare_commands(chosen: Chosen) -> None:
+    """State in the guess of the commands how far the positions follow them."""
+    command = chosen.get(("command", "position"))
+    followed = chosen.get(("link", "position")) or chosen.get(("motor", "position"))
+    if command is None or followed is None:
+        return
+    far, asked = (np.median(np.std(one.table.values, axis=0)) for one in (followed, command))
+    why = f"the positions, {followed.table.name}, swing {far / asked:.3g} times as far"
+    chosen["command", "position"] = _alike(command, followed).because(why)
+
+
 def _alike(command: Guess, followed: Guess) -> Guess:
-    """Return commands in the unit of the positions that follow them number for number."""
+    """Return the commands in the unit of the positions, if the positions follow them number for
+    number."""
     apart = np.abs(command.table.values - followed.table.values).mean(axis=0)
     near = np.all(apart < followed.table.values.std(axis=0) + 1e-12)
     if not followed.missing or command.missing or command.table.stated or not near:
@@ -190,8 +204,8 @@ def _alike(command: Guess, followed: Guess) -> Guess:
     return command.because(why, "largest", unit=followed.unit, missing=followed.missing)
 
 
-def _without_dead(guess: Guess, chosen: Mapping[tuple[SideName, ChannelName], Guess]) -> Guess:
-    """Return a guess without columns that stay as they are although another position shows that
+def _without_dead(guess: Guess, chosen: Mapping[Place, Guess]) -> Guess:
+    """Return a guess without the columns that are constant although another position shows that
     their joints move."""
     positions = [
         other
@@ -221,10 +235,11 @@ def _with_lengths(guess: Guess, slides: Sequence[bool]) -> Guess:
 
 
 class _Reader:
-    """What tables are, by their names and units and by which follows the derivative of which."""
+    """Interprets tables by their names and units, and by which table is the derivative of which."""
 
     def __init__(self, contents: Contents) -> None:
-        self.tables, self.times = contents.tables, contents.times
+        self.tables = contents.tables
+        self.times = contents.times
         named = [(table, *_quantity(table)) for table in self.tables]
         measured = [(table, quantity) for table, quantity, _ in named if not _is_command(table)]
         self.positions = [table for table, quantity in measured if quantity == "position"]
@@ -233,14 +248,12 @@ class _Reader:
         # Wherever they stand in the file: angles without a name are those of which a rate is the
         # derivative, and which are the derivative of none of themselves.
         rates = [*self.speeds, *nameless]
-        sources = [
-            t for t in nameless if any(self.sources(rate, [t]) for rate in rates if rate is not t)
-        ]
-        self.angles = [t for t in sources if not self.sources(t, sources)]
+        sources = [table for table in nameless if self._has_rate(table, rates)]
+        self.angles = [table for table in sources if not self.sources(table, sources)]
         self.positions += self.angles
 
-    def guesses(self) -> list[Guess | tuple[JointTable, str]]:
-        """Return each table as a guess, or with the reason why it is left out; those recognised by
+    def guesses(self) -> list[Guess | LeftOut]:
+        """Return each table as a guess, or with the reason why it is left out; tables recognised by
         name come first."""
         read = [
             (_quantity(table)[0] is not None or _is_command(table), self._read(table))
@@ -249,11 +262,14 @@ class _Reader:
         named = [guess for by_name, guess in read if by_name and isinstance(guess, Guess)]
         return [*sorted(named, key=_rank), *(guess for _, guess in read if guess not in named)]
 
+    def _has_rate(self, table: JointTable, rates: Sequence[JointTable]) -> bool:
+        return any(self.sources(rate, [table]) for rate in rates if rate is not table)
+
     def sources(
         self, rate: JointTable, among: Sequence[JointTable]
     ) -> list[tuple[float, float, JointTable]]:
-        """Return those tables whose derivative a rate follows: correlation, slope and table, the
-        most alike first."""
+        """Return the tables whose derivative a rate follows, as correlation, slope and table, the
+        best first."""
         if self.times is None:
             return []
         slopes = [
@@ -261,67 +277,61 @@ class _Reader:
         ]
         return sorted((found for found in slopes if found[0] > ALIKE), key=lambda found: -found[0])
 
-    def _read(self, table: JointTable) -> Guess | tuple[JointTable, str]:
+    def _read(self, table: JointTable) -> Guess | LeftOut:
         quantity, word = _quantity(table)
+        reason = self._no_channel(table, quantity)
+        if reason:
+            return table, reason
         by_name = [f"called {word}"] if word else []
-        same = [
-            t
-            for t in self.tables
-            if len(t.keys) == 1 < len(table.keys) and np.array_equal(t.values, table.values)
-        ]
-        if quantity == "other" or _OTHER_UNIT.search(table.keys[0]):
-            return table, "neither position, velocity nor torque according to its name"
-        if quantity == "acceleration":
-            return table, "derived, not a measurement"
-        if same:
-            return table, f"the same numbers as {same[0].name}"
-        if np.ptp(table.values, axis=0).max() == 0:
-            return table, "constant throughout"
-        if quantity == "effort" and (share := _SHARE.search(table.name)) is not None:
-            return table, _NO_TORQUE.format(share[0])
         if _is_command(table):
-            if made := self._made(table):
-                return table, made
             if quantity is None and _EITHER.search(table.name) and self.positions:
                 quantity = "effort" if self._commanded(table) is None else "position"
             return self._guess(table, quantity or "position", by_name)
-        # That of a rotor follows the joint's, by the ratio.
-        if (
-            quantity == "velocity"
-            and self.times
-            and self.positions
-            and not self.sources(table, self.positions)
-        ):
-            return (
-                table,
-                (
-                    "named a velocity, but not the derivative of any position in the file: map it"
-                    " by hand"
-                ),
-            )
         if quantity is not None:
             return self._guess(table, quantity, by_name)
+        return self._by_numbers(table)
+
+    def _no_channel(self, table: JointTable, quantity: str | None) -> str:
+        """Return why a table is not a channel of a recording; empty if it may be one."""
+        if quantity == "other" or _OTHER_UNIT.search(table.keys[0]):
+            return "neither position, velocity nor torque according to its name"
+        if quantity == "acceleration":
+            return "derived, not a measurement"
+        for other in self.tables:
+            whole = len(other.keys) == 1 < len(table.keys)
+            if whole and np.array_equal(other.values, table.values):
+                return f"the same numbers as {other.name}"
+        if np.ptp(table.values, axis=0).max() == 0:
+            return "constant throughout"
+        share = _SHARE.search(table.name)
+        if quantity == "effort" and share is not None:
+            return _NO_TORQUE.format(share[0])
+        if _is_command(table):
+            return self._made(table)
+        # The velocity of a rotor follows the joint's angle, by the ratio.
+        known = self.times is not None and bool(self.positions)
+        if quantity == "velocity" and known and not self.sources(table, self.positions):
+            derivative = "the derivative of any position in the file"
+            return f"named a velocity, but not {derivative}: map it by hand"
+        return ""
+
+    def _by_numbers(self, table: JointTable) -> Guess | LeftOut:
+        """Return what a table without a telling name may be, by the derivatives of the others."""
         if table in self.angles:
             return self._guess(table, "position", ["another array is its derivative"])
         if self._speed_by_slope(table) is not None:
             return self._guess(table, "velocity", [])
         if self.sources(table, self.speeds):
             return table, "the derivative of a velocity: derived, not a measurement"
-        if (told := self._commanded(table)) is not None:
-            return self._guess(
-                table,
-                "position",
-                [f"belongs to {told.name}, but its name gives no quantity"],
-                "command",
-            )
-        return self._guess(
-            table,
-            "effort",
-            ["neither an angle nor a velocity according to its name or its derivatives"],
-        )
+        followed = self._commanded(table)
+        if followed is not None:
+            reason = f"belongs to {followed.name}, but its name gives no quantity"
+            return self._guess(table, "position", [reason], "command")
+        reason = "neither an angle nor a velocity according to its name or its derivatives"
+        return self._guess(table, "effort", [reason])
 
     def _made(self, table: JointTable) -> str:
-        """Return of which positions a command was made, in words; empty of commands that were
+        """Return in words from which positions a command was computed; empty for commands that were
         sent."""
         # Computed torque follows as closely as its model is right.
         torques = any(_quantity(one)[0] == "effort" for one in self.tables)
@@ -337,8 +347,8 @@ class _Reader:
         return ""
 
     def _commanded(self, table: JointTable) -> JointTable | None:
-        """Return the position that a table without a name of its own goes with, as commands do:
-        number for number."""
+        """Return the position that follows a table without a telling name number for number, as
+        positions follow commands."""
         for position in self.positions:
             apart = np.abs(table.values - position.values).mean(axis=0)
             spread = position.values.std(axis=0)
@@ -393,7 +403,7 @@ class _Reader:
     def _unit(
         self, table: JointTable, channel: ChannelName
     ) -> tuple[str, str, dict[str, list[float]], dict[str, str]]:
-        """Return the unit of a channel, why, its factors, and what of them is missing."""
+        """Return the unit of a channel, the reason, its factors, and the missing entries."""
         stated = known_unit(table.stated)
         if stated is not None and stated[0] in TO_SI[channel]:
             unit, size = stated
@@ -422,8 +432,8 @@ class _Reader:
         return *by_numbers[channel](table), {}, {}
 
     def _speed_unit(self, table: JointTable) -> tuple[str, str]:
-        """Return the unit of velocities by the slope of the positions' derivatives over them, else
-        by the name."""
+        """Return the unit of velocities: by the slope between them and the derivatives of the
+        positions, otherwise by the name."""
         if (found := self._speed_by_slope(table)) is not None:
             return found
         if (word := re.search(r"deg|rpm|rad", table.name, re.I)) is not None:
@@ -438,10 +448,11 @@ class _Reader:
         return "rad/s", "the unit is a guess: it is not the derivative of any position in the file"
 
     def _speed_by_slope(self, table: JointTable) -> tuple[str, str] | None:
-        """Return the unit in which a table is the derivative of a position, and of which; None
-        where it is of none.
+        """Return the unit in which a table is the derivative of a position, and the reason; None if
+        it is not a derivative.
 
-        To follow a velocity is not enough: so does a torque that is mostly friction.
+        Correlation with a velocity is not sufficient: a torque that consists mostly of friction
+        correlates as well.
         """
         for alike, steep, source in self.sources(table, self.positions):
             for unit, size in _SPEEDS.items():
@@ -455,8 +466,8 @@ class _Reader:
 
 
 def _slope(source: JointTable, rate: JointTable, times: TimeArray) -> tuple[float, float]:
-    """Return correlation and slope of a table's derivative over another table: medians over the
-    moving joints."""
+    """Return correlation and slope between the derivative of one table and another table: medians
+    over the moving joints."""
     width = max(round(AVERAGED * times.rate), 3)
     dt = np.maximum(np.gradient(times.seconds), 1e-9)[:, None]
     derivative = np.gradient(source.values, axis=0) / dt
@@ -481,11 +492,11 @@ def _is_command(table: JointTable) -> bool:
 
 
 def _rank(guess: Guess) -> tuple[int, bool]:
-    """Return the order of guesses for one channel: names of measurements first, then torques that
-    say whose they are.
+    """Return the order of guesses for one channel: names of measurements first, then torques whose
+    name states the side.
 
-    Beside a torque by the motor's current, one that is called a torque and nothing else may be the
-    controller's model.
+    Next to a torque computed from the motor's current, an array that is only called a torque may be
+    the model of the controller.
     """
     sided = (
         guess.channel == "effort"
@@ -496,8 +507,8 @@ def _rank(guess: Guess) -> tuple[int, bool]:
 
 
 def _quantity(table: JointTable) -> tuple[Any, str]:
-    """Return what the name of a table means, or else the unit that it states; and the name where it
-    shows that."""
+    """Return the quantity that the name of a table, or otherwise its unit, indicates; and the name
+    if it was decisive."""
     stem = re.sub(_COMMAND, "", table.stem, flags=re.I)
     if TIME_NAME.search(table.name):
         return "other", table.name
@@ -520,10 +531,10 @@ def _angle_unit(table: JointTable) -> tuple[str, str]:
     stated = known_unit(table.stated)
     if stated is not None and stated[0] in _ANGLES:
         return stated[0], ""
-    if (word := re.search(_ANGLE_WORDS, table.name, re.I)) is not None:
-        return {"deg": "deg", "rad": "rad"}.get(
-            word[0].lower(), "turns"
-        ), f"unit according to {word[0]!r} in its name"
+    word = re.search(_ANGLE_WORDS, table.name, re.I)
+    if word is not None:
+        unit = {"deg": "deg", "rad": "rad"}.get(word[0].lower(), "turns")
+        return unit, f"unit according to {word[0]!r} in its name"
     largest = float(np.abs(table.values).max())
     unit = "rad" if largest < LARGEST_ANGLE else "deg"
     # Neither numbers nor a robot's limits tell degrees of a joint from a rotor's radians.
@@ -538,8 +549,8 @@ def _angle_unit(table: JointTable) -> tuple[str, str]:
 
 
 def _counts(table: JointTable) -> bool:
-    """Return whether numbers are those of a register: whole ones beyond what an arm has in units of
-    its quantity."""
+    """Return whether numbers are counts of a register: integers larger than an arm has in any unit
+    of the quantity."""
     whole = bool((table.values == np.round(table.values)).all())
     return whole and float(np.abs(table.values).max()) > 20.0 and len(np.unique(table.values)) > 20
 
@@ -558,18 +569,20 @@ def _torque_unit(table: JointTable) -> tuple[str, str]:
     )
 
 
-def _with_ratio(
-    chosen: dict[tuple[SideName, ChannelName], Guess],
-) -> dict[tuple[SideName, ChannelName], Guess]:
-    """Give the motor side's channels the ratio that shows where both sides' positions are there."""
-    motor, link = chosen.get(("motor", "position")), chosen.get(("link", "position"))
+def _with_ratio(chosen: Chosen) -> Chosen:
+    """Add the gear ratio to the channels of the motor side, if the positions of both sides show
+    it."""
+    motor = chosen.get(("motor", "position"))
+    link = chosen.get(("link", "position"))
     if motor is None or link is None or not {motor.unit, link.unit} <= set(_ANGLES):
         return chosen
     # Without a unit in its name, a rotor's angle is far beyond a joint's range in any unit: it has
     # that of the link.
     unit = motor.unit if re.search(_ANGLE_WORDS, motor.table.name, re.I) else link.unit
-    of_rotor, of_link = motor.table.values * _ANGLES[unit], link.table.values * _ANGLES[link.unit]
-    of_rotor, of_link = of_rotor - of_rotor.mean(axis=0), of_link - of_link.mean(axis=0)
+    of_rotor = motor.table.values * _ANGLES[unit]
+    of_rotor = of_rotor - of_rotor.mean(axis=0)
+    of_link = link.table.values * _ANGLES[link.unit]
+    of_link = of_link - of_link.mean(axis=0)
     slope = (of_rotor * of_link).sum(axis=0) / np.maximum((of_link**2).sum(axis=0), 1e-300)
     if np.abs(slope).min() < SMALLEST_RATIO:
         return chosen

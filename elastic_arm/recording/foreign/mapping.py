@@ -1,4 +1,4 @@
-"""Sides of a recording from the topics of a foreign bag, by its channel map."""
+"""Build the sides of a recording from the topics of a foreign bag and its channel map."""
 
 from collections.abc import Mapping
 
@@ -23,11 +23,10 @@ from elastic_arm.recording.timebase.joining import pair
 def mapped_side(
     channels: ChannelMap, side_name: SideName, series: Mapping[str, Series], found: list[Finding]
 ) -> Side | None:
-    """Build one side of all joints; None where the map has no channel of it. `found` gets what was
-    done.
+    """Build one side of all joints; None if the map has no channel of it.
 
-    Channels of one topic share its stamps; those of further topics are brought to the stamps of the
-    first.
+    `found` receives the corrections. Channels of one topic share its stamps; channels of other
+    topics are interpolated to the stamps of the first.
     """
     built: Side | None = None
     for channel_name in CHANNEL_NAMES:
@@ -56,7 +55,7 @@ def _channel(
     channels: ChannelMap,
     found: list[Finding],
 ) -> Side:
-    """Build one channel, brought to the stamps of the first joint's topic; NaN for joints without a
+    """Build one channel at the stamps of the first joint's topic; NaN for joints without a
     source."""
     by_topic: dict[str, list[str]] = {}
     for joint, source in sources.items():
@@ -89,8 +88,8 @@ def _channel(
 
 
 def _parts(messages: Series, sources: Mapping[str, Channel]) -> list[tuple[Series, list[str]]]:
-    """Return the messages that name joints together, with the joints to take from them; all where
-    none is named."""
+    """Return the messages that name joints together, with the joints to take from them; all
+    messages if none has names."""
     if not messages.names() or any(source.index is not None for source in sources.values()):
         return [(messages, list(sources))]
     called = {source.name: joint for joint, source in sources.items()}

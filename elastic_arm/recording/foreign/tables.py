@@ -1,5 +1,5 @@
-"""Tables of all joints among the arrays of a file: one array, or a group of columns whose names
-count the joints."""
+"""Find tables of all joints among the arrays of a file: single arrays, or groups of columns whose
+names count the joints."""
 
 import re
 from collections import Counter
@@ -45,15 +45,15 @@ class JointTable:
 
     @property
     def name(self) -> str:
-        """What the table is called in messages: its array, or the common part of its columns'
-        names."""
+        """The name of the table in messages: its array, or the common part of the names of its
+        columns."""
         if len(self.keys) == 1:
             return self.keys[0]
         return self.pattern or f"{self.keys[0]} to {self.keys[-1]}"
 
     @property
     def stem(self) -> str:
-        """The name without what counts or names the joint."""
+        """The name without the number or name of the joint."""
         if len(self.keys) == 1:
             return self.keys[0]
         return self.pattern or re.sub(r"\d+\D*$", "", self.keys[0])
@@ -89,12 +89,12 @@ class Contents:
 def find_tables(
     arrays: Mapping[str, np.ndarray], joints: Sequence[str], units: Mapping[str, str] = _NONE
 ) -> Contents:
-    """Sort arrays into times, tables of n joints, and others, by the first run where there are
-    several.
+    """Sort arrays into times, tables of n joints, and others; of several runs the first one is
+    used.
 
-    An array of more than n columns is a table of its first n; columns whose names hold the joints'
-    names are one of these, as are those whose names count the joints; columns without names are
-    taken n at a time. For one joint every column is a table.
+    An array of more than n columns is a table of its first n columns. Columns whose names contain
+    the names of the joints form a table, as do columns whose names count the joints. Columns
+    without names are taken n at a time. For one joint every column is a table.
     """
     numeric = {
         key: np.squeeze(values) for key, values in arrays.items() if values.dtype.kind in "iuf"
@@ -111,7 +111,8 @@ def find_tables(
         for key, values in numeric.items()
         if values.ndim in (1, 2) and values.size
     }
-    n, count = len(joints), _sample_count(numeric)
+    n = len(joints)
+    count = _sample_count(numeric)
     times, tables = _sorted(numeric, joints, count, units)
     if not tables and n > 1 and count % n == 0:
         # Numbers one a line are those of all joints, sample by sample, where nothing else can be.
@@ -157,8 +158,7 @@ def _sorted(
 
 
 def _find_runs(arrays: Mapping[str, np.ndarray]) -> tuple[str, int] | None:
-    """Return the array that numbers runs, which stand one below the other, and how many there
-    are."""
+    """Return the array that numbers concatenated runs, and the number of runs."""
     for key, values in arrays.items():
         if (
             RUN_NAME.search(key)
@@ -173,7 +173,7 @@ def _find_runs(arrays: Mapping[str, np.ndarray]) -> tuple[str, int] | None:
 
 
 def _without_holes(values: np.ndarray) -> np.ndarray:
-    """Return numbers with lines across their holes; zeros where there is no number at all."""
+    """Return numbers with missing ones interpolated linearly; zeros if all are missing."""
     found = values.astype(np.float64) if values.dtype.kind == "f" else values
     for column in found.reshape(len(found), -1).T if found.dtype.kind == "f" else ():
         if not (whole := np.isfinite(column)).all():
@@ -185,7 +185,7 @@ def _without_holes(values: np.ndarray) -> np.ndarray:
 
 
 def _sample_count(arrays: Mapping[str, np.ndarray]) -> int:
-    """Return the length that most numbers have."""
+    """Return the length of most arrays."""
     lengths: Counter[int] = Counter()
     for values in arrays.values():
         if values.ndim and values.size > 1:
@@ -196,8 +196,8 @@ def _sample_count(arrays: Mapping[str, np.ndarray]) -> int:
 def _find_times(
     arrays: Mapping[str, np.ndarray], count: int, units: Mapping[str, str]
 ) -> TimeArray | None:
-    """Return the array that grows from sample to sample with a rate that arms have; one called time
-    before others."""
+    """Return the array that increases from sample to sample at a rate that arms have; arrays named
+    like times come first."""
     found = []
     called = [
         key for key, values in arrays.items() if values.shape == (count,) and TIME_NAME.search(key)
@@ -244,7 +244,7 @@ def _whole(key: str, values: np.ndarray, count: int, n: int) -> JointTable | Non
 
 
 def _named(columns: Mapping[str, np.ndarray], joints: Sequence[str]) -> list[JointTable]:
-    """Return the groups of columns whose names differ by the name of a joint alone, in the order of
+    """Return the groups of columns whose names differ only by the name of a joint, in the order of
     the joints."""
     called = {
         **dict(zip(short_names(joints), joints, strict=True)),
@@ -273,7 +273,8 @@ def _named(columns: Mapping[str, np.ndarray], joints: Sequence[str]) -> list[Joi
 
 
 def _counted(columns: Mapping[str, np.ndarray], n: int) -> list[JointTable]:
-    """Return the groups of columns whose names differ by a number alone, in its order."""
+    """Return the groups of columns whose names differ only by a number, in the order of the
+    numbers."""
     groups: dict[tuple[str, str], dict[int, str]] = {}
     for key in columns:
         if (match := _COUNTED.match(key)) is not None:

@@ -1,7 +1,8 @@
-"""What tables of texts hold besides one number a cell: lists, long tables, dates, and stamps in two
-columns.
+"""Convert layouts of text tables other than one number per cell: lists in cells, tables with one
+row per signal, dates, and stamps in two columns.
 
-A column is a list of cells: numbers, lists of numbers or of names, texts, or None for an empty one.
+A column is a list of cells: numbers, lists of numbers or of names, texts, or None for an empty
+cell.
 """
 
 import ast
@@ -39,9 +40,9 @@ _FEWEST = 3  # rows a name, of a table that has a row for each
 def arrays_of(columns: Columns) -> tuple[dict[str, np.ndarray], dict[str, str]]:
     """Return the arrays of columns, and the units of those that were dates.
 
-    Cells that hold lists of one length become an array of two axes, or with a column of names one
-    array a name; a table with a row for each name and time becomes one column a name; dates become
-    ns since 1970, times of day s. Columns of other lengths are tables of their own.
+    Cells with lists of equal length become an array with two axes, or with a column of names one
+    array per name. A table with one row per name and time becomes one column per name. Dates become
+    ns since 1970, times of day s. Columns of different lengths are separate tables.
     """
     arrays: dict[str, np.ndarray] = {}
     units: dict[str, str] = {}
@@ -59,7 +60,8 @@ def _arrays_of_table(columns: Columns) -> tuple[dict[str, np.ndarray], dict[str,
     for name, cells in read.items():
         found = _dates(cells)
         if found is not None:
-            read[name], units[name] = found[0].tolist(), found[1]
+            moments, units[name] = found
+            read[name] = moments.tolist()
     for stem, (seconds, rest) in stamp_pairs(read).items():
         with suppress(TypeError, ValueError):
             pairs = zip(read[seconds], read[rest], strict=True)
@@ -77,7 +79,7 @@ def _arrays_of_table(columns: Columns) -> tuple[dict[str, np.ndarray], dict[str,
 
 
 def _cell(cell: Any) -> Any:
-    """Return what a text holds: a list, or itself."""
+    """Return the list that a text contains, or the text."""
     text = cell.strip() if isinstance(cell, str) else ""
     if not text or text[-1] not in "])}.0123456789":
         return cell
@@ -98,18 +100,19 @@ def _cell(cell: Any) -> Any:
 
 
 def _lists_of(cells: Sequence[Any], kind: type) -> bool:
-    """Return whether all cells that are there are lists of numbers, or of texts."""
-    lists = [cell for cell in cells if cell is not None]
+    """Return whether all non-empty cells are lists of numbers, or of texts."""
     kinds = (int, float, type(None)) if kind is float else (kind,)
-    return bool(lists) and all(
-        isinstance(one, list) and all(isinstance(x, kinds) for x in one) for one in lists
-    )
+    lists = [cell for cell in cells if cell is not None]
+    for one in lists:
+        if not isinstance(one, list) or not all(isinstance(item, kinds) for item in one):
+            return False
+    return bool(lists)
 
 
 def _table(name: str, cells: Sequence[Any]) -> dict[str, np.ndarray]:
-    """Return lists of numbers as one array (N, k); the empty ones of a column are NaN.
+    """Return lists of numbers as one array (N, k); empty lists become NaN.
 
-    Lists of several lengths are no table: a text states it.
+    Lists of different lengths become a text that states their lengths.
     """
     width = max(len(cell) for cell in cells if cell is not None)
     if not width:
@@ -118,35 +121,37 @@ def _table(name: str, cells: Sequence[Any]) -> dict[str, np.ndarray]:
     if len(lengths) > 1:
         return {name: np.full(len(cells), f"lists of {min(lengths)} to {max(lengths)} numbers")}
     rows = [cell or [np.nan] * width for cell in cells]
-    return {name: np.array([[np.nan if x is None else x for x in row] for row in rows], np.float64)}
+    return {name: np.array(rows, np.float64)}  # None becomes NaN
 
 
 def _by_joints(columns: Columns) -> Columns:
-    """Return columns of lists beside a column of names as one column a name, in whichever order
-    each row has them; any others as they are."""
-    names = next(
-        (name for name, cells in columns.items() if _NAMES.search(name) and _lists_of(cells, str)),
-        None,
-    )
+    """Return columns of lists next to a column of names as one column per name, whatever the order
+    in each row; other columns unchanged."""
+    called = [name for name in columns if _NAMES.search(name)]
+    names = next((name for name in called if _lists_of(columns[name], str)), None)
     if names is None:
         return columns
     found: Columns = {}
     for name, cells in columns.items():
         rows = list(zip(cells, columns[names], strict=True))
-        if not _lists_of(cells, float) or any(
-            row and len(row) != len(words or []) for row, words in rows
-        ):
-            found |= {name: cells} if name != names else {}
+        if not _lists_of(cells, float) or not _of_equal_lengths(rows):
+            if name != names:
+                found[name] = cells
             continue
         for k, (row, words) in enumerate(rows):
             for word, number in zip(words or [], row or [], strict=False):
                 column = found.setdefault(f"{name}.{word}", [None] * len(cells))
                 column[k] = number
-    return {name: cells for name, cells in found.items() if any(cell is not None for cell in cells)}
+    return {name: cells for name, cells in found.items() if cells.count(None) < len(cells)}
+
+
+def _of_equal_lengths(rows: Sequence[tuple[Any, Any]]) -> bool:
+    """Return whether the lists of numbers are empty, or as long as the lists of names."""
+    return all(not row or len(row) == len(words or []) for row, words in rows)
 
 
 def _column(cells: Sequence[Any], unit: str | None) -> np.ndarray:
-    """Return numbers, or texts where any cell is none."""
+    """Return numbers, or texts if any cell is not a number."""
     whole = all(type(cell) is int for cell in cells)
     # Of nanoseconds since 1970 doubles lose the last ones.
     if whole and cells and 2**53 < max(map(abs, cells)) < 2**63:
@@ -158,7 +163,7 @@ def _column(cells: Sequence[Any], unit: str | None) -> np.ndarray:
 
 
 def _dates(cells: Sequence[Any]) -> tuple[np.ndarray, str] | None:
-    """Return dates as ns since 1970, times of day as s, each with its unit; None where any cell is
+    """Return dates as ns since 1970 or times of day as s, with the unit; None if any cell is
     neither."""
     if not cells or not all(isinstance(cell, str) for cell in cells):
         return None
@@ -191,7 +196,7 @@ def _time_of_hour(minutes: str, seconds: str) -> float:
 
 
 def _nanoseconds(texts: Sequence[str]) -> list[int]:
-    """Return the ns since 1970 of dates; those without a zone are UTC."""
+    """Return dates as ns since 1970; dates without a time zone are UTC."""
     plain = []
     for text in texts:
         iso = _COLONS.sub(r"\1-\2-\3 ", _DAY_FIRST.sub(_year_first, text))
@@ -215,15 +220,14 @@ def _nanoseconds(texts: Sequence[str]) -> list[int]:
 
 
 def _year_first(date: re.Match[str]) -> str:
-    """Return a date with dots, the day first, as year, month, day; a year of two digits is of this
+    """Return a date with dots, day first, as year, month, day; a year of two digits belongs to this
     century."""
     day, month, year = date.groups()
     return f"{year if len(year) == 4 else '20' + year}-{int(month):02d}-{int(day):02d}"
 
 
 def stamp_pairs(names: Collection[str]) -> dict[str, tuple[str, str]]:
-    """Return columns of seconds and of the nanoseconds beside them, as ROS has them, by what both
-    are of."""
+    """Return the pairs of columns with seconds and nanoseconds, as in ROS, by their common name."""
     pairs = {}
     for name in names:
         match = _SECONDS.match(name)
@@ -242,8 +246,8 @@ def _stamp(seconds: Any, nanoseconds: Any) -> int | None:
 
 
 def _wide(columns: Columns, units: dict[str, str]) -> tuple[Columns, dict[str, str]]:
-    """Return a table that has a row for each name and time with a column for each name, and the
-    units of its columns; any other table as it is."""
+    """Return a table with one row per name and time as one with a column per name, and the units of
+    its columns; any other table unchanged."""
     times = next((name for name in columns if _TIME.search(name)), None)
     keys = [] if times is None else _keys(columns, times)
     if times is None or not keys:
@@ -278,9 +282,10 @@ def _wide(columns: Columns, units: dict[str, str]) -> tuple[Columns, dict[str, s
 
 
 def _keys(columns: Columns, times: str) -> list[str]:
-    """Return the columns that say what a row of a long table is of; none of any other table.
+    """Return the columns that name the signal of each row of a long table; an empty list for any
+    other table.
 
-    They are texts, or the number of a joint where each time has a row for each of them.
+    The columns contain texts, or the number of a joint if each time has one row per joint.
     """
     stamps = [str(stamp) for stamp in columns[times]]
     repeated = 2 * len(set(stamps)) <= len(stamps)
@@ -299,18 +304,14 @@ def _keys(columns: Columns, times: str) -> list[str]:
         return texts if few else []
     for some in (texts, numbers[:1]):
         if some and _tells_apart(stamps, columns, some):
-            needless = [
-                name
-                for name in some
-                if _tells_apart(stamps, columns, [one for one in some if one != name])
-            ]
-            return [name for name in some if name not in needless]
+            return [name for name in some if _is_needed(name, stamps, columns, some)]
     # One name may come twice at a time where its stamps are coarse.
     return texts if len(texts) == 1 else []
 
 
 def _is_of_runs(columns: Columns, cells: Sequence[str]) -> bool:
-    """Return whether a text stays the same in each of several runs, as an episode's task does."""
+    """Return whether a text is constant within each of several runs, as the task of an episode
+    is."""
     for name, numbers in columns.items():
         if RUN_NAME.search(name) and len(set(map(str, numbers))) > 1:
             runs = list(map(str, numbers))
@@ -318,13 +319,19 @@ def _is_of_runs(columns: Columns, cells: Sequence[str]) -> bool:
     return False
 
 
+def _is_needed(name: str, stamps: Sequence[str], columns: Columns, keys: Sequence[str]) -> bool:
+    """Return whether the other keys do not tell all rows apart."""
+    others = [key for key in keys if key != name]
+    return not _tells_apart(stamps, columns, others)
+
+
 def _tells_apart(stamps: Sequence[str], columns: Columns, keys: Sequence[str]) -> bool:
-    """Return whether every row has another time or another key."""
+    """Return whether time and keys differ between all rows."""
     return len(set(zip(stamps, *(columns[key] for key in keys), strict=True))) == len(stamps)
 
 
 def _counts_rows(stamps: Sequence[str], cells: Sequence[Any]) -> bool:
-    """Return whether whole numbers are the same few at each time."""
+    """Return whether integers repeat in the same way at each time."""
     numbers = [float(cell) for cell in cells]
     if not all(number.is_integer() for number in numbers):
         return False
@@ -333,7 +340,7 @@ def _counts_rows(stamps: Sequence[str], cells: Sequence[Any]) -> bool:
 
 
 def has_layout(arrays: Mapping[str, np.ndarray]) -> bool:
-    """Return whether a table holds texts, stamps in two columns, or several rows a time and a
+    """Return whether a table contains texts, stamps in two columns, or several rows per time with a
     column that counts them."""
     if stamp_pairs(arrays) or any(values.dtype.kind == "U" for values in arrays.values()):
         return True
@@ -356,10 +363,10 @@ def _is_numbers(cells: Sequence[Any]) -> bool:
 
 
 def records(content: Any, path: str) -> Columns:
-    """Return the columns of JSON: a list of records, or an object of lists; objects within are
-    named with dots.
+    """Return the columns of JSON: of a list of records, or of an object with lists; names of nested
+    objects are joined by dots.
 
-    A list of records may lie beside other things, and a table may have a row a joint.
+    The list of records may be one entry among others, and a table may have one row per joint.
     """
     content = _as_lists(content)
     within = _flat(content) if isinstance(content, Mapping) else {}
@@ -389,13 +396,14 @@ def records(content: Any, path: str) -> Columns:
 
 
 def _as_lists(content: Any) -> Any:
-    """Return content in which the tables of pandas are lists: those by rows that are numbered,
-    those whose names stand apart, and lists of rows without names."""
+    """Return content with the tables of pandas as lists: numbered rows, rows with separate column
+    names, and lists of rows without names."""
     if isinstance(content, list) and content and all(isinstance(row, list) for row in content):
         return {str(k): list(column) for k, column in enumerate(zip(*content, strict=False))}
     if not isinstance(content, Mapping):
         return content
-    names, rows = content.get("columns"), content.get("data")
+    names = content.get("columns")
+    rows = content.get("data")
     if isinstance(names, list) and isinstance(rows, list):
         return dict(zip(map(str, names), map(list, zip(*rows, strict=False)), strict=False))
     found = {name: _numbered_rows(value) for name, value in content.items()}
@@ -403,7 +411,7 @@ def _as_lists(content: Any) -> Any:
 
 
 def _numbered_rows(content: Any) -> Any:
-    """Return an object whose keys count from 0 as a list of its values, where these are numbers, or
+    """Return an object whose keys count from 0 as a list of its values, if these are numbers or
     records of numbers."""
     if not isinstance(content, Mapping) or list(content) != [str(k) for k in range(len(content))]:
         return content
@@ -413,7 +421,7 @@ def _numbered_rows(content: Any) -> Any:
 
 
 def _is_column(values: Any) -> bool:
-    """Return whether something is a list of other things than records."""
+    """Return whether something is a list without records."""
     return isinstance(values, list) and not any(isinstance(one, Mapping) for one in values)
 
 

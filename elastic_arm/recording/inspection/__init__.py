@@ -1,1 +1,1 @@
-"""Whether a recording is sound: what a bag holds, what is wrong with it, what can be repaired."""
+"""Check a recording: contents of a bag, its faults, and their repair."""

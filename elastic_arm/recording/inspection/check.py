@@ -1,5 +1,4 @@
-"""What is wrong with a bag: with its files, with what its readers make of them, and with the
-numbers."""
+"""Find faults of a bag: of its files, of what its readers correct or refuse, and of its numbers."""
 
 import re
 from collections.abc import Callable, Iterator, Sequence
@@ -61,12 +60,11 @@ def check_bag(
     namespace: str | None = None,
     report_share: Callable[[str, float], None] = lambda what, share: None,
 ) -> Report:
-    """Look for everything that may be wrong with a bag.
+    """Find all faults of a bag: those that readers refuse or correct, and numbers that no arm
+    produces.
 
-    That is what readers refuse or mend, and what no arm measures.
-
-    A long bag is looked at in parts: what begins in a later one is said with its time. The
-    description is compared with the motions of all of them.
+    A long bag is checked in parts; a finding in a later part is reported with its time. The
+    description is compared with the motions of all parts together.
     """
     report = Report(str(path))
     parts = list[Report]()
@@ -164,12 +162,12 @@ def doubts(recording: Recording, robot: Robot) -> list[str]:
 def misread(
     recordings: Sequence[Recording], robot: Robot, *, explained: bool = False
 ) -> str | None:
-    """Return in words which channels are misread.
+    """Return in words which channels are misread; None if there are none.
 
-    No arm is to be written by them.
+    The corrected arm is not written if there are any.
 
-    explained: whether effects stand for missing gravity and for encoders that disagree, as those of
-    a diagnosis do.
+    explained: whether effects may explain missing gravity and encoders that disagree, as in a
+    diagnosis.
     """
     for recording in recordings:
         whole = cleared(recording)[0]
@@ -196,8 +194,8 @@ def _seen(whole: Recording, recording: Recording, robot: Robot | None) -> list[F
 def _read(
     content: Content, channels: ChannelMap | None, robot: Robot | None, report: Report
 ) -> Recording | None:
-    """Return the recording as readers do, None where they refuse it; what they say goes into the
-    report."""
+    """Return the recording as readers return it, None if they refuse it; their messages are added
+    to the report."""
     joints = None if robot is None else robot.joint_names
     if channels is None:
         _check_names(content, report, joints)
@@ -322,16 +320,16 @@ def _check_drift(content: Content, report: Report) -> None:
 
 
 def _counted_interval(stamp_ns: Stamps) -> float:
-    """Return the time from sample to sample, ns: that of stamps over the numbers of their samples,
-    which count those that were lost."""
+    """Return the interval between samples, ns: the slope of the stamps over the sample numbers,
+    which include lost samples."""
     step = np.diff(stamp_ns)
     number = np.concatenate([[0.0], np.cumsum(np.round(step / np.median(step)))])
     return float(np.polyfit(number - number.mean(), stamp_ns - stamp_ns.mean(), 1)[0])
 
 
 def _clock_rate(series: Series) -> float:
-    """Slope of the stamps against the recorder's clock, less 1; from medians, as arrivals are late
-    now and then."""
+    """Return the slope of the stamps over the clock of the recorder, minus 1; from medians, because
+    messages sometimes arrive late."""
     log = (series.log_ns - series.log_ns[0]) * 1e-9
     ahead = (series.stamp_ns - series.log_ns) * 1e-9
     third = len(log) // 3

@@ -1,5 +1,5 @@
-"""Whether an arm followed the commands that were recorded with it, how late, and at which rate they
-came."""
+"""Check whether an arm followed the recorded commands, with which lag, and at which rate the
+commands came."""
 
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
@@ -31,7 +31,7 @@ NEAR = 1.15  # times such a factor; a loop's own gain is off by less, and servos
 
 
 def followed(recording: Recording) -> Iterator[Finding]:
-    """Yield what is seen of commands: lag and rate, and whether they can be what was followed."""
+    """Yield the findings about commands: lag, rate, and whether the arm can have followed them."""
     fit = _fitted(recording)
     if fit is None:
         return
@@ -67,7 +67,7 @@ def followed(recording: Recording) -> Iterator[Finding]:
 
 
 class _Fit(NamedTuple):
-    """Angles beside their commands, (n,) each: angle(t) = gain command(t - lag) + rest."""
+    """Angles compared with their commands, (n,) each: angle(t) = gain command(t - lag) + rest."""
 
     moves: NDArray[np.bool_]  # joints that do, and have a command
     lag: Array  # s
@@ -80,7 +80,8 @@ class _Fit(NamedTuple):
 
 
 def _fitted(recording: Recording) -> _Fit | None:
-    """Compare the angles of motors, else of links, with the commands; None without either."""
+    """Compare the angles of motors, or otherwise of links, with the commands; None if either is
+    missing."""
     reference = recording.reference
     side = recording.motor
     if side is None or side.position is None:
@@ -108,7 +109,8 @@ def _fitted(recording: Recording) -> _Fit | None:
 
 
 def _copied(joints: Sequence[str], fit: _Fit, copied: NDArray[np.bool_]) -> Iterator[Finding]:
-    """Yield which commands are the positions themselves, by the samples that they are shifted."""
+    """Yield which commands are copies of the positions, by the number of samples by which they are
+    shifted."""
     told = "they were computed from the recording; record the commands sent to the drives"
     samples = np.round(fit.lag / fit.step)
     for shift in np.unique(samples[copied]).tolist():
@@ -123,8 +125,7 @@ def _copied(joints: Sequence[str], fit: _Fit, copied: NDArray[np.bool_]) -> Iter
 
 
 def _lag(given: Array, command: Array, t: Array, angle: Array) -> tuple[float, float, float]:
-    """Return by how much an angle is behind its command, s, by what it is multiplied, and which
-    share is left."""
+    """Return the lag of an angle behind its command, s, its gain, and the share that remains."""
     spline = CubicSpline(given, command)
     every = max(1, len(t) // MOST)
     # Whole samples, too, by which a log may be shifted to make commands of it.

@@ -1,37 +1,39 @@
-"""Torques against what the arm's description predicts: signs, places and mountings that are not as
-taken.
+"""Compare recorded torques with the gravity that the arm's description predicts, to find wrong
+signs, exchanged joints, wrong units and another mounting.
 
-Of each joint's torque a zero, friction, the inertia as described and that of its motor are
-regressed out, and the same of the gravity torque as described. What is left of the two should rise
-together. Where it runs against each other, all torques have the wrong sign, or the arm is mounted
-otherwise. Where it rises far more or less, a unit is not what it is taken for; where it hardly
-rises at all, gravity has been taken out of the torque before it was recorded.
+From the torque of each joint and from its described gravity torque, the following are regressed
+out: a zero, friction, the described inertia, and the inertia of the motor. The two remainders
+should have a positive correlation. If it is negative, all torques have the wrong sign or the arm is
+mounted upside down. If one remainder is far larger than the other, a unit is wrong. If the torque
+has no such part, gravity was subtracted before the torque was recorded.
 
-Joints that turn the other way or have their zero elsewhere, torques of the wrong sign, and channels
-of two joints that were exchanged are tried: each is as likely as the torques of its measured joints
-j are,
+Further hypotheses are tested one by one: joints that turn the other way, joints with another zero,
+torques with the wrong sign, and exchanged channels of two joints. The likelihood of a hypothesis is
+that of the torques of the measured joints j under
 
     tau_j = (1 + g_j) Y_j(q, dq, ddq) pi + own_j + e_j,   e_j ~ N(0, v_j)
     pi_k ~ N(described, s_k² spread_k²),   g_j ~ N(0, 0.15²),   1/s_k² ~ gamma
 
-with zero, friction and motor inertia own_j of any size, and the masses and inertias pi_k of each
-body k and the gains g_j integrated out (D. J. C. MacKay, Neural Computation 4 (1992) 415). How far
-off a body is, s_k, is the likeliest: as drawn, or with a payload, a tool, another motor. So the
-geometry decides, and neither a wrong mass nor a wrong gain is taken for a zero.
+The zero, friction and motor inertia own_j may have any size. The masses and inertias pi_k of each
+body k and the gains g_j are integrated out (D. J. C. MacKay, Neural Computation 4 (1992) 415). s_k,
+the deviation of body k from the description, is estimated: a body may be as drawn, or carry a
+payload, a tool or another motor. Therefore the geometry decides, and a wrong mass or gain is not
+mistaken for a wrong zero.
 
-Motion and torques are smoothed alike: friction turns over as gradually as in the smoothed torque.
-Torques enter by products of columns, so that each other torque beside the same motion costs no more
-than the likelihood of those products.
+Motion and torques are smoothed in the same way, so that friction reverses as gradually as in the
+smoothed torque. Torques enter through products of columns: another torque for the same motion costs
+only the likelihood of these products.
 
-Slow samples resemble each other: N of them are worth as few independent ones as the two series'
-autocorrelations say (M. S. Bartlett, Journal of the Royal Statistical Society 98 (1935) 536).
+Successive samples are correlated. N samples count as the number of independent samples that follows
+from the autocorrelations of the two series (M. S. Bartlett, Journal of the Royal Statistical
+Society 98 (1935) 536).
 """
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import chain, combinations
-from typing import Any, NamedTuple, Self
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -103,38 +105,31 @@ SHARE = 0.4
 ZERO = 0.1
 
 
-class _Change(NamedTuple):
-    """Columns (n,) in another order, with signs."""
-
-    order: Any
-    sign: Array
-
-    def __call__(self, values: Array) -> Array:
-        return np.asarray(values[..., self.order] * self.sign)
-
-    @property
-    def is_none(self) -> bool:
-        """Whether all stay where they are."""
-        return bool((self.order == np.arange(len(self.sign))).all() and (self.sign > 0.0).all())
-
-
-class _Mix(NamedTuple):
-    """Columns (n,) as sums of columns: values by a matrix (n, n)."""
+class _Turn(NamedTuple):
+    """Replace columns (n,) by sums of columns: values times the transpose of a matrix (n, n)."""
 
     matrix: Array
-
-    @property
-    def is_none(self) -> bool:
-        """Whether all stay where they are."""
-        return False
 
     def __call__(self, values: Array) -> Array:
         return np.asarray(values @ self.matrix.T)
 
+    @property
+    def is_none(self) -> bool:
+        """Whether all columns stay as they are."""
+        return np.array_equal(self.matrix, np.eye(len(self.matrix)))
+
+    def samples(self, free: Array) -> Array:
+        """Return the independent samples of the new columns, given those of the old ones (n,).
+
+        The torques of motors that turn two joints keep those of the joints.
+        """
+        exchanges = np.count_nonzero(self.matrix) == len(free)
+        return np.abs(self(free)) if exchanges else free
+
 
 class SideMotion(NamedTuple):
-    """Motion and torques (N, n) of a side, the joints with measured torque, and the seconds over
-    which all are smoothed."""
+    """Motion and torques (N, n) of a side, the joints with a measured torque, and the width of the
+    smoothing window in seconds."""
 
     q: Array
     dq: Array
@@ -144,15 +139,16 @@ class SideMotion(NamedTuple):
     window: float
 
     def moved(self, turn: Callable[[Array], Array]) -> Self:
-        """Return it with other angles."""
+        """Return the motion with other angles."""
         return self._replace(q=turn(self.q), dq=turn(self.dq), ddq=turn(self.ddq))
 
     def every(self, step: int) -> Self:
-        """Return every so many samples."""
+        """Return every `step`-th sample."""
         return self.moved(lambda rate: rate[::step])._replace(torque=self.torque[::step])
 
     def friction(self, j: int) -> Array:
-        """Return dry friction of 1 Nm (N,) of a joint, smoothed as the torques are."""
+        """Return the dry friction (N,) of a joint with 1 Nm, smoothed in the same way as the
+        torques."""
         ahead = self.window * np.linspace(-0.5, 0.5, len(SMOOTHING))
         speeds = self.dq[:, j, None] + self.ddq[:, j, None] * ahead
         return np.asarray(np.tanh(speeds / TURNOVER) @ SMOOTHING)
@@ -162,12 +158,14 @@ Motions = list[tuple[str, SideMotion]]  # with the sides whose torques they hold
 
 
 class GravityFit(NamedTuple):
-    """Torques of one side beside the described gravity, less what is not gravity.
+    """The torques of one side compared with the described gravity; all other contributions are
+    regressed out of both.
 
-    What is left of the torques, of gravity as described, Nm, (N, m) of the joints with a torque,
-    and of its derivative by the gravity vector, (N, m, 3); correlation of the two, factor of the
-    first over the second, the probability that unrelated series correlate so, and whether no joint
-    that gravity loads shows half of it, but for chance.
+    torque, gravity: remainders of the torques and of the described gravity, Nm, (N, m) for the
+    joints with a torque; pull: derivative of the latter with respect to the gravity vector, (N, m,
+    3); correlation: of the two; factor: first over second; chance: probability that unrelated
+    series have such a correlation; missing: whether every joint loaded by gravity certainly has
+    less than half of it.
     """
 
     torque: Array
@@ -186,13 +184,12 @@ class GravityFit(NamedTuple):
 
 
 def contradicted(motions: Motions, robot: Robot) -> list[Finding]:
-    """Return which torques contradict the description.
+    """Return which torques contradict the description, given the motions of a recording or of all
+    its parts.
 
-    The motions are those of a recording, or of all its parts.
-
-    They belong to another joint, way to turn or zero, "exchanged", "mirrored", "other_zero"; run
-    against gravity, "gravity_sign"; show another direction, "mounting"; are far larger or smaller,
-    "gravity_size"; or hold no gravity, "gravity_missing".
+    The codes are "exchanged", "mirrored" and "other_zero" for joints; "gravity_sign", "mounting"
+    and "gravity_size" for the sign, direction and size of gravity; and "gravity_missing" if the
+    torques contain no gravity.
     """
     found = []
     for side, motion, fit in _fits(motions, robot):
@@ -201,9 +198,9 @@ def contradicted(motions: Motions, robot: Robot) -> list[Finding]:
 
 
 def misread_channels(recording: Recording, robot: Robot, *, weight: bool) -> str | None:
-    """Return which channels are misread, by unit, sign or joint.
+    """Return in words which channels have the wrong unit, sign or joint; None if there are none.
 
-    weight: whether torques without gravity are among them.
+    weight: whether torques without gravity count as misread.
     """
     for side, motion, fit in _fits([*side_motions(recording, robot)], robot):
         told = _told(motion, side, fit, robot)
@@ -215,7 +212,7 @@ def misread_channels(recording: Recording, robot: Robot, *, weight: bool) -> str
 
 
 def _fits(motions: Motions, robot: Robot) -> Iterator[tuple[str, SideMotion, GravityFit]]:
-    """Yield the torques of each side, of all its motions together, beside the described gravity."""
+    """Yield the torques of each side, of all its motions together, with the described gravity."""
     for side in SIDES.values():
         own = [motion for name, motion in motions if name == side]
         if not own:
@@ -234,7 +231,7 @@ def _fits(motions: Motions, robot: Robot) -> Iterator[tuple[str, SideMotion, Gra
 
 
 def side_motions(recording: Recording, robot: Robot) -> Iterator[tuple[str, SideMotion]]:
-    """Yield the sides that have torques with their motion; none of a recording without motion."""
+    """Yield the sides with torques and their motion; nothing if the arm does not move."""
     samples = recording.select(robot.joint_names).samples()
     position = samples.q if samples.q is not None else samples.theta
     # 1.0 s; the ends that differentiation spoils take 0.2 s
@@ -281,12 +278,12 @@ def _motion(samples: Samples, position: Array, channel: str) -> SideMotion:
 
 
 def _bend(values: Array) -> Array:
-    """Return the second differences (N, k) of values; null at the ends."""
+    """Return the second differences (N, k) of values; zero at the ends."""
     return np.pad(np.diff(values, n=2, axis=0), [(1, 1), (0, 0)])
 
 
 def _fit_gravity(motion: SideMotion, robot: Robot, *, motors: bool) -> GravityFit:
-    """Compare the torques of one side with described gravity, of all joints together."""
+    """Compare the torques of one side with the described gravity, all joints together."""
     states = (np.hstack([rate, rate]) if robot.elastic else rate for rate in motion[:3])
     moved, pull = ArmEquations(robot).moved_and_pulled(*states, motors=motors)
     count = len(motion.measured)
@@ -320,8 +317,8 @@ def _fit_gravity(motion: SideMotion, robot: Robot, *, motors: bool) -> GravityFi
 
 
 def _own(motion: SideMotion, j: int, *more: Array) -> Array:
-    """Return an orthonormal basis (N, r) of a joint's zero, friction, motor inertia, and of further
-    columns."""
+    """Return an orthonormal basis (N, r) of the zero, friction and motor inertia of a joint, and of
+    further columns."""
     friction = motion.friction(j)
     columns = [np.ones(len(friction)), friction, motion.dq[:, j], motion.ddq[:, j], *more]
     scaled = np.column_stack(
@@ -332,7 +329,7 @@ def _own(motion: SideMotion, j: int, *more: Array) -> Array:
 
 
 def _independent(one: Array, other: Array) -> float:
-    """Return how many independent samples two series (N,) are worth."""
+    """Return the number of independent samples to which two series (N,) correspond."""
     alike = [
         fftconvolve(each, each[::-1])[len(each) :] / max(float(each @ each), 1e-300)
         for each in (one, other)
@@ -341,8 +338,8 @@ def _independent(one: Array, other: Array) -> float:
 
 
 class _Arm(NamedTuple):
-    """Y(q, dq, ddq) (N, n, P) of a side's torques, mean and spread of its pi (P,), and to which of
-    its bodies each belongs (P,)."""
+    """The regressor Y(q, dq, ddq) (N, n, P) of the torques of a side, mean and spread of its
+    parameters (P,), and the body of each parameter (P,)."""
 
     regressor: Callable[[Array, Array, Array], Array]
     mean: Array
@@ -351,7 +348,7 @@ class _Arm(NamedTuple):
 
 
 def _told(motion: SideMotion, side: str, fit: GravityFit, robot: Robot) -> Iterator[list[Finding]]:
-    """Yield which channels were confused, and then, if none were, what else is not as described."""
+    """Yield the findings about confused channels, and then, if there are none, all others."""
     few = motion.every(max(1, len(motion.q) // 500))  # are tried with every other arrangement
     # Of joints that creep friction is of either sign, by the encoders' steps, and its error
     # outweighs what is compared.
@@ -396,8 +393,8 @@ def _arm(robot: Robot, side: str) -> _Arm:
 
 
 def _spread(model: Model) -> tuple[Array, NDArray[np.intp]]:
-    """Return the size of masses, first moments and inertias of each body, (P,), and its number;
-    stiffness and damping do not act here."""
+    """Return the scale of the mass, first moments and inertias of each body, (P,), and the number
+    of the body; stiffness and damping have scale zero."""
     names = [parameter.name.rpartition(".") for parameter in model.parameters]
     mass = {owner: 0.0 for owner, *_ in names}
     inertia = dict(mass)
@@ -418,10 +415,11 @@ def _spread(model: Model) -> tuple[Array, NDArray[np.intp]]:
 
 
 class _Products(NamedTuple):
-    """Products of columns of the measured joints (m joints) without what is their own.
+    """Products of the columns of the measured joints (m joints), without the contributions of each
+    joint alone.
 
-    Columns are the numbers of the arm and the gains, in their spreads, (Q,); rows the torques of
-    all joints, gravity as described, and the torque as described, (T,).
+    Columns are the parameters of the arm and the gains, in units of their spreads, (Q,); rows are
+    the torques of all joints, the described gravity, and the described torque, (T,).
     """
 
     grams: Array  # (m, Q, Q) of the columns
@@ -434,10 +432,10 @@ class _Products(NamedTuple):
     samples: int
 
     def coefficients(self, torques: Array, missing: Array | None = None) -> Array:
-        """Return the coefficients (m, T) of the rows that the arm is to explain.
+        """Return the coefficients (m, T) of the rows that the arm has to explain.
 
-        torques: (n, n), of the recorded ones that each is taken to be; missing: (n,) share of the
-        described gravity that each lacks.
+        torques: (n, n), the assumed torques in terms of the recorded ones; missing: (n,) share of
+        the described gravity that each torque lacks.
         """
         n = torques.shape[1]
         found = np.zeros((len(self.measured), n + 2))
@@ -450,7 +448,7 @@ class _Products(NamedTuple):
 def _products(motion: SideMotion, arm: _Arm, own: Sequence[Array], weight: Array) -> _Products:
     """Form the products.
 
-    own: bases of what is each measured joint's own; weight: gravity as described (N, n).
+    own: basis of the contributions of each measured joint alone; weight: described gravity (N, n).
     """
     Y = arm.regressor(*motion[:3])
     predicted = Y @ arm.mean
@@ -490,13 +488,13 @@ class _Fit(NamedTuple):
 
 
 def _likelihood(products: _Products, coefficients: Array, free: Array, near: _Fit | None) -> _Fit:
-    """Return the logarithm of the torques' likelihood.
+    """Return the logarithm of the likelihood of the torques.
 
-    Each joint's noise and each body's distance from the description are the likeliest, by
+    The noise of each joint and the deviation of each body from the description are estimated by
     expectation and maximisation.
 
-    coefficients: (m, T) of the rows; free: independent samples that each joint's rest is worth,
-    (m,); near: of a like fit, where the search starts.
+    coefficients: (m, T) of the rows; free: number of independent samples of each joint's remainder,
+    (m,); near: a similar fit from which the iteration starts.
     """
     grams = products.grams
     rights = np.einsum("jqt,jt->jq", products.rights, coefficients)
@@ -536,7 +534,7 @@ def _likelihood(products: _Products, coefficients: Array, free: Array, near: _Fi
 
 
 def _given(products: _Products) -> tuple[_Fit, Array]:
-    """Return the fit as described, and how many independent samples the rest of each is worth
+    """Return the fit with the description, and the number of independent samples of each remainder
     (m,)."""
     n = products.rows[0].shape[1] - 2
     coefficients = products.coefficients(np.eye(n))
@@ -550,11 +548,11 @@ def _given(products: _Products) -> tuple[_Fit, Array]:
 
 
 def _sized(motion: SideMotion, side: str, robot: Robot, arm: _Arm) -> list[Finding]:
-    """Return the joint whose zero is not as described, or whose torque lacks a share of its weight,
-    with the size.
+    """Return the joint whose zero differs from the description, or whose torque lacks a share of
+    gravity, with the size.
 
-    A turned last link is another mass. What a gain of the torque explains better is said nothing
-    of.
+    For the last link, another zero is equivalent to another mass. If a gain of the torque is the
+    better explanation, nothing is reported.
     """
     unit = np.eye(robot.n)
     own = _owns(motion)
@@ -593,8 +591,8 @@ def _sized(motion: SideMotion, side: str, robot: Robot, arm: _Arm) -> list[Findi
 
 
 def _upside_down(motion: SideMotion, side: str, robot: Robot, arm: _Arm) -> bool | None:
-    """Return whether an arm upside down is likelier than torques that all have the wrong sign, of
-    which inertia is reversed as well; None where neither is by far."""
+    """Return whether an arm mounted upside down is more likely than torques that all have the wrong
+    sign, which also reverse the inertia; None if neither is far more likely."""
     unit = np.eye(robot.n)
     still = np.zeros_like(motion.q)
     own = _owns(motion)
@@ -607,10 +605,10 @@ def _upside_down(motion: SideMotion, side: str, robot: Robot, arm: _Arm) -> bool
 
 
 def _load_alone(motion: SideMotion, arm: _Arm) -> float | None:
-    """Return the mass of a load on the last link, kg, whose gravity explains the torques better
-    than any multiple of the described gravity; None where it does not.
+    """Return the mass, kg, of a load on the last link whose gravity explains the torques better
+    than a multiple of the described gravity does; None if it does not.
 
-    That is left where the gravity of the bare arm was subtracted.
+    This happens if the gravity of the arm without its load was subtracted.
     """
     still = np.zeros_like(motion.q)
     Y = arm.regressor(motion.q, still, still)
@@ -623,7 +621,9 @@ def _load_alone(motion: SideMotion, arm: _Arm) -> float | None:
         part = np.column_stack([motion.torque[:, j], weight[:, j], of_load[:, j]])
         parts.append(part - basis @ (basis.T @ part))
     rows = np.vstack(parts)
-    torque, described, load = rows[:, 0], rows[:, 1:2], rows[:, 2:]
+    torque = rows[:, 0]
+    described = rows[:, 1:2]
+    load = rows[:, 2:]
     left = []
     for columns in (described, load):
         size = np.linalg.lstsq(columns, torque, rcond=RANK)[0]
@@ -632,7 +632,7 @@ def _load_alone(motion: SideMotion, arm: _Arm) -> float | None:
 
 
 class _Reading(NamedTuple):
-    """Another reading of torques: it differs from the description by a size."""
+    """A hypothesis that differs from the description by a size."""
 
     place: str  # name of a joint, or all of them
     words: str  # with places for the name and the size; empty for a reading that is not said
@@ -642,9 +642,10 @@ class _Reading(NamedTuple):
 
 
 def _likeliest(reading: _Reading, given: float) -> tuple[float, str, str]:
-    """Return ln of the odds of a reading, its size integrated out, and its words with the size.
+    """Return the log odds of a hypothesis with its size integrated out, and its description with
+    the size.
 
-    given: ln of the likelihood as described.
+    given: log-likelihood of the description.
     """
 
     def worth(size: float) -> float:
@@ -660,7 +661,8 @@ def _likeliest(reading: _Reading, given: float) -> tuple[float, str, str]:
     size = float(coarse.x)
     here = -float(coarse.fun)
     step = 0.1 * ZERO
-    low, high = worth(size - step), worth(size + step)
+    low = worth(size - step)
+    high = worth(size + step)
     std = max((2.0 * here - low - high) / step**2, reading.usual**-2) ** -0.5
     move = float(np.clip(0.5 * (high - low) / step * std**2, -step, step))
     size += move
@@ -674,9 +676,9 @@ def _likeliest(reading: _Reading, given: float) -> tuple[float, str, str]:
 def _arranged(
     motion: SideMotion, side: str, robot: Robot, arm: _Arm, shown: Array
 ) -> list[Finding]:
-    """Return which joints turn the other way, or have their channels exchanged.
+    """Return which joints turn the other way, or have exchanged channels.
 
-    None where the arm mounted otherwise explains the torques as well.
+    The result is empty if another mounting explains the torques as well.
 
     shown: (3,) gravity that the torques show.
     """
@@ -698,11 +700,9 @@ def _arranged(
                 there = _products(moved, arm, _owns(moved), no_weight)
             for code, words, torques in ways:
                 # The noise stays with the torques as they were given.
-                own_free = worth if isinstance(torques, _Mix) else np.abs(torques(worth))
-                coefficients = there.coefficients(torques(unit).T)
-                likely = _likelihood(
-                    there, coefficients, own_free[motion.measured], given
-                ).likelihood
+                own_free = torques.samples(worth)[motion.measured]
+                coefficients = there.coefficients(torques.matrix)
+                likely = _likelihood(there, coefficients, own_free, given).likelihood
                 tried.append((likely - given.likelihood, words, words))
                 changes.append((code, moved, torques))
         code, moved, torques = changes[int(np.argmax([gain for gain, *_ in tried]))]
@@ -725,15 +725,15 @@ def _arranged(
 
 
 def _along(robot: Robot, side: str, gravity: Array) -> _Arm:
-    """Return the arm in gravity of the described size and another direction (3,)."""
+    """Return the arm with gravity of the described size in another direction (3,)."""
     size = float(np.linalg.norm(robot.gravity))
     direction = gravity / max(float(np.linalg.norm(gravity)), RANK)
     return _arm(robot.with_(gravity=size * direction), side)
 
 
 def _named(tried: list[tuple[float, str, str]], code: str, side: str, remedy: str) -> list[Finding]:
-    """Return the likeliest of (logarithm of the odds, words, short words) with what is about as
-    likely, if it is."""
+    """Return the most likely hypothesis, together with those of similar probability, if its odds
+    are high enough; hypotheses are (log odds, description, short description)."""
     (odds, words, _), *others = sorted(tried, reverse=True)
     if odds < CERTAIN + np.log(len(tried)):
         return []
@@ -745,16 +745,15 @@ def _named(tried: list[tuple[float, str, str]], code: str, side: str, remedy: st
     return [warning(code, f"{side} side: {words}{beside}: {likely}", remedy)]
 
 
-_Turn = _Change | _Mix
 _Way = tuple[str, str, _Turn]
 
 
 def _coupled(joints: Sequence[str]) -> Iterator[tuple[_Turn, list[_Way]]]:
-    """Yield angles that are given against the joint before: as their sum or difference, as of a
+    """Yield angles that are recorded relative to the previous joint, as sum or difference, as in a
     parallelogram.
 
-    Then the torque of the joint before lacks what the other motor bears, or torques are those of
-    the joints.
+    The torque of the previous joint then lacks the torque of the other motor, or the torques are
+    those of the joints.
     """
     for j in range(1, len(joints)):
         for sign, way in ((-1.0, "plus"), (1.0, "minus")):
@@ -773,23 +772,22 @@ def _coupled(joints: Sequence[str]) -> Iterator[tuple[_Turn, list[_Way]]]:
                 " the joint itself)"
             )
             both = f"{words}with angle and torque under motor)"
-            same = _Change(np.arange(len(joints)), np.ones(len(joints)))
-            yield _Mix(angles), [(COUPLED, alone, same), (COUPLED, both, _Mix(torques))]
+            same = _Turn(np.eye(len(joints)))
+            yield _Turn(angles), [(COUPLED, alone, same), (COUPLED, both, _Turn(torques))]
 
 
 def _arrangements(
     joints: Sequence[str], measured: Sequence[int]
 ) -> Iterator[tuple[_Turn, list[_Way]]]:
-    """Yield what may have been confused: how angles (…, n) come right, and how torques do beside
-    it."""
+    """Yield possible confusions: corrections of the angles (…, n), each with the corrections of the
+    torques that may accompany it."""
 
     yield from _coupled(joints)
-    every = np.arange(len(joints))
-    plain = np.ones(len(joints))
-    same = _Change(every, plain)
+    unit = np.eye(len(joints))
+    same = _Turn(unit)
     alone: list[_Way] = []
     for j, name in enumerate(joints):
-        mirrored = _Change(every, np.where(every == j, -1.0, 1.0))
+        mirrored = _Turn(unit - 2.0 * np.diag(unit[j]))
         both = (
             f"{name} turns in the opposite direction of the description; the signs of"
             " its angle and torque are wrong"
@@ -804,7 +802,7 @@ def _arrangements(
                     mirrored,
                 )
             )
-    backwards = _Change(every, -plain)
+    backwards = _Turn(-unit)
     words = (
         "every joint turns in the opposite direction of the description; the signs of"
         " angles and torques are wrong"
@@ -812,8 +810,9 @@ def _arrangements(
     yield backwards, [("mirrored", words, backwards)]
     pairs = [[i, j] for i, j in combinations(measured, 2)]
     for old in [*pairs, *([list(measured)] if len(measured) > 3 else [])]:
-        exchanged = _Change(every.copy(), plain)
-        exchanged.order[old] = old[::-1]
+        order = np.arange(len(joints))
+        order[old] = old[::-1]
+        exchanged = _Turn(unit[order])
         names = " and ".join(joints[k] for k in old)
         whose = (
             f"of {names} seem to be exchanged" if len(old) == 2 else "are in reversed joint order"
@@ -853,10 +852,10 @@ def _shown(fit: GravityFit) -> Array:
 
 
 def _judged(fit: GravityFit, side: str, robot: Robot, upside: bool | None) -> list[Finding]:
-    """Return what the torques of a side show: another direction or sign of gravity, none of it, or
-    nothing.
+    """Return whether the torques of a side show another direction or the opposite sign of gravity,
+    or contain no gravity.
 
-    upside: whether inertia has its sign where gravity is reversed; None where that is open.
+    upside: whether inertia has the right sign although gravity is reversed; None if unknown.
     """
     columns = fit.pull.reshape(-1, 3)
     target = fit.torque.ravel()

@@ -1,5 +1,4 @@
-"""Two recordings of the same commands, channel by channel: how far they are apart, without any
-model."""
+"""Compare two recordings of the same commands channel by channel, without a model."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -18,7 +17,7 @@ ALIKE = 0.5  # correlation of the two motions, below which they are of other com
 
 @dataclass(frozen=True)
 class ChannelDifference:
-    """How far one channel of two recordings is apart, (n,) each."""
+    """The difference of one channel between two recordings, (n,) each."""
 
     channel: str  # Its name in equation (1): q, dq, tau_J, theta, dtheta, tau_m
     rms: Array  # Of real minus simulated: rad, rad/s or Nm
@@ -33,7 +32,7 @@ class ChannelDifference:
 
 @dataclass(frozen=True)
 class RecordingDifference:
-    """How far two recordings of the same commands are apart."""
+    """The differences between two recordings of the same commands."""
 
     joints: tuple[str, ...]  # Names
     offset: float  # s to add to times of the real recording for those of the simulated one
@@ -110,7 +109,8 @@ def _origin(recording: Recording) -> int:
 def _commands(
     real: Recording, simulated: Recording
 ) -> tuple[str, tuple[Array, Array], tuple[Array, Array]]:
-    """Return what the two are aligned by: times (N,) s from each origin, and positions (N, n)."""
+    """Return the motions by which the two are aligned: times (N,) s from each origin, and positions
+    (N, n)."""
     for name in ("reference", "motor", "link"):
         sides = [recording.sides().get(name) for recording in (real, simulated)]
         pairs: list[tuple[Array, Array]] = [
@@ -127,8 +127,8 @@ def _commands(
 
 
 def _offset(t: Array, values: Array, t_other: Array, other: Array, name: str) -> float:
-    """Return the s to add to times of one recording for those of the other: shifted in steps, then
-    mended."""
+    """Return the time in s to add to one recording to align it with the other: first in steps, then
+    refined."""
     step = 0.01  # s, at which the two are shifted over each other; steps then mend the time
     rates = [_on_grid(*pair, step) for pair in ((t, values), (t_other, other))]
     count = sum(len(rate) for rate in rates)
@@ -154,7 +154,8 @@ def _offset(t: Array, values: Array, t_other: Array, other: Array, name: str) ->
 
 
 def _on_grid(t: Array, values: Array, step: float) -> Array:
-    """Return the velocities (M, n) on a grid: positions would correlate by where they stand."""
+    """Return the velocities (M, n) on a grid; positions would correlate through their mean
+    values."""
     grid = np.arange(t[0], t[-1], step)
     return np.asarray(CubicSpline(t, values)(grid, 1))
 

@@ -1,4 +1,4 @@
-"""What is in a bag, in short."""
+"""The contents of a bag in short."""
 
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -12,10 +12,8 @@ from elastic_arm.recording.storage.bag import open_bag
 
 @dataclass
 class TopicInfo:
-    """A topic of a bag: type, messages, first and last log time, and the rate.
-
-    The rate is None below two messages.
-    """
+    """A topic of a bag: type, messages, first and last log time, and the rate (None below two
+    messages)."""
 
     name: str
     type_name: str
@@ -32,7 +30,7 @@ class TopicInfo:
 
 @dataclass
 class BagInfo:
-    """A bag in short."""
+    """A summary of a bag."""
 
     path: str  # Folder or file
     files: dict[str, int]  # Names, with sizes in bytes
@@ -77,9 +75,9 @@ class BagInfo:
 def bag_info(
     path: str | Path, channels: ChannelMap | None = None, namespace: str | None = None
 ) -> BagInfo:
-    """Sum up a bag.
+    """Summarise a bag.
 
-    Of several arms, that in a namespace is taken. A RecordingError if nothing can be read.
+    Of several arms, the one in a namespace is used. A RecordingError if nothing can be read.
     """
     info = _counted(path)
     try:
@@ -96,8 +94,10 @@ def bag_info(
 
 
 def _counted(path: str | Path) -> BagInfo:
-    """Count the messages of a bag. Its files are closed behind it: one may take half of the memory,
-    unpacked."""
+    """Count the messages of a bag.
+
+    Its files are closed afterwards: one may take half of the memory when unpacked.
+    """
     bag = open_bag(path)
     topics: dict[str, TopicInfo] = {}
     kinds: set[str] = set()
@@ -112,9 +112,7 @@ def _counted(path: str | Path) -> BagInfo:
                 )
                 topic = topics.setdefault(described.name, new)
                 topic.count += count
-                topic.first_ns, topic.last_ns = (
-                    min(topic.first_ns, new.first_ns),
-                    max(topic.last_ns, new.last_ns),
-                )
+                topic.first_ns = min(topic.first_ns, new.first_ns)
+                topic.last_ns = max(topic.last_ns, new.last_ns)
     sizes = {file.path.name: file.path.stat().st_size for file in bag.files}
     return BagInfo(str(path), sizes, sorted(kinds), list(topics.values()), damage=bag.all_damage())

@@ -1,6 +1,7 @@
-"""Sizes that no moving arm has: angles and speeds far beyond the limits of its description.
+"""Find angles and speeds that no moving arm has, or that are far beyond the limits of its
+description.
 
-They tell a unit that was mistaken: degrees for radians, millimetres for metres.
+They indicate a wrong unit: degrees instead of radians, millimetres instead of metres.
 """
 
 import numpy as np
@@ -22,7 +23,7 @@ WEAKEST = 1e-4
 def hardly_usable(recording: Recording) -> list[str]:
     """Return in words why a whole recording cannot be used.
 
-    It has few samples, or joints without a position.
+    It has too few samples, or joints without a position.
     """
     sides = recording.measured()
     words = []
@@ -41,7 +42,7 @@ def hardly_usable(recording: Recording) -> list[str]:
 
 
 def of_no_arm(recording: Recording) -> list[Finding]:
-    """Return speeds and torques that no arm has: their unit is another."""
+    """Return speeds and torques that no arm has, because their unit is wrong."""
     findings = list[Finding]()
     joints = recording.joints
     for name, side in recording.measured().items():
@@ -138,8 +139,8 @@ def _range(joint: Joint) -> tuple[float, float]:
 
 
 def _within(joint: Joint, low: float, high: float) -> bool:
-    """Return whether a joint stays within its limits, or would if its angle were given by other
-    whole turns."""
+    """Return whether a joint stays within its limits, or would if its angle were shifted by whole
+    turns."""
     least, most = _range(joint)
     if np.isinf(least):
         return True
@@ -153,8 +154,8 @@ def _within(joint: Joint, low: float, high: float) -> bool:
 
 
 def _speeds(name: str, velocity: Array, robot: Robot) -> list[Finding]:
-    """Look at the root mean square of the velocities: of a joint at its limit all the time it is
-    the limit."""
+    """Check the root mean square of the velocities; for a joint that always moves at its limit it
+    equals the limit."""
     limit = np.array([joint.limits.velocity or np.inf for joint in robot.joints])
     share = np.sqrt(np.mean(velocity**2, axis=0)) / limit
     found = share > 3.0  # 3.0 times the limit of the velocity; controllers may pass that a little
@@ -171,8 +172,8 @@ def _speeds(name: str, velocity: Array, robot: Robot) -> list[Finding]:
 
 
 def _other_units(robot: Robot, found: NDArray[np.bool_]) -> tuple[Array, str]:
-    """Return by what positions (n,) are too large in the unit that is mistaken most, and which that
-    is."""
+    """Return the factor (n,) by which positions are too large in the most frequently mistaken unit,
+    and that unit."""
     slides = np.array([joint.prismatic for joint in robot.joints])
     words = {False: "degrees taken as radians", True: "millimetres taken as metres"}
     return np.where(slides, 1000.0, 180.0 / np.pi), " and ".join(

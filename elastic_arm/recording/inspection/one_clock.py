@@ -1,8 +1,7 @@
-"""Sides that were stamped by clocks far apart: TAI and UTC, two time zones, or two computers.
+"""Align sides whose clocks are far apart: TAI and UTC, two time zones, or two computers.
 
-What an arm was told, its motors and its links go through one motion. Where their times have little
-in common, the two motions are laid over each other: the shift at which they correlate most is how
-far apart the clocks are.
+Commands, motors and links perform the same motion. If their times hardly overlap, the motions are
+aligned: the shift at which they correlate best is the difference between the clocks.
 """
 
 from dataclasses import replace
@@ -27,7 +26,7 @@ _WORDS = {"reference": "the commands", "link": "the link side", "motor": "the mo
 
 
 def by_one_clock(recording: Recording, found: list[Finding]) -> Recording:
-    """Shift sides whose stamps share little to where their motion is the same."""
+    """Shift sides whose times hardly overlap to the time at which their motion agrees."""
     sides = {name: side for name, side in recording.sides().items() if side.position is not None}
     long = {name: side for name, side in sides.items() if len(side) >= FEWEST // 4}
     base = next((name for name in ("link", "motor") if name in long), None)
@@ -58,7 +57,7 @@ def by_one_clock(recording: Recording, found: list[Finding]) -> Recording:
 
 
 def _common(one: Side, other: Side) -> float:
-    """Return which share of the shorter of two sides lies within the other."""
+    """Return the share of the shorter of two sides that lies within the other."""
     begin = max(one.stamp_ns[0], other.stamp_ns[0])
     end = min(one.stamp_ns[-1], other.stamp_ns[-1])
     shorter = min(side.stamp_ns[-1] - side.stamp_ns[0] for side in (one, other))
@@ -66,8 +65,8 @@ def _common(one: Side, other: Side) -> float:
 
 
 def _shift_ns(base: Side, side: Side) -> int | None:
-    """Return what brings the stamps of a side to the clock of another, ns; None where the two are
-    no one motion."""
+    """Return the shift from the clock of one side to that of another, ns; None if they do not
+    perform the same motion."""
     assert base.position is not None and side.position is not None
     joints = joints_with(base.position) & joints_with(side.position)
     lasting = max(int(one.stamp_ns[-1] - one.stamp_ns[0]) for one in (base, side)) * 1e-9
@@ -94,7 +93,7 @@ def _shift_ns(base: Side, side: Side) -> int | None:
 
 
 def _even(side: Side, step: float, joints: NDArray[np.bool_]) -> Array:
-    """Return positions (N, m) of the joints at even times, each less its mean."""
+    """Return positions (N, m) of the joints at equidistant times, without their means."""
     assert side.position is not None
     t = (side.stamp_ns - side.stamp_ns[0]) * 1e-9
     at = np.arange(0.0, float(t[-1]), step)

@@ -1,12 +1,15 @@
-"""What a recording needs before anything is computed from it, done once: for the check and for all
-that fits.
+"""Prepare a recording for all computations; the check of a bag reports the same steps.
 
-Samples of zeros alone that another publisher sends between those of the arm are left out. Numbers
-that are finite and yet far beyond all others of their channel, damaged words, are left out, too:
-those further from the median of their neighbours than several times the range in which nearly all
-samples of the channel lie, and single ones that lie off the cubic through four neighbours by many
-times what the others do, and by more than an arm can move in a sample. Angles that are given within
-a turn are unwound. Where a joint jumps as none can, the recording is parted.
+- Samples of zeros that another publisher sends between those of the arm are removed.
+
+- Outliers (for example damaged words) are removed: samples whose distance from the median of their
+neighbours exceeds several times the range of nearly all samples of the channel, and single samples
+whose distance from the cubic through four neighbours is many times the usual one and more than an
+arm can move within a sample.
+
+- Angles that are given within one turn are unwrapped.
+
+- A recording is split where a joint jumps in a physically impossible way.
 """
 
 from collections import Counter
@@ -58,10 +61,8 @@ _APART_SECONDS = 0.02  # s
 
 @dataclass(frozen=True)
 class Outliers:
-    """The outliers of one channel of one joint.
-
-    Where, which samples, the one furthest from zero, and in words.
-    """
+    """The outliers of one channel of one joint: place, samples, the largest value, and the reason
+    in words."""
 
     side: str
     channel: str
@@ -71,7 +72,7 @@ class Outliers:
     why: str
 
     def words(self) -> str:
-        """Return what was found, as a clause."""
+        """Return the finding as a clause."""
         count = f"{len(self.rows)} sample{'s' if len(self.rows) > 1 else ''}"
         return (
             f"{count} of the {self.side} {self.channel} of {self.joint} up to {self.largest:.3g},"
@@ -80,7 +81,7 @@ class Outliers:
 
 
 def without_outliers(recording: Recording) -> Recording:
-    """Return the recording as all that computes from it takes it; its notes state what was done."""
+    """Return the recording prepared for computations; its notes list the corrections."""
     whole, found = cleared(recording)
     if not found:
         return whole
@@ -91,9 +92,9 @@ def without_outliers(recording: Recording) -> Recording:
 
 
 def cleared(recording: Recording) -> tuple[Recording, list[Finding]]:
-    """Return the recording as it can be used, and what was done to it.
+    """Return the usable recording and the list of corrections.
 
-    The same object where nothing was done.
+    Without corrections, the recording is the same object.
     """
     found: list[Finding] = []
     for step in (by_one_clock, without_zeros, _without_far_samples, _in_one_piece, at_updates):
@@ -103,12 +104,11 @@ def cleared(recording: Recording) -> tuple[Recording, list[Finding]]:
 
 
 def without_zeros(recording: Recording, found: list[Finding]) -> Recording:
-    """Leave out samples of zeros, or of one pose that is sent again and again.
+    """Remove samples of zeros, or of one pose that is sent repeatedly, if most of them cannot
+    belong to the motion.
 
-    Only where most of them are no motion.
-
-    Neighbours are nearer to each other than to them, by more than the joints go in the samples
-    around.
+    They cannot if their neighbours are closer to each other than to them, by more than the joints
+    move in the surrounding samples.
     """
     kept: dict[str, Any] = {}
     for name, side in recording.measured().items():
@@ -148,8 +148,8 @@ def without_zeros(recording: Recording, found: list[Finding]) -> Recording:
 
 
 def _sent_again(side: Side, q: Array) -> tuple[NDArray[np.intp], str]:
-    """Return where samples of zeros stand, or else of the one sample that comes anew more often
-    than any other."""
+    """Return the samples of zeros, or otherwise those of the sample that recurs most often, and a
+    description."""
     zero = np.flatnonzero(~np.nan_to_num(q).any(axis=1))
     same = _most_often(q.sum(axis=1))
     for values in side.channels().values():
@@ -161,8 +161,7 @@ def _sent_again(side: Side, q: Array) -> tuple[NDArray[np.intp], str]:
 
 
 def _most_often(numbers: Array) -> NDArray[np.intp]:
-    """Return where the number (N,) stands that comes anew, after others, more often than any other
-    one."""
+    """Return the positions of the number (N,) that recurs most often after other numbers."""
     ordered = np.sort(numbers)
     if not (ordered[1:] == ordered[:-1]).any():
         return np.empty(0, np.intp)
@@ -187,8 +186,8 @@ def _without_far_samples(recording: Recording, found: list[Finding]) -> Recordin
 
 
 class _Continuous(NamedTuple):
-    """An angle (N,) unwound behind samples `turned`; its jumps by `size` behind `rows`, and where
-    its speed runs on."""
+    """An angle (N,) that was unwrapped after the samples `turned`; its jumps by `size` after
+    `rows`, and where its speed continues."""
 
     q: Array
     turned: NDArray[np.intp]
@@ -199,8 +198,8 @@ class _Continuous(NamedTuple):
 
 
 def _in_one_piece(recording: Recording, found: list[Finding]) -> Recording:
-    """Unwind angles that are given within a turn, and part sides where a joint jumps as none
-    can."""
+    """Unwrap angles that are given within one turn, and split sides at impossible jumps of a
+    joint."""
     kept: dict[str, Any] = {}
     for name, side in recording.measured().items():
         if side.position is None or len(side) < _FEWEST or not np.all(np.diff(side.stamp_ns) > 0):
@@ -251,14 +250,14 @@ def _in_one_piece(recording: Recording, found: list[Finding]) -> Recording:
 
 
 def _unwound(what: str, side: Side, each: _Continuous) -> Finding:
-    """Say that an angle was unwound, and where first."""
+    """Report that an angle was unwrapped, and where first."""
     first = f"{len(each.turned)} times, first after {moment(side.stamp_ns, int(each.turned[0]))}"
     words = f"{what} is given within a turn of {each.turn:.4g} rad and jumps by a turn {first}"
     return note(f"{words}: it was unwrapped", "wrapped")
 
 
 def _jumped(what: str, joint: str, side: Side, each: _Continuous, remedy: str) -> Finding:
-    """Say how often and how far an angle jumps."""
+    """Report how often and how far an angle jumps."""
     k = int(np.argmax(np.abs(each.size)))
     row = int(each.rows[k])
     place = f"by {each.size[k]:.4g} rad after sample {row}, {moment(side.stamp_ns, row)}"
@@ -273,7 +272,7 @@ def _jumped(what: str, joint: str, side: Side, each: _Continuous, remedy: str) -
 def _zero_was_set(
     effort: Array | None, each: _Continuous, jumping: Mapping[int, int]
 ) -> NDArray[np.bool_]:
-    """Return behind which jumps of a joint all else runs on: no other joint jumps there."""
+    """Return after which jumps of a joint everything else continues, and no other joint jumps."""
     alone = [jumping[row] == 1 and _runs_on(effort, row) for row in each.rows.tolist()]
     return np.array(alone) & each.runs_on
 
@@ -281,11 +280,11 @@ def _zero_was_set(
 def _commands_unwound(
     recording: Recording, side: Side, turned: Mapping[str, float], found: list[Finding]
 ) -> dict[str, Side]:
-    """Return the reference with commands by the turn that is nearest to where the joints are, if
-    any is by another.
+    """Return the reference with commands by the turn nearest to the angle of the joint, if any
+    command is by another turn.
 
-    Of joints whose angle was unwound by a turn, rad, and of those whose command alone is given
-    within a turn, or whole turns away from the angle throughout.
+    This concerns joints whose angle was unwrapped by a turn, rad, and joints whose command alone is
+    given within one turn, or is whole turns away from the angle throughout.
     """
     given = recording.reference
     position = side.position
@@ -318,7 +317,7 @@ def _commands_unwound(
 
 
 def _runs_on(effort: Array | None, row: int) -> bool:
-    """Return whether torques (N, n) change no more behind a sample than they usually do."""
+    """Return whether torques (N, n) change after a sample by no more than they usually do."""
     if effort is None:
         return True
     steps = np.abs(np.diff(effort[max(row - _LOOKED_AT, 0) : row + _LOOKED_AT], axis=0))
@@ -327,10 +326,10 @@ def _runs_on(effort: Array | None, row: int) -> bool:
 
 
 def _continuous(t: Array, q: Array) -> _Continuous:
-    """Take out the turns of an angle, and find where it jumps otherwise.
+    """Remove the turns of an angle, and find its other jumps.
 
-    Three jumps and more of one size are turns, too: a motor's angle within its turn jumps by that
-    over the gear ratio.
+    Three or more jumps of equal size are turns as well: the angle of a motor within its turn jumps
+    by a turn divided by the gear ratio.
     """
     if np.isnan(q[0]):
         return _Continuous(
@@ -367,11 +366,11 @@ def _less(q: Array, jumps: Array) -> Array:
 
 
 def _jumps(t: Array, q: Array) -> tuple[NDArray[np.intp], Array, Array, NDArray[np.bool_]]:
-    """Return behind which samples an angle (N,) moves much faster than before and after, as no
-    force makes a joint.
+    """Return after which samples an angle (N,) moves much faster than before and after, faster than
+    any force could move a joint.
 
-    With by how much it jumps there, within which limits that is known, and whether the speed is the
-    same behind it. Of a channel that holds its values the intervals between updates are looked at.
+    The result also contains the size of each jump, its uncertainty, and whether the speed is the
+    same after it. For a channel that holds its values, the intervals between updates are compared.
     """
     step = np.diff(q)
     bent = np.abs(np.diff(step))
@@ -428,8 +427,8 @@ def find_outliers(recording: Recording) -> list[Outliers]:
 def _of_channel(
     joints: Sequence[str], name: str, side: Side, channel: str, position: Array | None
 ) -> Iterator[Outliers]:
-    """Yield what is far off the range of nearly all samples, and of the other joints what is off
-    its neighbours."""
+    """Yield samples far outside the range of nearly all samples, and for the other joints samples
+    far from their neighbours."""
     values = side.channels()[channel]
     # What is far from zeros that were filled in is what was measured.
     moving = np.ones(len(values), np.bool_)
@@ -458,8 +457,8 @@ def _of_channel(
 
 
 def _far(column: Array, low: float, high: float, channel: str) -> NDArray[np.intp]:
-    """Return which samples are several ranges from the median of their neighbours, or absurdly far
-    from all."""
+    """Return which samples are several ranges away from the median of their neighbours, or
+    extremely far from all others."""
     width = high - low
     # Nearly all channels end with one look at their extremes. Halves, as the largest numbers that
     # there are overflow.
@@ -477,12 +476,12 @@ def _far(column: Array, low: float, high: float, channel: str) -> NDArray[np.int
 def _off_neighbours(
     column: Array, step: float, regular: NDArray[np.bool_], channel: str, turning: NDArray[np.intp]
 ) -> tuple[NDArray[np.intp], str]:
-    """Return which single samples are far off the cubic through their neighbours, and in words how
-    far.
+    """Return which single samples are far from the cubic through their neighbours, and a
+    description of the distance.
 
-    Both neighbours of such a sample are off by two thirds of it the other way; one of those of a
-    step by a third. At samples `turning` it is off by more than the range of the channel, which a
-    torque may cross there and back.
+    Both neighbours of an outlier deviate by two thirds of its distance to the other side; at a
+    step, one neighbour deviates by a third. At the samples `turning` the distance also has to
+    exceed the range of the channel, because a torque may cross this range and return.
     """
     low, high = np.percentile(column[:: max(len(column) // _LOOKED_AT, 1)], _INNER)
     # Numbers near the largest that there are have been found by the range.
@@ -526,11 +525,11 @@ def _off_neighbours(
 
 
 def _returns(column: Array, rows: NDArray[np.intp], apart: Array) -> NDArray[np.bool_]:
-    """Return which samples lie to one side of the lines before them and after them, by 0.7 of
-    `apart` and more.
+    """Return which samples deviate by at least 0.7 of `apart` to the same side from the lines
+    before and after them.
 
-    What steps, as friction does where a joint turns round, or bends, lies on one of the two or
-    between them; what lasts for some samples has its neighbours on its way.
+    At a step, as of friction when a joint reverses, or at a bend, the sample is on one of the two
+    lines or between them; in longer disturbances the neighbours lie on the way.
     """
     if not len(rows):
         return np.zeros(0, np.bool_)
@@ -542,8 +541,8 @@ def _returns(column: Array, rows: NDArray[np.intp], apart: Array) -> NDArray[np.
 
 
 def _late(column: Array, rows: NDArray[np.intp], apart: Array) -> NDArray[np.bool_]:
-    """Return which samples were taken a cycle late or early: they hold what the one before or
-    behind them does."""
+    """Return which samples were taken one cycle late or early: they equal the sample before or
+    after them."""
     slope = 0.5 * np.abs(column[rows + 1] - column[rows - 1])
     beside = np.minimum(
         np.abs(column[rows] - column[rows - 1]), np.abs(column[rows] - column[rows + 1])
@@ -552,10 +551,10 @@ def _late(column: Array, rows: NDArray[np.intp], apart: Array) -> NDArray[np.boo
 
 
 def _turning(position: Array | None) -> NDArray[np.intp]:
-    """Return at which samples any joint turns round, or hardly moves: there its friction is of
+    """Return at which samples any joint reverses, or hardly moves, so that its friction may have
     either sign.
 
-    It acts on others, too, through the gears of wrists and through the links.
+    Its friction also acts on other joints, through the gears of wrists and through the links.
     """
     if position is None:
         return np.empty(0, np.intp)
@@ -582,8 +581,8 @@ def sane_limits(values: Array, channel: str) -> tuple[Array, Array]:
 
 
 def _central(values: Array, channel: str) -> tuple[Array, Array]:
-    """(n,) lower and upper end of the range of nearly all samples, never narrower than what a
-    channel resolves."""
+    """Return lower and upper end (n,) of the range of nearly all samples, at least as wide as the
+    resolution of the channel."""
     centres = 2 + np.arange(0, len(values) - 4, max((len(values) - 4) // _LOOKED_AT, 1))
     looked_at = values[centres[:, None] + np.arange(-2, 3)]
     lowest, highest = sane_limits(looked_at[:, 2], channel)
@@ -608,8 +607,8 @@ def _central(values: Array, channel: str) -> tuple[Array, Array]:
 
 
 def _require_possible(recording: Recording) -> None:
-    """Refuse a recording with numbers that no arm has, naming side, channel, joints and the largest
-    number."""
+    """Refuse a recording with numbers that no arm can have, naming side, channel, joints and the
+    largest number."""
     for name, side in recording.measured().items():
         for channel, values in side.channels().items():
             if not len(values):

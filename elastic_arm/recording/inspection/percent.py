@@ -1,9 +1,9 @@
-"""Positions in per cent of each joint's calibrated range, as LeRobot writes them by default, taken
-for degrees.
+"""Detect positions in per cent of the calibrated range of each joint, LeRobot's default, that were
+taken for degrees.
 
-Encoders of one kind have one step. In per cent of ranges that differ, steps do, too: from -100 to
-100 the step of an encoder of 12 bits, 360/4096 degrees, is 200 / range times as large, and shows
-the range.
+Encoders of one kind have equal steps. In per cent of different ranges the steps differ: from -100
+to 100, the step of a 12-bit encoder, 360/4096 degrees, is 200 / range times as large, and therefore
+shows the range.
 """
 
 from collections.abc import Iterator
@@ -20,11 +20,10 @@ _SAME = 2e-3  # relative; steps of one encoder
 
 
 def ranges_by_steps(values: Array) -> Array | None:
-    """Return calibrated ranges, degrees (n,), by steps of values (N, n) in per cent.
+    """Return the calibrated ranges, degrees (n,), from the steps of values (N, n) in per cent.
 
-    None where the values are degrees.
-
-    Encoders of different kinds have steps that differ by powers of two.
+    None if the values are degrees. The steps of different kinds of encoders differ by powers of
+    two.
     """
     if not len(values) or np.abs(values).max() > 100.0 + 1e-6:
         return None
@@ -40,8 +39,7 @@ def ranges_by_steps(values: Array) -> Array | None:
 
 
 def _step(column: Array) -> float:
-    """Return the step of which all changes of a channel (N,) are multiples; 0 where there is
-    none."""
+    """Return the step of which all changes of a channel (N,) are multiples; 0 if there is none."""
     apart = np.abs(np.diff(column))
     apart = apart[apart > 1e-9]
     if len(apart) < 20:
@@ -56,7 +54,7 @@ def _step(column: Array) -> float:
 
 
 def in_percent(recording: Recording) -> Iterator[Finding]:
-    """Yield whether angles taken as degrees are per cent, with each joint's range."""
+    """Yield a finding if angles in degrees are probably per cent, with the range of each joint."""
     for name, side in recording.measured().items():
         if side.position is None or len(side) < FEWEST:
             continue

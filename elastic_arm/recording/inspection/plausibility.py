@@ -1,12 +1,12 @@
-"""Numbers that are whole and finite, and yet no sensors of a moving arm measure.
+"""Find finite numbers that the sensors of a moving arm cannot measure.
 
-A position and its velocity measure one motion, so that over an interval from t to t + w
+Position and velocity describe the same motion. Over an interval from t to t + w
 
     q(t + w) - q(t) = g integral(v) + tau (v(t + w) - v(t)),
 
-with gain g = 1 and lag tau = 0 of the velocity behind the position. Where g or tau differ a unit, a
-sign, a filter or a clock is not what it is taken for. A sample taken beside its stamp moves all
-joints along their motion by one and the same time, which noise of their sensors does not.
+with the gain g = 1 and the lag tau = 0 of the velocity relative to the position. If g or tau
+differs, a unit, a sign, a filter or a clock is wrong. If samples were not taken at their stamps,
+all joints deviate along their motion by the same time, which sensor noise cannot cause.
 """
 
 from collections.abc import Sequence
@@ -32,12 +32,12 @@ _PARTS = 20  # of a recording, whose scatter shows how certain its work is
 
 
 class _Compared(NamedTuple):
-    """Positions q and velocities v (N, n) of one side at times t (N,), and how the two agree, (n,)
+    """Positions q and velocities v (N, n) of one side at times t (N,), and their agreement, (n,)
     each.
 
-    gain and lag (s) of the module's equation, the share of the advance that it explains and the
-    deviation of the lag; NaN for joints at rest. slow: whether noise of the velocity may hide what
-    they share.
+    gain and lag (s) of the equation above, the share of the advance that it explains, and the
+    standard deviation of the lag; NaN for joints at rest. slow: whether the noise of the velocity
+    may be larger than the motion.
     """
 
     t: Array
@@ -52,10 +52,10 @@ class _Compared(NamedTuple):
 
 
 def implausible(recording: Recording) -> list[Finding]:
-    """Return what no sensors of a moving arm measure; nothing of numbers that are no motion at all.
+    """Return the findings about a recording; none if its numbers are no motion at all.
 
-    Of a long recording the middle decides on velocities and stamps: what is wrong shows in every
-    stretch.
+    For a long recording, velocities and stamps are judged by its middle, because such faults affect
+    all parts of it.
     """
     sides = {name: _whole(side, recording.joints) for name, side in recording.measured().items()}
     if not all(_is_motion(side) for side, _ in sides.values()):
@@ -73,7 +73,7 @@ def implausible(recording: Recording) -> list[Finding]:
 
 
 def _whole(side: Side, joints: Sequence[str]) -> tuple[Side, Sequence[str]]:
-    """Return the side of those joints that have all of its channels, and their names."""
+    """Return the side with only the joints that have all of its channels, and their names."""
     there = np.all([joints_with(values) for values in side.channels().values()], axis=0)
     if there.all():
         return side, joints
@@ -84,7 +84,7 @@ def _whole(side: Side, joints: Sequence[str]) -> tuple[Side, Sequence[str]]:
 def smoothed_torques(recording: Recording) -> list[str]:
     """Return in words which torques were low-passed before they were recorded.
 
-    They do not even hold noise above.
+    Above the cut-off frequency they contain not even noise.
     """
     return [finding.message for finding in _noiseless(recording) if finding.code == _SMOOTH]
 
@@ -249,7 +249,7 @@ def _stamps(name: str, motion: _Compared) -> list[Finding]:
 
 
 def _noiseless(recording: Recording) -> list[Finding]:
-    """Find torques with less noise than a converter of 16 bits: smoothed, or computed."""
+    """Find torques with less noise than a 16-bit converter: they were smoothed or computed."""
     said = list[Finding]()
     joints = recording.joints
     for name, found in torque_spectra(recording).items():
@@ -274,13 +274,13 @@ def _noiseless(recording: Recording) -> list[Finding]:
 
 
 def _backwards(recording: Recording) -> list[Finding]:
-    """Find motor torques that take energy out of a joint while friction takes it, too: their sign
-    is wrong.
+    """Find motor torques that remove energy from a joint in addition to its friction: their sign is
+    wrong.
 
-    Torque sensors behind a drive see little friction, and a lag of theirs does work of either sign.
-    What gravity and inertia take they give back as the joint moves to and fro, but for one way over
-    its range. At joints without a motor's angle the link's will do: a spring gives back what it
-    takes.
+    Torque sensors behind a drive measure little friction, and their lag causes work of either sign.
+    Gravity and inertia return the energy that they take as the joint moves back and forth, except
+    for one way over its range. For joints without a motor angle the link angle serves, because a
+    spring returns the energy that it takes.
     """
     motor = recording.motor
     link = recording.link

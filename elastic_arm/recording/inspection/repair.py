@@ -1,4 +1,4 @@
-"""A usable copy of a bag, beside it; the bag itself is never touched."""
+"""Write a usable copy of a bag; the bag itself is never changed."""
 
 from collections import Counter
 from dataclasses import dataclass, field, replace
@@ -21,10 +21,8 @@ _MENDED = (JOINT_STATES, MOTOR_STATES, JOINT_TORQUES)
 
 @dataclass
 class Repair:
-    """The result of a repair.
-
-    The new bag, its number of messages, and what was left out or could not be mended.
-    """
+    """The result of a repair: the new bag, its number of messages, and what was left out or could
+    not be repaired."""
 
     path: Path
     kept: int = 0
@@ -34,11 +32,10 @@ class Repair:
 def repair_bag(
     path: str | Path, out: str | Path | None = None, channels: ChannelMap | None = None
 ) -> Repair:
-    """Copy what is usable of a bag into a new one, by default `<name>_repaired` beside it.
+    """Copy the usable content of a bag into a new bag, by default `<name>_repaired` next to it.
 
-    Damaged chunks and torn ends are left out, and of the joint topics, and of fields of a channel
-    map, messages with numbers that are none. Stamps stay as they are: readers put messages in
-    order.
+    Damaged chunks, torn ends and messages with non-finite numbers in the joint topics (or the
+    fields of a channel map) are left out. Stamps are not changed, because readers sort messages.
     """
     path = Path(path)
     repair = Repair(Path(out) if out is not None else path.with_name(f"{bag_stem(path)}_repaired"))
@@ -81,8 +78,8 @@ def repair_bag(
 
 
 def _finite(series: Series, fields: set[str] | None, dropped: list[str]) -> NDArray[np.bool_]:
-    """Return which messages (N,) of a topic, in log order, hold numbers; `dropped` gets what is
-    left out."""
+    """Return which messages (N,) of a topic, in log order, contain finite numbers; `dropped`
+    receives those left out."""
     good = np.ones(series.count, np.bool_)
     log_ns = np.empty(series.count, np.int64)
     for piece in series.pieces:

@@ -1,5 +1,5 @@
-"""Findings about a recording, and what no later step could use: times that do not advance, numbers
-that are none."""
+"""Findings about a recording, and faults that make it unusable: times that do not increase,
+non-finite numbers."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
@@ -52,12 +52,12 @@ class Finding:
 
 
 def note(message: str, code: str = "reading") -> Finding:
-    """Return a note: of what had to be assumed, where nothing else is said."""
+    """Return a note about an assumption."""
     return Finding("note", code, message)
 
 
 def warning(code: str, message: str, remedy: str = "") -> Finding:
-    """Return a warning, with what to do about it."""
+    """Return a warning with its remedy."""
     return Finding("warning", code, f"{message}: {remedy}" if remedy else message)
 
 
@@ -87,16 +87,16 @@ class Report:
 
     @property
     def ok(self) -> bool:
-        """Whether nothing worse than a note was found."""
+        """Whether no finding is worse than a note."""
         return all(finding.severity == "note" for finding in self.findings)
 
     @property
     def usable(self) -> bool:
-        """Whether it can be read and used, if with less accuracy."""
+        """Whether the bag can be read and used, possibly with less accuracy."""
         return all(finding.severity != "error" for finding in self.findings)
 
     def add(self, severity: Severity, code: str, message: str, **where: Any) -> None:
-        """Add a finding with its place: topic, joint, time."""
+        """Add a finding with its topic, joint and time."""
         self.findings.append(Finding(severity, code, message, **where))
 
     def to_json(self) -> dict[str, Any]:
@@ -109,9 +109,9 @@ class Report:
 
 
 def checked(side: Side, topic: str, joints: Sequence[str]) -> Side:
-    """Return `side` if its times advance and its numbers are finite.
+    """Return `side` if its times increase and its numbers are finite.
 
-    Joints without a channel hold NaN throughout.
+    Joints without a channel contain NaN throughout.
     """
     check_times(side.stamp_ns, topic)
     faults = []
@@ -135,7 +135,7 @@ def checked(side: Side, topic: str, joints: Sequence[str]) -> Side:
 
 
 def check_times(stamp_ns: Stamps, topic: str) -> None:
-    """Raise if there are no stamps, or they are repeated or go backwards."""
+    """Raise an error if there are no stamps, or they are repeated or decrease."""
     if not len(stamp_ns):
         raise RecordingError(
             f"{topic} has no messages", "Record again, with the publisher running."
@@ -152,7 +152,7 @@ def check_times(stamp_ns: Stamps, topic: str) -> None:
 
 
 def check_stamped(stamp_ns: Stamps, topic: str) -> None:
-    """Raise if all stamps are the same: nobody stamped the messages."""
+    """Raise an error if all stamps are equal."""
     if (step := single_precision(stamp_ns)) is not None:
         problem = (
             f"{topic}: times since 1970 in single precision (float32), or with too few digits,"
@@ -166,10 +166,10 @@ def check_stamped(stamp_ns: Stamps, topic: str) -> None:
 
 
 def single_precision(stamp_ns: Stamps) -> float | None:
-    """Return the step, s, of stamps that were rounded to numbers of 32 bits; None of others.
+    """Return the step, s, of stamps that were rounded to 32 bits; None for others.
 
-    Seconds since 1970 have steps of 128 s then, milliseconds of 131 s, and seconds since a computer
-    started of some ms.
+    Seconds since 1970 then have steps of 128 s, milliseconds of 131 s, and seconds since the start
+    of a computer of some ms.
     """
     different = np.unique(stamp_ns)
     # Times of day and of a run are small; a log whose every sample has a time of its own lost
@@ -184,7 +184,7 @@ def single_precision(stamp_ns: Stamps) -> float | None:
 
 
 def wrong_rate(rate: float) -> str | None:
-    """Return in words what is wrong with a sample rate, Hz; None for a right one."""
+    """Return in words the fault of a sample rate, Hz; None if it is plausible."""
     if SLOWEST <= rate <= FASTEST:
         return None
     much = "few to show" if rate < SLOWEST else "many for"
@@ -195,6 +195,6 @@ def wrong_rate(rate: float) -> str | None:
 
 
 def moment(stamp_ns: Stamps, row: int) -> str:
-    """Return when a sample was: from the beginning, and as a stamp."""
+    """Return the time of a sample: from the beginning, and as a stamp."""
     seconds, nanoseconds = divmod(int(stamp_ns[row]), 1_000_000_000)
     return f"{(stamp_ns[row] - stamp_ns[0]) * 1e-9:.6f} s (stamp {seconds}.{nanoseconds:09d})"

@@ -1,5 +1,5 @@
-"""Channels that do not follow the arm: stuck, held, filled with zeros, at an end of their range, or
-frozen."""
+"""Channels that do not follow the motion: stuck, held, filled with zeros, at an end of their range,
+or frozen."""
 
 from collections import defaultdict
 from dataclasses import replace
@@ -57,10 +57,8 @@ _SAID = {
 
 
 def moves(recording: Recording) -> bool:
-    """Return whether any joint travels, or holds numbers that are none.
-
-    Any joint may travel where there are no positions.
-    """
+    """Return whether any joint moves, or contains non-finite numbers; without positions, the joints
+    count as moving."""
     positions = [
         side.position for side in recording.measured().values() if side.position is not None
     ]
@@ -74,9 +72,9 @@ def moves(recording: Recording) -> bool:
 
 
 def channel_findings(recording: Recording) -> list[Finding]:
-    """Return which channels do not follow the arm.
+    """Return which channels do not follow the motion.
 
-    Each channel of each joint is looked at once, by all rules.
+    All rules look at each channel of each joint once.
     """
     if not moves(recording):
         words = "the recording contains no motion: identify and diagnose cannot use it"
@@ -152,7 +150,7 @@ def _of_channel(
 
 
 def at_updates(recording: Recording, found: list[Finding]) -> Recording:
-    """Take held channels at their updates, with a cubic spline between them."""
+    """Use held channels only at their updates, with a cubic spline between them."""
     kept: dict[str, Any] = {}
     slowest = 1.0
     read_ns = recording.read_ns
@@ -199,8 +197,8 @@ def at_updates(recording: Recording, found: list[Finding]) -> Recording:
 
 
 def _updates(column: Array, period: float) -> NDArray[np.intp]:
-    """Return the samples at which a channel (N,) has a new value; one that stays the same is new
-    every period."""
+    """Return the samples at which a channel (N,) has a new value; while the value stays the same,
+    one sample per period counts as new."""
     at = np.flatnonzero(np.diff(column)) + 1
     same = [
         np.arange(a, b - period / 2, period)[1:]
@@ -211,11 +209,11 @@ def _updates(column: Array, period: float) -> NDArray[np.intp]:
 
 
 def _held(column: Array, moving: NDArray[np.bool_]) -> tuple[float, float]:
-    """Return the share of samples that repeat although the channel changes before and after, and
-    samples an update.
+    """Return the share of samples that repeat the previous value although the channel changes
+    before and after, and the number of samples per update.
 
-    A rounded channel repeats by chance as often as it changes by one step; a joint at rest repeats,
-    too.
+    A rounded channel repeats its value by chance as often as it changes by one step; a joint at
+    rest also repeats it.
     """
     step = np.diff(column)
     # Differences of rounded numbers, as velocities are, have last digits that are no change.
@@ -240,11 +238,10 @@ def _held(column: Array, moving: NDArray[np.bool_]) -> tuple[float, float]:
 
 
 def filled_in(column: Array, moving: NDArray[np.bool_]) -> float:
-    """Return the share of zeros between values of one sign.
+    """Return the share of zeros between values of one sign that are further from zero than from
+    each other.
 
-    The values are further from zero than from each other.
-
-    Those are counted during which the joint is `moving` (N,) all the while.
+    Only zeros during which the joint is `moving` (N,) throughout are counted.
     """
     others = np.flatnonzero(column)
     if len(others) in (0, len(column)):
@@ -263,8 +260,8 @@ def filled_in(column: Array, moving: NDArray[np.bool_]) -> float:
 
 
 def _travels(recording: Recording) -> dict[tuple[str, str], Array]:
-    """Return how far joints (n,) go by each channel that shows it: by positions, and by velocities
-    in their time."""
+    """Return how far the joints (n,) move according to each channel: positions, and integrals of
+    velocities."""
     found = {}
     for name, side in recording.measured().items():
         if side.position is not None and len(side):
@@ -278,7 +275,7 @@ def _travels(recording: Recording) -> dict[tuple[str, str], Array]:
 
 
 def position_at(recording: Recording, side: Side) -> Array | None:
-    """Return positions (N, n) at the samples of a side: its own, or those of the other one."""
+    """Return positions (N, n) at the samples of a side: its own, or those of the other side."""
     if side.position is not None:
         return side.position
     other = next((one for one in recording.measured().values() if one.position is not None), None)
@@ -289,8 +286,8 @@ def position_at(recording: Recording, side: Side) -> Array | None:
 
 
 def _changing(position: Array) -> NDArray[np.bool_]:
-    """Return where a joint (N,) is not where it was some samples before, nor where it is some
-    samples later."""
+    """Return where the position of a joint (N,) differs from those some samples earlier and
+    later."""
     padded = np.pad(position, _AROUND, mode="edge")
     before = padded[: -2 * _AROUND]
     after = padded[2 * _AROUND :]
@@ -299,7 +296,7 @@ def _changing(position: Array) -> NDArray[np.bool_]:
 
 
 def _going(position: Array) -> NDArray[np.bool_]:
-    """Return where a joint (N,) advances by more than its encoder's steps and noise do to one at
+    """Return where a joint (N,) advances by more than the steps and the noise of its encoder at
     rest."""
     padded = np.pad(position, _AROUND, mode="edge")
     advance = np.abs(padded[2 * _AROUND :] - padded[: -2 * _AROUND])
@@ -313,7 +310,7 @@ def _going(position: Array) -> NDArray[np.bool_]:
 
 
 def _piled(torque: Array, moving: NDArray[np.bool_]) -> dict[float, float]:
-    """Return the ends of the range of a torque (N,) at which its samples pile up, with their
+    """Return the ends of the range of a torque (N,) at which its samples accumulate, with their
     shares."""
     values, counts = np.unique(torque[moving], return_counts=True)
     if len(values) < 20:  # 20 values; a channel of fewer has no range to speak of
@@ -337,8 +334,8 @@ def _piled(torque: Array, moving: NDArray[np.bool_]) -> dict[float, float]:
 
 
 def _impulses(torque: Array, end: float) -> bool:
-    """Return whether a torque (N,) jumps to an end of its range and back: one that saturates leads
-    there."""
+    """Return whether a torque (N,) jumps to an end of its range and back; a torque that saturates
+    approaches the end gradually."""
     rows = np.flatnonzero(torque[1:-1] == end) + 1
     low, high = np.percentile(torque, _INNER)
     apart = np.minimum(np.abs(torque[rows - 1] - end), np.abs(torque[rows + 1] - end))
@@ -346,9 +343,9 @@ def _impulses(torque: Array, end: float) -> bool:
 
 
 def frozen(recording: Recording) -> list[Finding]:
-    """Return when all channels stay the same for a while although the arm moves.
+    """Return the intervals in which no channel changes although the arm moves.
 
-    What was recorded then is an old sample.
+    The samples in these intervals repeat an old one.
     """
     link = recording.link
     motor = recording.motor
@@ -367,12 +364,12 @@ def frozen(recording: Recording) -> list[Finding]:
 
 
 def _hidden_speeds(t: Array, q: Array, begin: NDArray[np.intp], end: NDArray[np.intp]) -> Array:
-    """Return the speeds (k, n) of joints while samples repeated from `begin` to `end` (k,); 0 where
-    they stood.
+    """Return the speeds (k, n) of joints while samples are repeated from `begin` to `end` (k,); 0
+    for joints at rest.
 
-    What stood goes on from where it was, slowly at first. What moved on unseen comes again where
-    its speed before and behind would have led it; at the end of a recording it stopped as no joint
-    brakes.
+    A joint at rest continues from its position, slowly at first. A joint that moved on reappears at
+    the position that follows from its speed before and after. At the end of a recording, a moving
+    joint stops faster than any joint can brake.
     """
     last = len(t) - 1
     first = np.maximum(begin - 2, 0)
@@ -402,8 +399,8 @@ def _hidden_speeds(t: Array, q: Array, begin: NDArray[np.intp], end: NDArray[np.
 
 
 def _frozen(what: str, sides: list[Side], start_ns: int) -> list[Finding]:
-    """Return the stretches in which the channels of sides with equal stamps stay as they are, at
-    speed before them."""
+    """Return the intervals in which no channel of sides with equal stamps changes although a joint
+    moved before."""
     columns = [
         c
         for side in sides

@@ -1,5 +1,5 @@
-"""Torques that hold less noise than any converter gives: low-passed before they were recorded, or
-computed."""
+"""Find torques with less noise than any converter: they were low-passed before they were recorded,
+or computed."""
 
 from dataclasses import dataclass
 
@@ -24,7 +24,7 @@ SPAN = 10  # frequencies that a slope is taken over
 
 @dataclass(frozen=True, eq=False)
 class TorqueSpectrum:
-    """What the torques of one side hold at high frequencies."""
+    """The high frequencies of the torques of one side."""
 
     # (n,) dB of the torque's variance, if it were white: the noise in the upper part of the
     # spectrum
@@ -53,7 +53,7 @@ class TorqueSpectrum:
 
 
 def torque_spectrum(effort: Array, rate: float) -> TorqueSpectrum:
-    """Look at the high frequencies of torques."""
+    """Analyse the high frequencies of torques."""
     effort = np.where(joints_with(effort), effort, 0.0)
     varying = effort.std(axis=0) > 0.0
     rows = min(1024, len(effort) // 2)
@@ -82,19 +82,17 @@ def torque_spectrum(effort: Array, rate: float) -> TorqueSpectrum:
 
 
 def without_line(pieces: Array) -> Array:
-    """Return pieces (…, N) of a signal without their straight lines.
-
-    SciPy would solve least squares for each.
-    """
+    """Return pieces (…, N) of a signal without their linear trends; SciPy would solve a
+    least-squares problem for each."""
     t = np.linspace(-1.0, 1.0, pieces.shape[-1])
     left = pieces - pieces.mean(axis=-1, keepdims=True)
     return np.asarray(left - (left @ t)[..., None] * (t / max(float(t @ t), 1e-300)))
 
 
 def torque_spectra(recording: Recording) -> dict[str, TorqueSpectrum]:
-    """Return the spectra of link and motor torques, where these are long enough.
+    """Return the spectra of link and motor torques, if they are long enough.
 
-    Torques that were made of commands are computed, and have none; nor have those that were held.
+    Torques that were computed from commands, or held, have no spectrum.
     """
     found: dict[str, TorqueSpectrum] = {}
     if recording.made_by or recording.read_ns is not None:
@@ -107,7 +105,7 @@ def torque_spectra(recording: Recording) -> dict[str, TorqueSpectrum]:
 
 
 def _knee(frequency: Array, level: Array) -> float:
-    """Return the frequency, Hz, from which on the level falls steeply up to the last frequency."""
+    """Return the frequency, Hz, above which the level falls steeply to the end of the spectrum."""
     if len(frequency) < 3:
         return float(frequency[-1])
     at = np.arange(np.log10(frequency[1]), np.log10(frequency[-1]), 1.0 / STEPS_PER_DECADE)

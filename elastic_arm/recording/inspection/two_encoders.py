@@ -1,9 +1,9 @@
-"""Both encoders of a joint: of its link and of its motor.
+"""Compare the encoders of link and motor of a joint.
 
-Of an arm that is described as rigid both measure one angle: the torque of a motor goes with the
-motion of its own encoder, and what a link's encoder has besides is its lag and its zero. Of any arm
-the two may disagree by more than a drive winds up: theta - q = a + b q + tau / K + T dq, where the
-zero a and the ratio b should be none.
+For an arm that is described as rigid, both measure the same angle: the torque of a motor belongs to
+the motion of its own encoder, and the link encoder only adds its lag and its zero. For any arm, the
+two may differ by more than the deflection of the drive: theta - q = a + b q + tau / K + T dq, where
+the zero a and the ratio b should vanish.
 """
 
 from dataclasses import replace
@@ -23,7 +23,8 @@ _TOGETHER = 0.01  # of the squares of the motor's angle, that the link's does no
 
 
 def with_one_zero(recording: Recording, found: list[Finding]) -> Recording:
-    """Take out a constant difference of motor and link encoders that no drive winds up.
+    """Remove a constant difference between motor and link encoders that exceeds the deflection of
+    the drive.
 
     It is a zero that was not set.
     """
@@ -45,7 +46,7 @@ def with_one_zero(recording: Recording, found: list[Finding]) -> Recording:
 
 
 def disagreeing(recording: Recording) -> list[Finding]:
-    """Return at which joints the two encoders disagree by a ratio, or by a time."""
+    """Return at which joints the two encoders differ by a ratio or a lag."""
     _, ratio, lag = _apart(recording)
     off = np.abs(ratio) > 5e-4  # a ratio that is given with four digits is off by less
     times = ", ".join(f"{1.0 + each:.4f}" for each in ratio[off])
@@ -68,7 +69,7 @@ def disagreeing(recording: Recording) -> list[Finding]:
 
 
 def _apart(recording: Recording) -> tuple[Array, Array, Array]:
-    """Return by how much motors are ahead of links: (n,) rad, part of the angle, and s; zero where
+    """Return by how much motors lead links: (n,) rad, as a share of the angle, and s; zero if
     uncertain."""
     zero, part, lag = np.zeros((3, recording.n))
     link = recording.link
@@ -110,12 +111,10 @@ def _apart(recording: Recording) -> tuple[Array, Array, Array]:
 
 
 def by_motor_encoders(recording: Recording, robot: Robot) -> Recording:
-    """Return a rigid arm's recording, with motor encoders as link encoders, and a note.
+    """Return the recording of a rigid arm with motor encoders as link encoders, and a note.
 
-    Motors have an encoder and a torque, links no encoder.
-
-    That of any other arm, and one with joint torques, which go with the links, is returned as it
-    is.
+    This applies if motors have an encoder and a torque, and links have no encoder. Recordings of
+    other arms, and those with joint torques, which belong to the links, are returned unchanged.
     """
     link = recording.link
     motor = recording.motor
@@ -142,7 +141,7 @@ def by_motor_encoders(recording: Recording, robot: Robot) -> Recording:
 
 
 def _lags(samples: Samples) -> Array:
-    """Return by how much the link of each joint (n,) is behind its motor, s; NaN where one of the
+    """Return by how much the link of each joint (n,) lags behind its motor, s; NaN if one of the
     two is missing."""
     q = samples.q
     theta = samples.theta

@@ -27,7 +27,7 @@ WHAT_IS_A_BAG = "Give a rosbag2 folder, an .mcap or a .db3 file."
 
 @dataclass(frozen=True)
 class BagMetadata:
-    """What metadata.yaml holds beyond what the files themselves do."""
+    """The contents of metadata.yaml beyond those of the storage files."""
 
     message_count: int | None  # messages in all files; None where it is not stated
     compression_mode: str  # "none", "file" or "message"; may be empty
@@ -63,7 +63,7 @@ class Bag:
         return {k: gain for file in self.files for k, gain in file.firmware_gains().items()}
 
     def all_damage(self) -> list[str]:
-        """Return what is wrong with the bag and its files, as far as it is known so far."""
+        """Return the faults of the bag and its files that are known so far."""
         return self.damage + [words for file in self.files for words in file.damage]
 
 
@@ -121,8 +121,7 @@ def _opened(path: Path) -> Bag:
 
 
 def _read_metadata(folder: Path) -> tuple[BagMetadata | None, list[str]]:
-    """Return what is needed of metadata.yaml, None where it cannot be had, and what of it makes no
-    sense."""
+    """Return the required contents of metadata.yaml, None if it cannot be read, and its faults."""
     file = folder / METADATA
     if not file.exists():
         return None, [f"{file} is missing"]
@@ -157,7 +156,8 @@ def _read_metadata(folder: Path) -> tuple[BagMetadata | None, list[str]]:
     ]
     files = tuple(name for name in names or () if name not in outside)
     mode = str(content.get("compression_mode") or "").lower()
-    currents, gains = stated_currents(content), stated_gains(content)
+    currents = stated_currents(content)
+    gains = stated_gains(content)
     return BagMetadata(count, mode, files, currents, gains), damage
 
 
@@ -168,14 +168,14 @@ def _number(file: Path) -> tuple[str, int]:
 
 
 def bag_stem(path: Path) -> str:
-    """Return the name of a bag or of a file of one, without what names its format."""
+    """Return the name of a bag or storage file without the extension of its format."""
     storage = _storage(path)
     return path.name.split(storage)[0] if storage else path.name
 
 
 def _storage(path: Path) -> str:
-    """Return the suffix that names the storage format of a file; empty where it is no file of a
-    bag."""
+    """Return the extension that names the storage format of a file; empty if it is not a storage
+    file."""
     return next(
         (kind for kind in _OPENERS for packed in _PACKED if path.name.endswith(kind + packed)), ""
     )

@@ -1,9 +1,10 @@
-"""The records of MCAP: find those of a byte string.
+"""Find the records in the bytes of an MCAP file.
 
-An MCAP file, and each chunk in it once decompressed, is a run of records: one byte of kind, eight
-of length, content. The messages of a chunk are found without a Python step for each: recorders
-write their topics in turn, so that a chunk is mostly like the one before; else by its indexes.
-Where these are not complete, and beside chunks, a walk goes from record to record.
+An MCAP file, and each chunk in it after decompression, is a sequence of records: one byte of kind,
+eight bytes of length, content. The messages of a chunk are found without a Python step for each
+message: recorders write their topics in turn, so a chunk usually repeats the pattern of the
+previous one; otherwise its indexes are used. If the indexes are incomplete, and outside of chunks,
+the records are walked through one by one.
 """
 
 import mmap
@@ -27,7 +28,7 @@ _LOOKED = 1 << 26  # bytes that are looked at before the system takes them back
 
 
 class Record(NamedTuple):
-    """A record that is no message: its kind, and where its content begins and ends."""
+    """A record other than a message: its kind, and begin and end of its content."""
 
     opcode: int
     begin: int
@@ -36,7 +37,7 @@ class Record(NamedTuple):
 
 @dataclass(frozen=True)
 class Scan:
-    """The records of a byte string."""
+    """The records found in bytes."""
 
     messages: Offsets  # where each message record begins, in order
     others: list[Record]  # all other records, in order
@@ -44,7 +45,7 @@ class Scan:
 
 
 def scan(buffer: Bytes, begin: int, end: int, most: int = limits.RECORDS) -> Scan:
-    """Find all records between `begin` and `end`, up to a torn or too short one."""
+    """Find all records between `begin` and `end`, up to one that is cut off or too short."""
     view = buffer.data
     at = begin
     given = begin
@@ -73,9 +74,9 @@ def scan(buffer: Bytes, begin: int, end: int, most: int = limits.RECORDS) -> Sca
 
 
 def give_back(buffer: Bytes, begin: int, end: int) -> None:
-    """Return memory of bytes that were read to the system.
+    """Release the memory of bytes that have been read.
 
-    They are read again when needed.
+    The system reads them again when they are needed.
     """
     mapping = getattr(buffer.base, "obj", None)
     if isinstance(mapping, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED"):
@@ -85,7 +86,7 @@ def give_back(buffer: Bytes, begin: int, end: int) -> None:
 
 @dataclass(frozen=True)
 class McapBlock:
-    """The messages of one chunk, of an unchunked file, or of rows laid out as such."""
+    """The messages of one chunk, of a file without chunks, or of rows in the same layout."""
 
     buffer: Bytes  # plain bytes
     messages: dict[int, Offsets]  # where the message records begin, by channel
@@ -126,11 +127,10 @@ class McapBlock:
 
 
 def repeated(before: McapBlock | None, plain: Bytes, horizon_ns: int) -> McapBlock | None:
-    """Return a chunk's messages if they repeat the pattern of the last chunk, or None.
+    """Return the messages of a chunk if they repeat the pattern of the previous chunk and fill the
+    chunk; None otherwise.
 
-    They have to fill the chunk.
-
-    Their heads alone are read: that spares most of what there is to do with indexes.
+    Only the heads of the messages are read, which is much faster than reading the indexes.
     """
     if before is None or not _in_turn(before):
         return None
@@ -160,8 +160,8 @@ def repeated(before: McapBlock | None, plain: Bytes, horizon_ns: int) -> McapBlo
 
 
 def _in_turn(block: McapBlock) -> bool:
-    """Whether the channels send one message each in every round, and the first ones lie end to end
-    over a round."""
+    """Return whether each channel sends one message per round, and the messages of the first round
+    are contiguous."""
     places = [(block.where(channel), int(block.sizes(channel)[0])) for channel in block.messages]
     turn = sorted(
         (where.start, size, where.step) for where, size in places if isinstance(where, slice)
@@ -204,10 +204,10 @@ def indexed(file: Bytes, indexes: list[Record], plain: Bytes, horizon_ns: int) -
 
 
 def _end_to_end(block: McapBlock) -> bool:
-    """Whether the records lie end to end from the first byte to the last.
+    """Return whether the records are contiguous from the first byte to the last.
 
-    They do if together they are as long, one begins at the first byte, and each ends where one
-    begins or at the last.
+    They are if their lengths add up to the total, one begins at the first byte, and each ends where
+    another begins or at the last byte.
     """
     if not block.messages:
         return False

@@ -1,5 +1,5 @@
-"""The messages of a bag one by one, in the order they were logged, as raw bytes: for replaying and
-copying."""
+"""Yield the messages of a bag one by one in the order in which they were logged, as raw bytes, for
+replaying and copying."""
 
 import heapq
 from collections.abc import Collection, Iterator, Sequence
@@ -27,10 +27,10 @@ def read_messages(
     topics: Collection[str] | None = None,
     strict: bool = True,
 ) -> Iterator[Message]:
-    """Yield the messages of one or several bags in the order they were logged.
+    """Yield the messages of one or several bags in the order in which they were logged.
 
-    Within a file chunks are taken as they follow each other, and each is sorted; only chunks that
-    overlap in time are held together, so memory stays small.
+    The chunks of a file are sorted one by one, and only chunks that overlap in time are in memory
+    together.
     """
     paths = [path] if isinstance(path, str | Path) else list(path)
     files = [file for each in paths for file in open_bag(each).files]
@@ -47,7 +47,7 @@ def read_topics(path: str | Path) -> list[Topic]:
 def topics_of(files: Sequence[BagFile]) -> list[Topic]:
     """Return the topics of opened files.
 
-    Where a file does not list them all, its messages are looked through.
+    If a file does not list all of them, its messages are searched.
     """
     found: dict[str, Topic] = {}
     for file in files:

@@ -1,4 +1,4 @@
-"""What rosbag2 wants to know beside the messages: quality of service, and metadata.yaml as Jazzy
+"""The data that rosbag2 stores next to the messages: quality of service, and metadata.yaml as Jazzy
 writes it."""
 
 from collections.abc import Mapping, Sequence
@@ -39,11 +39,10 @@ class Topic:
 
 @dataclass
 class StoredFile:
-    """A file of a bag of any storage format.
+    """A file of a bag in any storage format.
 
-    Its messages come from `blocks(strict)`, block by block.
-
-    What a format knows nothing of is as here.
+    Its messages come from `blocks(strict)`, block by block. The methods here apply to formats
+    without the respective data.
     """
 
     path: Path
@@ -71,13 +70,13 @@ class StoredFile:
         return {}
 
     def check_lengths(self) -> None:
-        """Raise if its messages claim to unpack to more than the limit.
+        """Raise an error if the messages are stated to unpack to more than the limit.
 
-        All of them are to be kept.
+        This applies if all messages are kept in memory.
         """
 
     def expected(self, _: int) -> int:
-        """Return how many messages the file promises on a channel; 0 where nothing is known."""
+        """Return the number of messages on a channel that the file states; 0 if unknown."""
         return 0
 
 
@@ -106,7 +105,8 @@ def metadata(
     currents: Sequence[str] = (),
     firmware_gains: Mapping[str, float] | None = None,
 ) -> dict[str, Any]:
-    """Return the content of metadata.yaml under its one key, of a file with messages of a span."""
+    """Return the content of metadata.yaml, under its single key, for a file with messages in a time
+    span."""
     custom = {_CURRENTS: " ".join(currents)} if currents else {}
     if firmware_gains:
         custom[_GAINS] = " ".join(f"{name}={gain:.10g}" for name, gain in firmware_gains.items())
@@ -161,7 +161,7 @@ def _custom(information: object, key: str) -> str:
 
 
 def plain_data(text: str) -> Any:
-    """Return what a YAML text in a bag holds; None where it is empty, or no YAML."""
+    """Return the data in a YAML text of a bag; None if it is empty or not YAML."""
     try:
         return parse_yaml(text) if text else None
     except yaml.YAMLError:

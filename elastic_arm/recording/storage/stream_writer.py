@@ -1,7 +1,7 @@
-"""Write a bag while it happens: what is older than a moment is on disk, whatever becomes of the
-process.
+"""Write a bag during recording: messages older than a moment are on the disk, even if the process
+is killed.
 
-The library `mcap` makes chunks, checksums, indexes and the summary.
+The library `mcap` creates chunks, checksums, indexes and the summary.
 """
 
 import os
@@ -33,7 +33,8 @@ COMPRESSIONS: tuple[Compression, ...] = ("none", "lz4", "zstd")
 
 
 class _WholeWrites:
-    """A file that takes each piece of bytes whole or not at all, so that it ends with a record."""
+    """A file that writes each piece of bytes completely or not at all, so that it ends with a
+    record."""
 
     def __init__(self, path: Path) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -59,13 +60,15 @@ class _WholeWrites:
 
 
 class StreamWriter(AbstractContextManager["StreamWriter"]):
-    """A bag being recorded, message by message, from raw CDR bytes.
+    """Records a bag message by message, from raw CDR bytes.
 
-    Messages gather in a chunk; it is written when it is `flush_every` seconds old or holds
-    `chunk_bytes`. A killed process loses that one chunk. A power cut loses what the system had not
-    carried to the disk yet: every `sync_every` seconds it is flushed, in a thread of its own, as
-    that can take longer than a queue of messages lasts. `currents` are the torque channels that are
-    motor currents times a torque constant; `firmware_gains` are those of servos, by joint.
+    Messages are collected in a chunk, which is written when it is `flush_every` seconds old or
+    `chunk_bytes` long. A killed process loses only this chunk. After a power cut, data that the
+    system had not yet written to the disk are also lost: every `sync_every` seconds they are
+    flushed, in a separate thread, because this may take longer than a queue of messages lasts.
+
+    `currents` are the torque channels that are motor currents times a torque constant;
+    `firmware_gains` are those of servos, by joint.
     """
 
     def __init__(
@@ -164,14 +167,14 @@ class StreamWriter(AbstractContextManager["StreamWriter"]):
             self.tick()
 
     def tick(self) -> None:
-        """Write what is due. Call it now and then while no message comes."""
+        """Write what is due. Call it regularly while no messages arrive."""
         if self._clock() - self._flushed >= self._flush_every:
             self.flush()
 
     def flush(self) -> None:
-        """Write the chunk gathered so far.
+        """Write the current chunk.
 
-        The system carries it to the disk if that is due.
+        If it is due, the system is asked to write it to the disk.
         """
         self._write_chunk()
         idle = self._syncing is None or self._syncing.done()
@@ -182,7 +185,7 @@ class StreamWriter(AbstractContextManager["StreamWriter"]):
             self._syncing = self._syncer.submit(self._to_disk, self._sync)
 
     def close(self) -> None:
-        """Write the rest, the summary and metadata.yaml; after a full disk nothing more."""
+        """Write the rest, the summary and metadata.yaml; nothing after the disk was full."""
         try:
             if not self._file.failed:
                 self._write_chunk()
@@ -191,12 +194,12 @@ class StreamWriter(AbstractContextManager["StreamWriter"]):
             self.abandon()
 
     def abandon(self) -> None:
-        """Close the file as it is."""
+        """Close the file without completing it."""
         self._syncer.shutdown()
         self._file.close()
 
     def __exit__(self, *_: object) -> None:
-        """Close the bag; also after an error, as what was recorded is worth keeping."""
+        """Close the bag, also after an error, to keep what was recorded."""
         self.close()
 
     def _write_chunk(self) -> None:
@@ -224,7 +227,7 @@ class StreamWriter(AbstractContextManager["StreamWriter"]):
         os.fsync(self._file.fileno())
 
     def _to_disk(self, write: Callable[[], None]) -> None:
-        """Do what may find the disk full."""
+        """Perform an action that fails if the disk is full."""
         try:
             write()
         except OSError as error:

@@ -1,11 +1,12 @@
-"""Evidence on what stamps mean: were samples taken at their stamps, or regularly and only stamped
-late?
+"""Decide what stamps mean: samples may have been taken at their stamps, or regularly with stamps
+that are late.
 
-Under the regular clock every sample is misplaced by the jitter e of its stamp if the stamps are
-true, and a position then is off by w e, w the velocity. The share b of that which is there is a
-regression coefficient: 1 where stamps are true, 0 where samples are regular. It is found twice,
-each with a standard deviation: from positions and velocities together (the change of position less
-the integral of the velocity), and from the smoothness of the positions alone.
+If the stamps are true, assuming a regular clock shifts each sample by the jitter e of its stamp,
+which changes a position by w e, where w is the velocity. The share b of this change that is present
+in the positions is a regression coefficient: 1 if the stamps are true, 0 if the samples are
+regular. It is estimated twice, each time with a standard deviation: from positions and velocities
+together (change of position minus the integral of the velocity), and from the smoothness of the
+positions alone.
 """
 
 from collections.abc import Iterator
@@ -54,7 +55,7 @@ DERIVED = 1e-3
 
 @dataclass(frozen=True)
 class Evidence:
-    """What speaks for the stamps."""
+    """The evidence for true stamps."""
 
     # Of the stamps' jitter that the motion shows: 1 where stamps are true, 0 where samples are
     # regular
@@ -69,7 +70,7 @@ class Evidence:
 
 
 def evidence(samples: Samples, k: NDArray[np.int64], rate: float) -> Evidence | None:
-    """Return what the recording shows of its clock; None where noise hides it."""
+    """Return the evidence of a recording about its clock; None if noise hides it."""
     jitter = jitter_of(samples.t, k)
     if wanders(jitter, rate):
         size = float(np.std(np.diff(jitter))) / np.sqrt(2.0)
@@ -92,9 +93,9 @@ def evidence(samples: Samples, k: NDArray[np.int64], rate: float) -> Evidence | 
 
 
 def unbroken(k: NDArray[np.int64]) -> slice:
-    """Return the longest run of samples, by their numbers, without a hole.
+    """Return the longest run of samples without missing numbers.
 
-    Only runs that are long enough count.
+    Only runs of sufficient length count.
     """
     edges = np.concatenate([[0], np.flatnonzero(np.diff(k) > HOLE) + 1, [len(k)]])
     first = int(np.argmax(np.diff(edges)))
@@ -102,7 +103,7 @@ def unbroken(k: NDArray[np.int64]) -> slice:
 
 
 def increments(steps: Array, missing: float = MISSING) -> NDArray[np.int64]:
-    """Return how many steps (N,) of a regular clock lie between samples."""
+    """Return the number of steps (N,) of a regular clock between samples."""
     points = np.ones(len(steps), np.int64)
     apart = np.flatnonzero(steps >= missing)
     points[apart] = np.rint(steps[apart])
@@ -179,21 +180,21 @@ def jitter_of(t: Array, k: NDArray[np.int64]) -> Array:
 
 
 def wanders(jitter: Array, rate: float) -> bool:
-    """Return whether stamps part from a regular clock by much more than they jitter."""
+    """Return whether stamps deviate from a regular clock by much more than their jitter."""
     size = np.std(np.diff(jitter)) / np.sqrt(2.0)
     return bool(np.std(jitter) * rate > WANDER and np.std(jitter) > WANDER_OVER_JITTER * size)
 
 
 def is_even(jitter: Array, rate: float) -> bool:
-    """Return whether stamps are as good as regular."""
+    """Return whether stamps are practically regular."""
     return bool(np.std(np.diff(jitter)) * rate < NO_JITTER)
 
 
 def _by_velocity(
     position: Array, velocity: Array, k: NDArray[np.int64], jitter: Array, rate: float
 ) -> Iterator[Evidence]:
-    """Yield the share by the change of position less the integral of the velocity, for each
-    span."""
+    """Yield the share for each span, by the change of position minus the integral of the
+    velocity."""
     p = position
     v = velocity
     e = jitter
@@ -214,7 +215,7 @@ def _by_velocity(
 
 
 def _by_smoothness(position: Array, k: NDArray[np.int64], jitter: Array, rate: float) -> Evidence:
-    """Return the share by what a smooth motion does not have."""
+    """Return the share by the deviation of the positions from a smooth motion."""
     speed = np.gradient(position, k / rate, axis=0)
     # Of the wander only what the differences see counts; a speed averaged over some samples is less
     # noisy.
@@ -235,7 +236,7 @@ def _by_smoothness(position: Array, k: NDArray[np.int64], jitter: Array, rate: f
 
 
 def _share(left: Array, expected: Array, words: str) -> Evidence:
-    """Return the coefficient of `expected` in `left` over all joints, each weighed by its own
+    """Return the coefficient of `expected` in `left` over all joints, each weighted by its own
     noise."""
     left = left - left.mean(axis=0)
     expected = expected - expected.mean(axis=0)

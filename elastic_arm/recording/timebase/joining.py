@@ -1,4 +1,4 @@
-"""Both sides of the joints on one time base."""
+"""Bring both sides of the joints to one time base."""
 
 import numpy as np
 import scipy
@@ -49,13 +49,12 @@ def pair(
     found: list[Finding],
     clock: ClockMode | None = None,
 ) -> tuple[Side, Side]:
-    """Bring `other` to the stamps of `base`; `found` gets what was done.
+    """Bring `other` to the stamps of `base`; `found` receives the corrections.
 
-    Samples with equal stamps are joined exactly; where the two are stamped apart, `other` is
-    interpolated by a cubic spline (never beyond its ends or across its gaps), between the times at
-    which samples were taken: where they were taken regularly, the jitter of stamps is none of the
-    motion's. A cubic spline passes what lies well below half the sample rate and damps what lies
-    close to it.
+    Samples with equal stamps are paired exactly. Otherwise a cubic spline interpolates `other`,
+    never beyond its ends or across its gaps, between the times at which the samples were taken; if
+    these were regular, the jitter of the stamps is not part of the motion. A cubic spline preserves
+    frequencies well below half the sample rate and attenuates those close to it.
     """
     if np.array_equal(base.stamp_ns, other.stamp_ns):
         return base, other
@@ -88,9 +87,9 @@ def pair(
 
 
 def _times(sides: tuple[Side, Side], origin: int, clock: ClockMode | None) -> tuple[Array, Array]:
-    """Return when the samples (N,) and (M,) of two sides were taken, s from an origin in ns.
+    """Return when the samples (N,) and (M,) of two sides were taken, in s from an origin in ns.
 
-    Where one side does not tell what its stamps mean, the other's count as its own.
+    If one side does not show the meaning of its stamps, that of the other side applies.
     """
     stamped = [np.asarray((side.stamp_ns - origin) * 1e-9, dtype=np.float64) for side in sides]
     regular = list(stamped)
@@ -112,7 +111,7 @@ def _times(sides: tuple[Side, Side], origin: int, clock: ClockMode | None) -> tu
 
 
 def _evidence(side: Side, number: NDArray[np.int64], rate: float) -> Evidence | None:
-    """Return what one side shows of its clock, by the joints that it has."""
+    """Return the evidence of one side about its clock, from the joints that it contains."""
     few = side.at(slice(0, ENOUGH))
     if few.position is None:
         return None
@@ -138,10 +137,11 @@ def _samples(
 
 
 def _filled(t: Array, link: Side, motor: Side) -> tuple[Side, Side, Lacking]:
-    """Return both sides with numbers for joints that lack a channel, and which these are.
+    """Return both sides with substitutes for missing channels of joints, and the list of
+    substitutes.
 
-    An angle is that of the joint's other side, a velocity the derivative of the angle, a torque
-    zero.
+    An angle is replaced by that of the other side of the joint, a velocity by the derivative of the
+    angle, a torque by zero.
     """
     if not any(np.isnan(v[:1]).any() for side in (link, motor) for v in side.channels().values()):
         return link, motor, frozenset()

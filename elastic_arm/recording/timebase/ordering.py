@@ -1,5 +1,5 @@
-"""Messages in the order of their stamps, whatever order they came in and whoever set the clock on
-the way."""
+"""Sort messages by their stamps, even if they arrived out of order or the clock was set during the
+recording."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,11 +14,11 @@ _AROUND = 50  # messages on either side of a step back that show whether the clo
 def in_order(
     stamp_ns: Stamps, topic: str, log_ns: Stamps
 ) -> tuple[Stamps, NDArray[np.intp], list[Finding]]:
-    """Return stamps (N',) in order, where each message stands, and what was done.
+    """Return stamps (N',) in order, the position of each message, and the corrections.
 
-    A clock that was set back runs on from where it was, or a second later where nothing arrived for
-    longer. Messages that overtook each other are sorted. One whose stamp is far from all others is
-    left out.
+    If the clock was set back, the later stamps continue from the earlier ones, or one second later
+    after a longer pause. Messages that overtook each other are sorted. A message whose stamp is far
+    from all others is left out.
     """
     check_stamped(stamp_ns, topic)
     stamp_ns, found = _one_clock(stamp_ns.copy(), topic, log_ns)
@@ -51,8 +51,8 @@ def in_order(
 
 
 def _one_clock(stamp_ns: Stamps, topic: str, log_ns: Stamps) -> tuple[Stamps, list[Finding]]:
-    """Move stamps on where the clock was set back: it stays behind, and stamps of before come a
-    second time."""
+    """Shift stamps forward after the clock was set back: stamps that occur a second time show
+    this."""
     found: list[Finding] = []
     ranked = np.sort(stamp_ns)
     steps = np.diff(ranked)
@@ -90,8 +90,8 @@ def _one_clock(stamp_ns: Stamps, topic: str, log_ns: Stamps) -> tuple[Stamps, li
 
 
 def _far_off(stamp_ns: Stamps, rows: NDArray[np.intp]) -> NDArray[np.bool_]:
-    """Return which sorted stamps, of messages that arrived as `rows`, stand alone at an end and did
-    not come there."""
+    """Return which sorted stamps, of messages that arrived as `rows`, are isolated at an end
+    although they did not arrive there."""
     far = np.zeros(len(rows), np.bool_)
     for ends, last in ((range(len(rows) - 1, 0, -1), len(rows) - 1), (range(len(rows) - 1), 0)):
         for i in ends:

@@ -42,8 +42,11 @@ def find_chain(model: Any, chain: Chain | None) -> MjcfChain:
         )
     for joint in joints:
         _require_axis(model, joint)
-    own = {body: [joint for joint in joints_of(model, body) if joint in joints] for body in path}
-    last_joint = {body: joints.index(mine[-1]) for body, mine in own.items() if mine}
+    last_joint = {}
+    for body in path:
+        own = [joint for joint in joints_of(model, body) if joint in joints]
+        if own:
+            last_joint[body] = joints.index(own[-1])
     link_of: dict[int, int] = {}
     for body in range(1, model.nbody):
         parent = int(model.body_parentid[body])

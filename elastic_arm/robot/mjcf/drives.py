@@ -204,7 +204,8 @@ def set_controller(
     gear = float(model.actuator_gear[actuator, 0])
     if int(model.actuator_gaintype[actuator]) == int(engine().mjtGain.mjGAIN_DCMOTOR):
         own = model.actuator_gainprm[actuator]
-        own[4], own[6] = after.kp / gear**2, after.kd / gear**2
+        own[4] = after.kp / gear**2
+        own[6] = after.kd / gear**2
         if after.stall is not None:
             motor = MotorConstants.of(after, gear)
             own[:2] = motor.resistance, motor.constant

@@ -31,31 +31,25 @@ def score_answer(
     faults = [Fault(**{**one, "channels": tuple(one["channels"])}) for one in entry["faults"]]
     placed = [_placed(f, effects[f.effect], len(joints)) for f in faults]
     causes = answer["causes"]
-    # A change is told right where it happened.
-    now = [c.get("recording", entry.get("since", 0)) == entry.get("since", 0) for c in causes]
-    told_now = [c for c, there in zip(causes, now, strict=True) if there]
-    hits = [_hit(fault, told_now, joints) for fault in placed]
-    # A poorer model lacks more than the one effect that was asked for: mod1 lacks S as well as the
-    # splines.
-    own = [e for e in effects.values() if e.lacked_by != MODELS]
-    lacking = {e.id for e in own if entry["model"] in e.lacked_by}
-    # What the whole level has beyond the ordinary is true of the arm, too.
-    conditions = {(c["effect"], joints[c["joint"]]) for c in entry["conditions"]}
-    itself = [at and _is_any(placed, c, joints) for c, at in zip(causes, now, strict=True)]
-    allowed = [c["effect"] in lacking or (c["effect"], c["joint"]) in conditions for c in causes]
-    right = [a or b for a, b in zip(itself, allowed, strict=True)]
+    # The report of a change is right if the change happened in the stated recording.
+    since = entry.get("since", 0)
+    in_time = [cause for cause in causes if cause.get("recording", since) == since]
+    hits = [_hit(fault, in_time, joints) for fault in placed]
     found = list(zip(faults, hits, strict=True))
-    z = [
-        off
-        for fault, hit in found
-        if hit is not None
-        for off in _offs(fault, hit, effects[fault.effect])
+    allowed = _allowed(entry, causes, effects)
+    right = [
+        may_be or (cause in in_time and _is_any(placed, cause, joints))
+        for cause, may_be in zip(causes, allowed, strict=True)
     ]
-    told = [(c["confidence"], held) for c, held in zip(causes, right, strict=True)]
+    z: list[float] = []
+    for fault, hit in found:
+        if hit is not None:
+            z += _offs(fault, hit, effects[fault.effect])
+    confidence = [cause["confidence"] for cause in causes]
+    told = list(zip(confidence, right, strict=True))
     for fault in placed:
         if not any(_is_any([fault], cause, joints) for cause in causes):
             told.append((0.0, True))
-    sure = [held for cause, held in zip(causes, right, strict=True) if cause["confidence"] >= SURE]
     return {
         "name": entry["name"],
         "level": entry["level"],
@@ -70,7 +64,7 @@ def score_answer(
         "verdict": answer["verdict"],
         "named": [c["effect"] for c in causes],
         "named_joints": [c["joint"] for c in causes],
-        "confidence": [c["confidence"] for c in causes],
+        "confidence": confidence,
         "cause_right": right,
         "told": told,
         "shrink": answer["shrink"],
@@ -78,7 +72,9 @@ def score_answer(
         "joint_right": bool(faults) and all(_joint_right(f, causes, joints) for f in placed),
         "side_right": bool(faults) and all(_side_right(f, h, effects[f.effect]) for f, h in found),
         "no_cause": all(allowed) and answer["verdict"] != "unknown",
-        "accused": not all(sure),
+        "accused": any(
+            p >= SURE and not is_right for p, is_right in zip(confidence, right, strict=True)
+        ),
         "z": z,
         "coverage": {
             "causes": [sum(abs(v) <= LIMIT for v in z), len(z)],
@@ -87,6 +83,26 @@ def score_answer(
         "cpu_seconds": answer.get("cpu_seconds"),
         "code": answer.get("code"),
     }
+
+
+def _allowed(
+    entry: Mapping[str, Any], causes: Sequence[Mapping[str, Any]], effects: Mapping[str, Effect]
+) -> list[bool]:
+    """Return which causes are true of the arm although they are no effect that was drawn."""
+    joints = entry["joints"]
+    # A poorer model lacks more than the one effect that was asked for: mod1 lacks S as well as the
+    # splines.
+    lacking = {
+        effect.id
+        for effect in effects.values()
+        if effect.lacked_by != MODELS and entry["model"] in effect.lacked_by
+    }
+    # All arms of a level have these.
+    conditions = {(one["effect"], joints[one["joint"]]) for one in entry["conditions"]}
+    return [
+        cause["effect"] in lacking or (cause["effect"], cause["joint"]) in conditions
+        for cause in causes
+    ]
 
 
 def _is_any(faults: Sequence[Fault], cause: Mapping[str, Any], joints: Sequence[str]) -> bool:

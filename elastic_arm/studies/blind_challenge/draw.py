@@ -145,17 +145,13 @@ def draw(request: Request, level: Level, rng: np.random.Generator, catalogue: Ca
     sizes = joint_sizes(description)
     sides = str(rng.choice(sorted(level.sides_of(effects) or level.sides)))
     sensors = _exact_sensors(n, rng) if level.exact else _sensors(level, sides, sizes, rng)
-    ordinary = (
-        []
-        if level.exact
-        else ordinary_faults(sizes.tolist(), rng, torque_constant=level.torque_constant)
-    )
-    ordinary += encoder_zeros(n, rng) if sensors.sides == BOTH and not level.exact else []
+    ordinary: list[Fault] = []
+    if not level.exact:
+        ordinary = ordinary_faults(sizes.tolist(), rng, torque_constant=level.torque_constant)
+    if sensors.sides == BOTH and not level.exact:
+        ordinary += encoder_zeros(n, rng)
     conditions = [_warming(j, level, rng) for j in range(n)] if level.warming else []
-    motions = tuple(
-        (random_points if rng.random() < level.points else random_motion)(rng, n, s)
-        for s in request.seconds
-    )
+    motions = tuple(_motion(level, n, seconds, rng) for seconds in request.seconds)
     run = _mover(real, description, effects, catalogue)
     chosen: list[SizedEffect] = []
     model = model_of(effects, catalogue)
@@ -178,6 +174,7 @@ def draw(request: Request, level: Level, rng: np.random.Generator, catalogue: Ca
         conditions += [o for o in ordinary if o.effect == "motor_torque_gain"]
         ordinary = [o for o in ordinary if o.effect != "motor_torque_gain"]
     multiples = tuple(one.distance for one in chosen) or (MODEL_DISTANCE,) * len(faults)
+    without_loads = [fault for fault in faults if fault.effect not in ("payload", "load")]
     arm = Arm(
         name=request.name,
         model=model,
@@ -187,9 +184,7 @@ def draw(request: Request, level: Level, rng: np.random.Generator, catalogue: Ca
         foreign=tuple(f for f in faults if f.effect in FOREIGN),
         ordinary=tuple(ordinary),
         conditions=tuple(conditions),
-        numbers=_numbers(
-            altered(real, [f for f in faults if f.effect not in ("payload", "load")]), description
-        ),
+        numbers=_numbers(altered(real, without_loads), description),
         sensors=sensors,
         multiple=multiples,
         bound=tuple(one.bound for one in chosen) or (None,) * len(faults),
@@ -198,6 +193,11 @@ def draw(request: Request, level: Level, rng: np.random.Generator, catalogue: Ca
         since=since,
     )
     return Drawn(arm, description, motions, _mover(real, description, effects, catalogue), before)
+
+
+def _motion(level: Level, n: int, seconds: float, rng: np.random.Generator) -> HiddenMotion:
+    kind = random_points if rng.random() < level.points else random_motion
+    return kind(rng, n, seconds)
 
 
 def _changed(fault: Fault, ordinary: Sequence[Fault], catalogue: Catalogue) -> Fault:

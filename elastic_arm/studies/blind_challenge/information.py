@@ -130,7 +130,8 @@ class MarginalInformation:
         self._D = np.array([g.damping for g in gears])
         self._ratios = np.array([g.r_tot for g in gears])
         M = KinematicTree(robot).terms(np.zeros(2 * self.n), np.zeros(2 * self.n))[0]
-        self._M, self._B = np.diag(M)[: self.n], np.diag(M)[self.n :]
+        self._M = np.diag(M)[: self.n]
+        self._B = np.diag(M)[self.n :]
         columns = {} if level.exact else self._ordinary(TrueMotion.of(motion))
         self._keys = tuple(columns)
         self._white = (
@@ -398,7 +399,8 @@ class Sizing:
         distance = excess = 0.0
         for _ in range(ROUNDS):
             try:
-                (distance, excess), reached = self.change(draft.make(tried)), tried
+                distance, excess = self.change(draft.make(tried))
+                reached = tried
             except SimulationError:
                 high = tried = 0.5 * tried
                 continue

@@ -7,6 +7,7 @@ from typing import Any
 
 from elastic_arm.output_files import csv_text, plain, write_result
 from elastic_arm.studies.paper.claims import Claim
+from elastic_arm.studies.paper.coupling import SymbolicCoupling
 from elastic_arm.studies.paper.study import StudyResult
 
 SCHEMA = "elastic_arm/paper/2"
@@ -21,18 +22,21 @@ def export(result: StudyResult, claims: list[Claim], folder: Path) -> list[Path]
     These are paper.json with everything, and of it metrics.csv (Figs. 4b and 4c), torques.csv
     (Figs. 3 and 4a), coefficients.csv (Fig. 5), tracking.csv and claims.csv.
     """
-    coefficients = [
-        {"model": e.model, "r_tot": e.r_tot, "coefficient": name}
-        | {column: float(getattr(e, column)[k]) for column in PER_COEFFICIENT}
-        for e in result.estimates
-        for k, name in enumerate(e.names)
-    ]
+    coefficients = []
+    for estimate in result.estimates:
+        place = {"model": estimate.model, "r_tot": estimate.r_tot}
+        for k, name in enumerate(estimate.names):
+            numbers = {column: float(getattr(estimate, column)[k]) for column in PER_COEFFICIENT}
+            coefficients.append({**place, "coefficient": name, **numbers})
+    tracking = [asdict(one) for one in result.tracking]
+    for row in tracking:
+        del row["each"]
     tables: dict[str, list[dict[str, Any]]] = {
         "claims": [asdict(claim) for claim in claims],
         "metrics": [*result.against_mod3.rows(), *result.against_prototype.rows()],
         "torques": _torques(result),
         "coefficients": coefficients,
-        "tracking": [{k: v for k, v in asdict(t).items() if k != "each"} for t in result.tracking],
+        "tracking": tracking,
     }
     content = _as_dict(result) | {k: v for k, v in tables.items() if k != "torques"}
     whole = write_result(
@@ -48,10 +52,15 @@ def _as_dict(result: StudyResult) -> dict[str, Any]:
     found |= {"ratios": result.ratios, "motor_torque_parts": result.inertial}
     found |= {name: getattr(result, name) for name in kept}
     found["excited"] = {model: search.to_dict() for model, search in result.excited.items()}
-    S = {"locked": result.coupling, "tilted": result.tilted_coupling}
-    return found | {
-        "S": {name: [[str(v) for v in row] for row in c.matrix.tolist()] for name, c in S.items()}
+    found["S"] = {
+        "locked": _in_words(result.coupling),
+        "tilted": _in_words(result.tilted_coupling),
     }
+    return found
+
+
+def _in_words(coupling: SymbolicCoupling) -> list[list[str]]:
+    return [list(map(str, row)) for row in coupling.matrix.tolist()]
 
 
 def _torques(result: StudyResult) -> list[dict[str, Any]]:

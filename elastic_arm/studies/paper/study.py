@@ -1,7 +1,7 @@
 """The whole study, stage by stage: runs of the prototype over the cores, then what the models make
 of them."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -129,45 +129,25 @@ def run_study(
     top = arms[ratios[-1]]
     with ProcessPool(workers) as pool:
 
-        def begin(name: str, tasks: list[Task]) -> Results[Any]:
-            return pool.start(tasks, stage(name, len(tasks)))
+        def begin(name: str, tasks: Sequence[Task]) -> Results[Any]:
+            return pool.start(list(tasks), stage(name, len(tasks)))
 
         # What later stages wait for is begun first; the others fill the processes' time.
-        seeds = rng.integers(2**31, size=len(MODELS))
-        searches = begin(
-            "search of the excitations",
-            [
-                partial(
-                    excite, top, model, settings.evaluations, settings.random_trajectories, int(own)
-                )
-                for model, own in zip(MODELS, seeds, strict=True)
-            ],
-        )
+        searches = begin("search of the excitations", _searches(top, settings, rng))
         excited = dict(zip(MODELS, searches(), strict=True))
-        pairs = [(list(arms)[k], model) for k in settings.identified for model in MODELS]
         identifying = begin(
-            "excitation runs and identification",
-            [
-                partial(_identify, arms[r], m, r, excited[m], settings, int(rng.integers(2**31)))
-                for r, m in pairs
-            ],
+            "excitation runs and identification", _identifying(arms, excited, settings, rng)
         )
-        ramps = begin(
-            "step ramps of the prototype",
-            torques.ramp_tasks(list(arms.values()), Bushing(), settings.step),
-        )
-        translating = begin(
-            "translation stiffness of the bushing",
-            [
-                partial(torques.link_errors, top, ratios[-1], K, settings.step)
-                for K in settings.translations
-            ],
-        )
+        step = settings.step
+        stepping = torques.ramp_tasks(list(arms.values()), Bushing(), step)
+        ramps = begin("step ramps of the prototype", stepping)
+        stiffened = [
+            partial(torques.link_errors, top, ratios[-1], K, step) for K in settings.translations
+        ]
+        translating = begin("translation stiffness of the bushing", stiffened)
         locking = begin("the prototype with locked bushings", [partial(torques.locked_link, top)])
-        deriving = begin(
-            "the coupling S in symbols",
-            [partial(symbolic_coupling, top, bearings=b) for b in (False, True)],
-        )
+        derivations = [partial(symbolic_coupling, top, bearings=b) for b in (False, True)]
+        deriving = begin("the coupling S in symbols", derivations)
         estimates = identifying()
         tracking = begin("feed-forward of the prototype", _tracking(arms, estimates, settings, rng))
         *stepped, smooth = ramps()
@@ -175,7 +155,6 @@ def run_study(
         own = torques.link_errors_of(compared[-1], Bushing().translation_stiffness)
         coupling, tilted_coupling = deriving()
         tracked = tracking()
-        along = settings.motions
         return StudyResult(
             robot=robot,
             settings=settings,
@@ -192,10 +171,39 @@ def run_study(
             tilted_coupling=tilted_coupling,
             excited=excited,
             estimates=estimates,
-            tracking=[
-                feedforward.together(tracked[k : k + along]) for k in range(0, len(tracked), along)
-            ],
+            tracking=_by_law(tracked, settings.motions),
         )
+
+
+def _by_law(tracked: Sequence[feedforward.Tracking], motions: int) -> list[feedforward.Tracking]:
+    """Put the runs of each law together."""
+    starts = range(0, len(tracked), motions)
+    return [feedforward.together(tracked[start : start + motions]) for start in starts]
+
+
+def _searches(top: Robot, settings: StudySettings, rng: np.random.Generator) -> list[Task]:
+    """Search the excitation of each model, each from a seed of its own."""
+    seeds = rng.integers(2**31, size=len(MODELS)).tolist()
+    effort = (settings.evaluations, settings.random_trajectories)
+    return [partial(excite, top, m, *effort, seed) for m, seed in zip(MODELS, seeds, strict=True)]
+
+
+def _identifying(
+    arms: Mapping[float, Robot],
+    excited: Mapping[str, ExcitationResult],
+    settings: StudySettings,
+    rng: np.random.Generator,
+) -> list[Task]:
+    """Identify each model at each of the chosen ratios."""
+    tasks: list[Task] = []
+    for k in settings.identified:
+        r_tot = list(arms)[k]
+        for model in MODELS:
+            seed = int(rng.integers(2**31))
+            tasks.append(
+                partial(_identify, arms[r_tot], model, r_tot, excited[model], settings, seed)
+            )
+    return tasks
 
 
 def _identify(

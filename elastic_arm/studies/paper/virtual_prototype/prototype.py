@@ -119,10 +119,8 @@ class Prototype:
             for k, axis in enumerate(free):
                 self.T[self._address(f"{name}.{axis}"), self.n + len(free) * i + k] = 1.0
         self._Tt = np.ascontiguousarray(self.T.T)
-        self._driven, self._free = (
-            np.ascontiguousarray(self.T[:, : self.n]),
-            self.T[:, self.n :].argmax(axis=0),
-        )
+        self._driven = np.ascontiguousarray(self.T[:, : self.n])
+        self._free = self.T[:, self.n :].argmax(axis=0)
         # places in the flat mass matrix
         self._among_free = self._free[:, None] * self._model.nv + self._free
         # the drive's deflection of each joint
