@@ -7,13 +7,13 @@ place, no torque sensor and a massless arm would explain every recording.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from elastic_arm.arrays import Array
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.effects.arm_equations import ArmEquations
+from elastic_arm.equations.presliding import over_distance
 from elastic_arm.equations.numbers import GAINS, SCALE, Number
 from elastic_arm.equations.places import scaling
 from elastic_arm.equations.robot_at import calibrated_robot
@@ -134,17 +134,15 @@ def shared_columns(
             out.append(_in_row(data, part, 2 * len(joints) + j, scaled))
     robot = effect.feature.equations.robot
     for k, parameter in enumerate(parameters if effect.feature.effect.friction else ()):
-        if parameter.shape is None or parameter.joint != effect.feature.joint:
+        if parameter.distance is None or parameter.joint != effect.feature.joint:
             continue
         if parameter.side not in effect.feature.sides:
             continue
         j = joints.index(parameter.joint)
         numbers.append(k)
         for out, part in zip(found, data.parts, strict=True):
-            friction = _magnitude(
-                effect, part.signals, parameter.side, j, dry=parameter.shape.is_dry
-            )
-            row, law = _of_shape(robot, part, parameter, friction)
+            dry = _dry(effect, part.signals, parameter.side, j)
+            row, law = _turned_over(robot, part, parameter, dry)
             out.append(_in_row(data, part, row, parameter.prior_std * law))
     return numbers, data.weighted(
         [np.stack(own, axis=2) for own in found], in_place=True
@@ -288,7 +286,7 @@ def _drive_entries(
         )
         rates = rates_of(motion.t, signals.model_torques["tau_J"] + others)
     found: list[tuple[int, int, Array]] = []
-    magnitudes: dict[tuple[str, int, bool], Any] = {}
+    dry: dict[tuple[str, int], Array | float] = {}
     for k, parameter in enumerate(parameters):
         j = model.robot.joint_names.index(parameter.joint)
         gear = nominal.joints[j].transmission
@@ -298,14 +296,11 @@ def _drive_entries(
             found.append(
                 (2 * n + j if of_motor else j, k, _turnover(w, motion.t, parameter.speeds))
             )
-        elif parameter.shape is not None:
-            place = parameter.side, j, parameter.shape.is_dry
-            if place not in magnitudes:
-                magnitudes[place] = sum(
-                    _magnitude(e, signals, parameter.side, j, dry=parameter.shape.is_dry)
-                    for e in acting
-                )
-            row, law = _of_shape(model.robot, part, parameter, magnitudes[place])
+        elif parameter.distance is not None:
+            place = parameter.side, j
+            if place not in dry:
+                dry[place] = sum(_dry(effect, signals, *place) for effect in acting)
+            row, law = _turned_over(model.robot, part, parameter, dry[place])
             found.append((row, k, law))
         elif parameter.what == "stiffness" and gear is not None:
             found.append((n + j, k, clear[:, j]))
@@ -403,53 +398,43 @@ def _turnover(w: Array, t: Array, speeds: Sequence[float]) -> Array:
     return np.asarray(np.sign(np.gradient(w, t)) * (1.0 - np.tanh(w / speeds[0]) ** 2))
 
 
-def _magnitude(effect: ActingEffect, signals: Signals, side: str, joint: int, *, dry: bool) -> Any:
-    """Return the friction (N,) Nm that an effect makes at a side of a joint, by magnitude.
-
-    It is that of the same speed, before the sign: near a reversal, where the sign turns over, the
-    friction itself is none. dry: only the part that has the sign of the velocity.
-    """
+def _dry(effect: ActingEffect, signals: Signals, side: str, joint: int) -> Array | float:
+    """Return the magnitude (N,) Nm of what has the sign of the velocity in the friction that an
+    effect makes at a side of a joint."""
     feature = effect.feature
     if not feature.effect.friction or side not in feature.sides:
         return 0.0
     if feature.equations.robot.joint_names[joint] != feature.joint:
         return 0.0
-    forward = _forward(effect, signals, side, joint, 1.0)
-    return forward - _forward(effect, signals, side, joint, 0.0) if dry else forward
+    moving, resting = (_one_way(effect, signals, side, joint, sign) for sign in (1.0, 0.0))
+    return moving - resting
 
 
-def _forward(effect: ActingEffect, signals: Signals, side: str, joint: int, sign: float) -> Array:
+def _one_way(effect: ActingEffect, signals: Signals, side: str, joint: int, sign: float) -> Array:
     """Return the friction (N,) Nm at the magnitudes of the velocities, with one sign throughout."""
     signs = np.full_like(signals.values["sign_motor"], sign)
     forward = {"dx": np.abs(signals.values["dx"]), "sign_link": signs, "sign_motor": signs}
-    moving = replace(signals, values={**signals.values, **forward})
-    of_joint, of_motor, *_ = effect.torques(moving)
+    of_joint, of_motor, *_ = effect.torques(replace(signals, values={**signals.values, **forward}))
     own = of_joint if side == "link" else of_motor - of_joint
-    return own[:, joint]
+    return np.asarray(own[:, joint])
 
 
-def _of_shape(
-    robot: Robot, part: Part, parameter: Number, friction: Array | float
+def _turned_over(
+    robot: Robot, part: Part, parameter: Number, dry: Array | float
 ) -> tuple[int, Array]:
-    """Return the row of the residuals, and the course (N,) Nm of a shape of some friction (N,)."""
-    shape = parameter.shape
-    assert shape is not None
+    """Return the row of the residuals, and the course (N,) Nm of dry friction (N,) that turns over
+    within a distance, beside its sign."""
+    assert parameter.distance is not None
     n = robot.n
     j = robot.joint_names.index(parameter.joint)
     motion = part.stretch.quiet
-    values = part.signals.values
     of_motor = robot.elastic and parameter.side == "motor"
-    angle, speed = (motion.theta, motion.dtheta) if of_motor else (motion.q, motion.dq)
-    if not np.any(friction):
-        return j, np.zeros(len(motion))
-    course = shape.of(
-        angle[:, j],
-        speed[:, j],
-        values[f"sign_{parameter.side}"][:, j],
-        part.signals.model_torques["clear"][:, j],
-        values["progress"][:, 0],
-    )
-    return (2 * n + j if of_motor else j), friction * course
+    row = 2 * n + j if of_motor else j
+    if not np.any(dry):
+        return row, np.zeros(len(motion))
+    angle = (motion.theta if of_motor else motion.q)[:, j]
+    sign = part.signals.values[f"sign_{parameter.side}"][:, j]
+    return row, dry * (over_distance(angle, sign, parameter.distance) - sign)
 
 
 def directions_of(nominal: Robot, model: str, parameters: Sequence[Number]) -> Array:

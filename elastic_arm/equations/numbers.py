@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elastic_arm.equations.friction_shapes import FrictionShape
 from elastic_arm.estimation.effect_columns import Feature
 
 # Of a joint's controller, as ratios to the stated ones: all its gains alike, and that of speeds
@@ -35,9 +34,9 @@ class Number:
     # of presliding alone: widths, rad/s, of the two sign functions between which friction turns
     # over, or the width within which it does so early or late
     speeds: tuple[float, ...] | None = None
-    # by what friction differs from its laws; None of anything else
-    shape: FrictionShape | None = None
-    # of presliding and of shapes of friction: "link" or "motor", on which the friction acts
+    # of presliding alone: rad, within which a share of dry friction turns over
+    distance: float | None = None
+    # of presliding alone: "link" or "motor", on which friction turns over
     side: str = ""
     # number of the recording in which alone it acts: by how much a zero is another one there than
     # in the first; None of what is the same in all
@@ -69,8 +68,6 @@ class Number:
     def kind(self) -> str:
         """Whose number it is: of the "arm", of a "sensor" or controller, the "zero" of a torque
         channel, or a "detail" of how a law is met."""
-        if self.shape is not None:
-            return "arm"
         if not self.is_number:
             return "detail"
         if self.feature is None:
@@ -82,7 +79,7 @@ class Number:
     def is_number(self) -> bool:
         """Whether it is a number of the arm or of a sensor, and not a detail of how a law is
         met."""
-        return self.shape is None and not self.what.startswith(PRESLIDING)
+        return not self.what.startswith(PRESLIDING)
 
     @property
     def is_torque_gain(self) -> bool:

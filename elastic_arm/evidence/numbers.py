@@ -9,7 +9,7 @@ import numpy as np
 from elastic_arm.arrays import Array
 from elastic_arm.dynamics.bodies import TENSOR
 from elastic_arm.effects.effect import ControllerEffect
-from elastic_arm.equations.friction_shapes import shapes_of
+from elastic_arm.equations.presliding import DISTANCES, TURNOVER
 from elastic_arm.equations.numbers import PRESLIDING, SCALE, Number
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.motion import Motion
@@ -48,7 +48,6 @@ def numbers_of(
     over is the same on both sides of a drive.
     """
     found: list[Number] = []
-    fastest = fastest_speeds(pieces, robot.n)
     features, inertias = tuple(features), _motor_inertias(pieces)
     errors = {
         (feature.effect.number, feature.joint): feature
@@ -82,7 +81,7 @@ def numbers_of(
             found.append(Number(what, joint.name, unit, std, neutral, error=error, limit=limit))
         presliding = min(priors.presliding, PRESLIDING_SHARE * float(largest[j]))
         found += _turnovers(joint, 0.0 if turning is None else float(turning[j]), presliding, sides)
-        found += _shapes(joint, float(fastest[j]), float(largest[j]), priors.friction, sides)
+        found += _distances(joint, sides)
     for feature in features:
         if (
             isinstance(feature.effect, ControllerEffect)
@@ -128,25 +127,13 @@ def _turnovers(joint: Joint, turning: float, std: float, sides: Sequence[str]) -
             )
 
 
-def _shapes(
-    joint: Joint, speed: float, load: float, spread: float, sides: Sequence[str]
-) -> Iterator[Number]:
-    """Yield by what the friction of a joint differs from its laws on each side."""
+def _distances(joint: Joint, sides: Sequence[str]) -> Iterator[Number]:
+    """Yield the shares of a joint's dry friction on each side that turn over within a distance."""
     apart = joint.transmission is not None and {"link", "motor"} <= set(sides)
     for side in ("link", "motor") if apart else ("motor",):
-        for name, shape, std in shapes_of(speed, load, spread):
-            what = f"friction_{name}_{side}"
-            yield Number(what, joint.name, "1", std, 0.0, shape=shape, side=side)
-
-
-def fastest_speeds(pieces: Sequence[Motion], n: int) -> Array:
-    """Return the highest speeds (n,) of the joints, rad/s."""
-    found = np.full(n, LEAST_SCALE)
-    for piece in pieces:
-        speed = piece.dtheta if piece.ddq is None else piece.dq
-        if speed is not None:
-            found = np.maximum(found, np.nanmax(np.abs(speed), axis=0))
-    return found
+        for k, distance in enumerate(DISTANCES):
+            what = f"{PRESLIDING}_distance_{side}_{k}"
+            yield Number(what, joint.name, "1", TURNOVER, 0.0, distance=distance, side=side)
 
 
 def resolved_speeds(pieces: Sequence[Motion], n: int, rate: float) -> Array:

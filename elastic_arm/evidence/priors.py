@@ -138,8 +138,6 @@ class Priors(BaseModel):
     presliding: Deviation = (
         2.0  # Nm; dry friction turns over gradually, below a speed that nobody states
     )
-    # of the friction of a joint at one speed or load: no drive is as simple as its laws
-    friction: Deviation = 0.03
     sensors: Mapping[str, Deviation] = Field(default_factory=dict)
     torque_constant: Deviation = (
         0.15  # of a torque channel that is a current; of magnets, by motor and temperature

@@ -1,10 +1,10 @@
-"""Shapes of friction: their equations, and that they belong to the friction that acts."""
+"""Dry friction that turns over within a distance."""
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from elastic_arm.equations.friction_shapes import NODES, FrictionShape, over_distance
+from elastic_arm.equations.presliding import over_distance
 
 T = np.linspace(0.0, 4.0, 2001)
 ANGLE = 0.3 * np.sin(2.0 * T) + 0.02 * np.sin(11.0 * T)
@@ -31,11 +31,3 @@ def test_an_angle_that_stays_keeps_its_friction() -> None:
     angle = np.concatenate([np.linspace(0.0, 0.004, 50), np.full(50, 0.004)])
     found = over_distance(angle, np.ones(100), 0.01)
     np.testing.assert_array_equal(found[50:], found[49])
-
-
-def test_hats_over_speed_add_up_to_the_sign() -> None:
-    """Together they are friction that is larger at all speeds alike."""
-    shapes = [FrictionShape("speed", 0.8, node) for node in range(len(NODES))]
-    none = np.zeros_like(T)
-    found = [shape.of(ANGLE, SPEED, np.sign(SPEED), none, none) for shape in shapes]
-    np.testing.assert_allclose(np.sum(found, axis=0), np.sign(SPEED), atol=1e-12)
