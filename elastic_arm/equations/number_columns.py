@@ -13,9 +13,9 @@ import numpy as np
 from elastic_arm.arrays import Array
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.effects.arm_equations import ArmEquations
-from elastic_arm.equations.presliding import over_distance
 from elastic_arm.equations.numbers import GAINS, SCALE, Number
 from elastic_arm.equations.places import scaling
+from elastic_arm.equations.presliding import over_distance
 from elastic_arm.equations.robot_at import calibrated_robot
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.known_torques import ActingEffect

@@ -9,8 +9,8 @@ import numpy as np
 from elastic_arm.arrays import Array
 from elastic_arm.dynamics.bodies import TENSOR
 from elastic_arm.effects.effect import ControllerEffect
-from elastic_arm.equations.presliding import DISTANCES, TURNOVER
 from elastic_arm.equations.numbers import PRESLIDING, SCALE, Number
+from elastic_arm.equations.presliding import DISTANCES, TURNOVER
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.evidence.priors import OFFSET_SHARE, PRESLIDING_SHARE, ZERO_AS_MOUNTED, Priors
