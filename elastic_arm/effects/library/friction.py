@@ -155,7 +155,7 @@ LOADED = Effect(
         "The jump at a velocity reversal grows with the joint torque there; unloaded reversals show"
         " none."
     ),
-    parameters=(amount("coefficient", "1", 0.002, 0.2, "mu"),),
+    parameters=(amount("coefficient", "1", 0.002, 0.5, "mu", draw=(0.002, 0.2)),),
     sides=("motor",),
     regime="load",
     needs_motion=True,
