@@ -20,6 +20,7 @@ from elastic_arm.effects import Catalogue, EffectInstance, StructuralEffect, rob
 from elastic_arm.effects.arm_equations import ArmEquations
 from elastic_arm.effects.effect_set import EffectSet
 from elastic_arm.errors import EffectError, RobotError
+from elastic_arm.mujoco.carried import carried
 from elastic_arm.mujoco.elements import DEFLECTION, Elements
 from elastic_arm.mujoco.stand_ins import ALONE, MARK
 from elastic_arm.mujoco.stated_arm import acts_by_law, stated_arm
@@ -135,16 +136,25 @@ class Attachment:
             values = [
                 np.concatenate([own + more, own]) for own, more in zip(values, apart, strict=True)
             ]
-        torque = data.qfrc_actuator + data.qfrc_applied
-        for k, dof in self._passive:
-            torque[dof] -= float(self.model.actuator_gear[k, 0]) * float(data.actuator(k).force[0])
+        torque = self._torque(data)
         rows, rates, first = np.zeros(self.robot.n * (2 if self.robot.elastic else 1)), [], 0
         for sign, effects, (law, numbers) in zip((1.0, -1.0), self._sets, self._laws, strict=False):
             last = first + int(effects.z.numel())
-            added, changing = law(*values, z[first:last], torque[dofs], *numbers, self._speed)
+            added, changing = law(*values, z[first:last], torque, *numbers, self._speed)
             rows, first = rows + sign * np.array(added).ravel(), last
             rates.append(np.array(changing).ravel())
         return rows, np.concatenate(rates)
+
+    def _torque(self, data: Any) -> Array:
+        """Return the torques (n,) Nm of the motors; of a rigid arm, those behind its gears, which
+        friction by load follows."""
+        dofs = self._theta[1]
+        if not self.robot.elastic:
+            return carried(self.model, data, dofs)
+        torque = data.qfrc_actuator + data.qfrc_applied
+        for k, dof in self._passive:
+            torque[dof] -= float(self.model.actuator_gear[k, 0]) * float(data.actuator(k).force[0])
+        return np.asarray(torque[dofs])
 
     def _state(self, data: Any) -> Array:
         """Return the internal states at the time of `data`: explicit Euler from where the laws were

@@ -1,11 +1,12 @@
 """Friction that depends on speed or load, in MuJoCo: the friction loss of a joint for each time
 step.
 
-    frictionloss(t + dt) = own + F(w(t), tau_m(t))
+    frictionloss(t + dt) = own + F(w(t), tau_J(t))
 
 F is the size of the torque of the effects' laws, own what the file states beside what stands for
-these laws. MuJoCo solves for dry friction, so a joint that sticks does not creep, as it does under
-a law whose sign turns over with the speed.
+these laws, and tau_J the torque behind the gear (:mod:`.carried`): friction of teeth follows
+what they carry. MuJoCo solves for dry friction, so a joint that sticks does not creep, as it does
+under a law whose sign turns over with the speed.
 """
 
 import copy
@@ -20,6 +21,7 @@ from elastic_arm.arrays import Array
 from elastic_arm.effects import EffectInstance
 from elastic_arm.effects.arm_equations import ArmEquations
 from elastic_arm.effects.effect_set import EffectSet
+from elastic_arm.mujoco.carried import carried
 from elastic_arm.mujoco.elements import Elements
 from elastic_arm.mujoco.stand_ins import MARK
 from elastic_arm.mujoco.stated_arm import stated_arm
@@ -43,7 +45,7 @@ def laws_beside(arm: MjcfArm, robot: Robot) -> tuple[EffectInstance, ...]:
 
 
 class FrictionLevel:
-    """The size of friction laws (n,) Nm at angles, rates and motor torques (n,)."""
+    """The size of friction laws (n,) Nm at angles, rates and torques behind the gears (n,)."""
 
     def __init__(self, robot: Robot, laws: Sequence[EffectInstance]) -> None:
         equations = ArmEquations(robot)
@@ -63,16 +65,16 @@ class FrictionLevel:
             self._buffer.set_arg(k, memoryview(values))  # type: ignore[call-arg, arg-type]
         self._buffer.set_res(0, memoryview(self._rows))  # type: ignore[call-arg, arg-type]
 
-    def __call__(self, q: Array, dq: Array, tau_m: Array) -> Array:
+    def __call__(self, q: Array, dq: Array, tau_J: Array) -> Array:
         moving = np.where(np.abs(dq) < SLOWEST, SLOWEST, dq)
-        for k, values in ((0, q), (1, moving), (4, tau_m)):
+        for k, values in ((0, q), (1, moving), (4, tau_J)):
             self._arguments[k][:] = values
         self._evaluate()
         return np.maximum(0.0, self._rows * np.sign(moving))
 
-    def along(self, q: Array, dq: Array, tau_m: Array) -> Array:
+    def along(self, q: Array, dq: Array, tau_J: Array) -> Array:
         """Return the sizes (N, n) along a motion (N, n)."""
-        return np.array([self(*values) for values in zip(q, dq, tau_m, strict=True)])
+        return np.array([self(*values) for values in zip(q, dq, tau_J, strict=True)])
 
 
 def with_laws(arm: MjcfArm, laws: Sequence[EffectInstance]) -> MjcfArm:
@@ -107,7 +109,8 @@ def acting_by_step(arm: MjcfArm, laws: Sequence[EffectInstance]) -> Callable[[An
     own = np.array(arm.model.dof_frictionloss[arm.dofs])
 
     def act(data: Any) -> None:
-        size = level(data.qpos[positions], data.qvel[dofs], data.qfrc_actuator[dofs])
+        load = carried(arm.model, data, dofs)
+        size = level(data.qpos[positions], data.qvel[dofs], load)
         arm.model.dof_frictionloss[dofs] = own + size
 
     return act

@@ -25,6 +25,7 @@ FRICTION = {
     "stribeck_friction": "torque",
     "degressive_friction": "torque",
 }
+ZERO = "joint_zero"
 # Effects of a controller, the field of it that each changes, and the parameter that is that.
 CONTROLLERS = {
     DELAY: ("delay", "delay"),
@@ -237,7 +238,7 @@ def _changed(robot: Robot, name: str, what: str, by: float) -> Robot:
     joint = robot.joints[robot.joint_names.index(name)]
     ratio = float(np.exp(by))
     drive, link = joint.controller, joint.link
-    if what in FRICTION or what.partition(".")[0] in MASSES:
+    if what == ZERO or what in FRICTION or what.partition(".")[0] in MASSES:
         effects = tuple(_moved(effect, name, what, by) for effect in robot.effects)
         return robot.with_(effects=effects)
     if what == "armature":
@@ -274,6 +275,8 @@ def _moved(effect: Mapping[str, Any], joint: str, what: str, by: float) -> Mappi
             v + by * (axis == parameter[-1])
             for axis, v in zip("xyz", values["position"], strict=True)
         ]
+    elif name == ZERO:
+        values["offset"] += by
     else:
         key = parameter or FRICTION[name]
         values[key] = max(0.0, values[key] + by)

@@ -174,8 +174,10 @@ class _Search:
             here = self.descended(here, self.differences, BY_DIFFERENCES)
             self.apart = here.apart()
             again = [point for x in (here.x, *starts) if (point := self.at(x)) is not None]
-            here = min(again, key=lambda one: one.value)
-            here = self.descended(here, self.slopes, ROUNDS)
+            # With all samples, numbers go far for what the model lacks: too far to come back from
+            # where the tails of the priors are flat.
+            ended = [self.descended(point, self.slopes, ROUNDS) for point in again]
+            here = min(ended, key=lambda one: one.value)
             here = self.descended(here, self.differences, BY_DIFFERENCES)
         normal, _ = self.linear(here, self.slopes)
         stds = np.sqrt(np.diag(np.linalg.inv(normal))) * self.stds
@@ -272,6 +274,7 @@ class _Search:
         """Return the model with the numbers of another arm of the same shape."""
         mj, after = engine(), stated_arm(robot)
         model = copy.copy(self.arm.model)
+        held = self.arm.robot
         for i, (joint, own, new) in enumerate(
             zip(self.arm.chain.joints, self.robot.joints, robot.joints, strict=True)
         ):
@@ -283,13 +286,19 @@ class _Search:
             )
             dry = model.dof_frictionloss[dof] + numbers.friction_loss - old.friction_loss
             model.dof_frictionloss[dof] = max(0.0, dry)
+            model.qpos0[int(model.jnt_qposadr[joint])] += numbers.zero - old.zero
             if differs(self.before.links[i], after.links[i]):
                 self._inertia(model, i, after.links[i])
             (drive,) = drives_of(model, joint)
             assert own.controller is not None and new.controller is not None
             set_controller(model, drive, own.controller, new.controller)
+            # Set-points, and another firmware gain, follow what the arm states beside the model.
+            stated = held.joints[i].controller
+            if stated is not None:
+                moved = {name: getattr(new.controller, name) for name in ("kp", "kd", "delay")}
+                held = held.with_joint(new.name, controller=replace(stated, **moved))
         mj.mj_setConst(model, mj.MjData(model))
-        return with_controllers(replace(self.arm, model=model), robot)
+        return with_controllers(replace(self.arm, model=model, robot=held), robot)
 
     def _inertia(self, model: Any, i: int, link: Any) -> None:
         """Change the body that carries a joint so that its link is another one."""

@@ -80,7 +80,7 @@ class _Equation:
         n, q, dq, ddq = robot.n, sampled.q, sampled.dq, sampled.ddq
         self.share = np.zeros_like(q)
         left = self._residual(robot, q, dq, ddq)
-        limit = self._dry(robot, self.arm, q, dq)
+        limit = self._dry(robot, self.arm, q, dq, self._carried(self.model, self.arm, q, dq, ddq))
         with np.errstate(divide="ignore", invalid="ignore"):
             share = np.where(limit > 0.0, left / limit, np.tanh(dq / SLOW))
         self.share = np.clip(share, -1.0, 1.0)
@@ -129,25 +129,29 @@ class _Equation:
         own = robot is self.robot
         arm = self.arm if own else stated_arm(robot)
         model = self.model if own else _model(robot, arm)
-        found = -model.inverse_dynamics(q, dq, ddq)
-        dry = self._dry(robot, arm, q, dq)
+        carried = self._carried(model, arm, q, dq, ddq)
+        found = -carried - _armatures(arm) * ddq
+        dry = self._dry(robot, arm, q, dq, carried)
         for i, (joint, numbers) in enumerate(zip(robot.joints, arm.joints, strict=True)):
             passive = numbers.damping * dq[:, i] + numbers.stiffness * (q[:, i] - numbers.rest)
             passive += dry[:, i] * self.share[:, i]
             found[:, i] += self._driven(joint.controller, i, q[:, i], dq[:, i]) - passive
         return found
 
-    def _dry(self, robot: Robot, arm: StatedArm, q: Array, dq: Array) -> Array:
+    @staticmethod
+    def _carried(model: Model, arm: StatedArm, q: Array, dq: Array, ddq: Array) -> Array:
+        """Return what the links' motion takes (N, n) Nm, behind the gears."""
+        described = q - np.array([one.zero for one in arm.joints])
+        return np.asarray(model.inverse_dynamics(described, dq, ddq) - _armatures(arm) * ddq)
+
+    @staticmethod
+    def _dry(robot: Robot, arm: StatedArm, q: Array, dq: Array, carried: Array) -> Array:
         """Return the dry friction (N, n) Nm with which the joints of an arm can stick."""
         stated = np.array([one.friction_loss for one in arm.joints])
         laws = [law for law, _ in arm.left if law.effect.friction and not law.effect.states]
         if not laws:
             return np.broadcast_to(stated, q.shape)
-        made = [
-            self._driven(joint.controller, i, q[:, i], dq[:, i])
-            for i, joint in enumerate(robot.joints)
-        ]
-        return stated + FrictionLevel(robot, laws).along(q, dq, np.stack(made, axis=1))
+        return stated + FrictionLevel(robot, laws).along(q, dq, carried)
 
     def _driven(self, controller: JointController | None, i: int, q: Array, dq: Array) -> Array:
         """Return the torque (N,) of a joint's drive."""
@@ -162,6 +166,10 @@ class _Equation:
 
 def _controller(controller: JointController | None) -> JointController:
     return controller or JointController()
+
+
+def _armatures(arm: StatedArm) -> Array:
+    return np.array([one.armature for one in arm.joints])
 
 
 def _model(robot: Robot, arm: StatedArm) -> Model:

@@ -1,7 +1,8 @@
 """The numbers that every servo arm has, fitted in closed loop where no cause that was found moves
 it nearer.
 
-    kp and kd, kd, armature, dry friction, friction that grows with the load, sag of the supply
+    kp and kd, kd, armature, dry friction, friction that grows with the load, sag of the supply,
+    zero of the angle
 
 Priors are those of the evidence: how far a description ordinarily is off, and how large friction
 and sags are. Masses are taken as described: beside them the torque of the servo is what is known
@@ -14,11 +15,12 @@ from typing import Any
 
 from elastic_arm.effects import EFFECTS
 from elastic_arm.evidence.priors import STATED, Priors
-from elastic_arm.mujoco.refinable import FRICTION, Refinable
-from elastic_arm.robot import Robot
+from elastic_arm.mujoco.refinable import FRICTION, ZERO, Refinable
+from elastic_arm.robot import Joint, Robot
 
 DRY, LOADED, SAG = "coulomb_friction", "load_dependent_friction", "supply_sag"
 START = 0.05  # share of an effect's largest size at which it begins where none is stated
+MOUNTED = 0.02  # rad, to which a horn is put on its splines, and a zero is set by eye
 SCALED = 0.3  # of its prior, in which a number's steps are measured
 
 
@@ -26,19 +28,14 @@ def servo_numbers(robot: Robot) -> tuple[Robot, tuple[Refinable, ...]]:
     """Return an arm with the friction that every geared servo has, and its numbers to be fitted."""
     stated = {(one["effect"], one["joint"]) for one in robot.effects}
     driven = [joint for joint in robot.joints if joint.controller is not None]
-    lacking = [
-        (law, joint.name)
-        for joint in driven
-        for law in (DRY, LOADED)
-        if (law, joint.name) not in stated
-    ]
-    added = tuple(_beginning(law, name) for law, name in lacking)
+    begun = [one for joint in driven for one in _beginning(joint)]
+    added = [one for one in begun if (one["effect"], one["joint"]) not in stated]
     arm = robot.with_(effects=(*robot.effects, *added))
     for joint in driven:
         controller = joint.controller
         if controller is not None and controller.stall is not None and not controller.sag:
-            begun = replace(controller, sag=START * _largest(SAG))
-            arm = arm.with_joint(joint.name, controller=begun)
+            sagging = replace(controller, sag=START * _largest(SAG))
+            arm = arm.with_joint(joint.name, controller=sagging)
     return arm, tuple(_numbers(robot, arm))
 
 
@@ -59,6 +56,8 @@ def _numbers(robot: Robot, arm: Robot) -> Iterator[Refinable]:
             prior = _largest(law) if own is None else STATED * at
             stated = -at if own is None else 0.0
             yield within_prior(law, joint.name, prior, least=-at, stated=stated)
+        if not joint.prismatic:
+            yield within_prior(ZERO, joint.name, MOUNTED)
         if begun.controller.stall is not None:
             own_sag = joint.controller.sag
             at = begun.controller.sag
@@ -75,6 +74,10 @@ def _largest(effect: str) -> float:
     return EFFECTS[effect].parameters[0].high
 
 
-def _beginning(effect: str, joint: str) -> dict[str, Any]:
-    size = START * _largest(effect)
-    return {"effect": effect, "joint": joint, "parameters": {FRICTION[effect]: size}}
+def _beginning(joint: Joint) -> Iterator[dict[str, Any]]:
+    """Yield the effects with which a joint begins where none are stated."""
+    sizes = {law: (FRICTION[law], START * _largest(law)) for law in (DRY, LOADED)}
+    if not joint.prismatic:
+        sizes[ZERO] = "offset", 0.0
+    for effect, (parameter, size) in sizes.items():
+        yield {"effect": effect, "joint": joint.name, "parameters": {parameter: size}}

@@ -100,10 +100,13 @@ def test_nothing_is_left_when_detached() -> None:
     data.qfrc_applied[1] = 10.0
     mujoco.mj_forward(arm.model, data)
     before = data.qfrc_passive.copy()
+    # What is left of the torque behind the gear, where the rotor and friction take their share.
+    load = 10.0 + before[1] + data.qfrc_constraint[1] - arm.model.dof_armature[1] * data.qacc[1]
     with attach(arm.model, robot) as attached:
         assert [e.effect.id for e in attached.instances] == ["load_dependent_friction"]
         mujoco.mj_forward(arm.model, data)
-        assert data.qfrc_passive[1] - before[1] == pytest.approx(-1.0)
+        assert data.qfrc_passive[1] - before[1] == pytest.approx(-0.1 * load)
+        assert load > 5.0
     assert mujoco.get_mjcb_passive() is None
     mujoco.mj_forward(arm.model, data)
     np.testing.assert_array_equal(data.qfrc_passive, before)

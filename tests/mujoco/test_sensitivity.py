@@ -35,6 +35,22 @@ def test_a_derivative_is_the_difference_of_two_simulations(number: Refinable) ->
     assert np.linalg.norm(found - expected) < np.linalg.norm(expected) / 7.0
 
 
+def test_a_zero_changes_the_angles_of_the_weight() -> None:
+    """The derivative by a joint's zero is the difference of two simulations, to a tenth."""
+    arm = servo_arm()
+    zero = {"effect": "joint_zero", "joint": "lift", "parameters": {"offset": 0.0}}
+    begun = arm.robot.with_(effects=(*arm.robot.effects, zero))
+    recording = recorded(arm, 100.0, 17, seconds=6.0)
+    there = play(arm, recording)
+    by = 4e-3
+    other = robot_at(begun, [Refinable("joint_zero", "lift", 0.02)], np.array([by]))
+    moved = play(model_of(other), recording)
+    assert there is not None and moved is not None
+    expected = (moved.errors - there.errors) / by
+    (found,) = derivatives(begun, [(other, by)], there.motion, there.t)
+    assert np.linalg.norm(found - expected) < np.linalg.norm(expected) / 10.0
+
+
 def test_a_scale_of_everything_changes_no_motion() -> None:
     """All torques, masses and frictions by one ratio: derivatives cancel."""
     arm = servo_arm()

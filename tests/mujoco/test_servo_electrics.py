@@ -15,7 +15,7 @@ from elastic_arm.mujoco.closed_loop import at_gains, play, with_controllers
 from elastic_arm.mujoco.judgement import Judging
 from elastic_arm.mujoco.refinable import robot_at
 from elastic_arm.mujoco.refinement import refine
-from elastic_arm.mujoco.servo_numbers import servo_numbers
+from elastic_arm.mujoco.servo_numbers import servo_numbers, within_prior
 from elastic_arm.recording import Recording, read_recording, write_recording
 from elastic_arm.recording.made_torque import at_common_gain
 from elastic_arm.robot import JointController, Robot, load_robot, save_robot
@@ -221,6 +221,35 @@ def test_friction_by_load_sticks_in_a_played_model(base: Path) -> None:
     run = recorded(rubbing, 250.0, 24)
     assert run.link is not None and run.link.position is not None
     assert error(rubbing, run) < 2e-4 < error(arm, run)
+
+
+def test_gains_are_refined_at_another_number_in_the_registers(base: Path) -> None:
+    """A torque constant a fifth smaller is found to 2 % of a recording at another firmware gain
+    than that of the description, with a supply that sags."""
+    arm = open_mjcf(base)
+    drive = arm.robot.joints[1].controller
+    assert drive is not None
+    drive = replace(drive, sag=0.2)
+    sagging = arm.robot.with_joint("lift", controller=drive)
+    true = sagging.with_joint("lift", controller=drive.scaled(0.8, 0.8))
+    file = base.parent / "true.xml"
+    export_mjcf(true, base, file)
+    run = run_at(with_controllers(open_mjcf(file), true), 0.4, 3)
+    number = within_prior("scale", "lift", 0.2)
+    (moved,) = refine(with_controllers(arm, sagging), sagging, (number,), [Judging(run)])
+    assert np.exp(moved.by) == pytest.approx(0.8, rel=0.02)
+
+
+def test_friction_by_load_follows_what_the_gear_carries(base: Path) -> None:
+    """A rotor loads no teeth: with nearly all of the inertia in the armature and no weight,
+    friction by load of half the torque hardly acts."""
+    arm = open_mjcf(base)
+    arm.model.opt.gravity[:] = 0.0
+    arm.model.dof_armature[arm.dofs] = 5.0
+    rubbing = with_controllers(arm, loaded(arm.robot, 0.5))
+    run = recorded(rubbing, 250.0, 24)
+    assert run.link is not None and run.link.position is not None
+    assert error(arm, run) < 0.01 * np.ptp(run.link.position[:, 1])
 
 
 def test_every_servo_begins_with_friction_and_a_sag(base: Path) -> None:

@@ -155,7 +155,8 @@ LOADED = Effect(
         "The jump at a velocity reversal grows with the joint torque there; unloaded reversals show"
         " none."
     ),
-    parameters=(amount("coefficient", "1", 0.002, 0.2, "mu"),),
+    # Harmonic drives lose up to a fifth of their load, spur gears of hobby servos up to a third.
+    parameters=(amount("coefficient", "1", 0.002, 0.5, "mu", draw=(0.002, 0.2)),),
     sides=("motor",),
     regime="load",
     needs_motion=True,

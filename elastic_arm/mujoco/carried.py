@@ -1,0 +1,22 @@
+"""The torque that a joint's gear carries, in MuJoCo: what the motion of its links takes.
+
+    tau_J = (M - B) ddq + bias = tau_m - B ddq - friction
+
+B is the armature, which turns before the gear, as friction of the drive does. MuJoCo knows
+accelerations at the end of a step: they are those of the step before.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.arrays import Array
+from elastic_arm.robot.mjcf import engine
+
+
+def carried(model: Any, data: Any, dofs: NDArray[np.intp]) -> Array:
+    """Return the torques (n,) Nm behind the gears of some dofs."""
+    moved = np.empty(model.nv)
+    engine().mj_mulM(model, data, moved, data.qacc)
+    return np.asarray((moved + data.qfrc_bias - model.dof_armature * data.qacc)[dofs])
