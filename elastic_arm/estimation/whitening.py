@@ -8,7 +8,7 @@ the number of rows measures lack of fit.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any
 
@@ -294,6 +294,10 @@ class Part:
         joint = feature.equations.robot.joint_names.index(str(feature.joint))
         return float(self.gains[channel][joint])
 
+    def thinned(self, entries: Entries) -> Entries:
+        """Return entries in the band, at the kept rate."""
+        return replace(entries, values=self.stretch.in_band(entries.values))
+
 
 class WhitenedData:
     """All stretches of one or several recordings.
@@ -417,27 +421,38 @@ class WhitenedData:
 
         What follows from the motion alone is made once for all numbers of the arm.
         """
-        return [self._plain_of(k, feature, searched) for k in range(len(self.parts))]
+        return self.plain_at(feature, [searched])
 
-    def _plain_of(self, k: int, feature: Feature, searched: Sequence[float]) -> Array:
-        """Return a feature's columns (N', R, count) of stretch k without torques that no law
-        states."""
-        key = type(feature), feature.key, tuple(searched)
+    def plain_at(self, feature: Feature, points: Sequence[Sequence[float]]) -> list[Array]:
+        """Return a feature's columns (N', R, points x count) at several points of its nonlinear
+        numbers, side by side: what treats them all at once is faster."""
+        return [self._plain_of(k, feature, points) for k in range(len(self.parts))]
+
+    def _plain_of(self, k: int, feature: Feature, points: Sequence[Sequence[float]]) -> Array:
+        """Return a feature's columns of stretch k without torques that no law states."""
         made = self._of_motion[k]
-        if key in made:
-            return made[key].dense()
-        columns = self._in_band_of(k, feature, searched)
+        keys = [(type(feature), feature.key, tuple(point)) for point in points]
+        new = [key for key in keys if key not in made]
+        if not new:
+            return np.concatenate([made[key].dense() for key in keys], axis=2)
+        if len(new) < len(keys):
+            each = [self._plain_of(k, feature, [point]) for point in points]
+            return np.concatenate(each, axis=2)
+        columns = self._in_band_of(k, feature, points)
         columns = self._free[k].remove(columns, in_place=True)
         if feature.of_motion and len(made) < COLUMNS_KEPT:
-            made[key] = Entries.of(columns)
+            each = np.split(columns, len(keys), axis=2)
+            made.update(zip(keys, map(Entries.of, each), strict=True))
         return columns
 
-    def _in_band_of(self, k: int, feature: Feature, searched: Sequence[float]) -> Array:
-        """Return a feature's columns (N', R, count) in stretch k."""
+    def _in_band_of(self, k: int, feature: Feature, points: Sequence[Sequence[float]]) -> Array:
+        """Return a feature's columns in stretch k."""
         part = self.parts[k]
-        columns = self.in_band(
-            part, feature.entries(part.signals, searched, self._start(k, feature, searched))
-        )
+        thin = [
+            part.thinned(feature.entries(part.signals, point, self._start(k, feature, point)))
+            for point in points
+        ]
+        columns = self.layout.combine(Entries.side_by_side(thin).dense())
         gain = part.gain(feature)
         return columns if gain == 1.0 else columns / gain
 
@@ -455,10 +470,7 @@ class WhitenedData:
         """Filter columns (N, 3 n, k) to the usable equations in the band, (N', R, k)."""
         entries = columns if isinstance(columns, Entries) else Entries.of(columns)
         # Fewer samples first: filter and combination commute.
-        thin = Entries(
-            part.stretch.in_band(entries.values), entries.rows, entries.columns, entries.shape
-        )
-        return self.layout.combine(thin.dense())
+        return self.layout.combine(part.thinned(entries).dense())
 
     def whiten(self, columns: Sequence[Array]) -> Array:
         """Whiten columns (N', R, k) of all stretches into rows (rows, k).

@@ -165,7 +165,12 @@ class Linearisation:
 
     def columns(self, feature: Feature, theta: Sequence[float] = ()) -> Array:
         """Return the whitened columns (rows, k) of an effect."""
-        return self.data.whiten(self.data.plain(feature, theta))
+        return self.columns_at(feature, [theta])
+
+    def columns_at(self, feature: Feature, points: Sequence[Sequence[float]]) -> Array:
+        """Return those (rows, points x k) at several points of its nonlinear numbers, side by
+        side."""
+        return self.data.whiten(self.data.plain_at(feature, points))
 
     def allowed(self, feature: Feature) -> list[Parameter]:
         """Return the parameter of each nonlinear number, with the range that the recordings
