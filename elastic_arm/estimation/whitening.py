@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -299,13 +299,25 @@ class Part:
         return replace(entries, values=self.stretch.in_band(entries.values))
 
 
+class NearStretch(NamedTuple):
+    """What a stretch has in common with itself beside other numbers of the arm."""
+
+    part: Part
+    free: FreeTorques
+    of_motion: dict[object, Entries]  # columns that follow from the motion alone
+
+    def without_noise(self) -> NearStretch:
+        """Return it without what follows from the noise: estimates of free torques."""
+        return self._replace(free=replace(self.free, estimates={}))
+
+
 class WhitenedData:
     """All stretches of one or several recordings.
 
     layout, band: usable equations, and where they are looked at; predicted: whether the laws of
     effects take the torques that the model predicts instead of the measured ones; sticking_removed:
     whether what a joint's friction may be while it sticks is removed; acting: effects that are part
-    of the predicted torques; near: the same recordings beside other numbers of the arm.
+    of the predicted torques; near: the same stretches beside other numbers of the arm.
     """
 
     def __init__(
@@ -318,7 +330,7 @@ class WhitenedData:
         predicted: bool = False,
         sticking_removed: bool = False,
         acting: Sequence[ActingEffect] = (),
-        near: WhitenedData | None = None,
+        near: Sequence[NearStretch] = (),
     ) -> None:
         self.layout = layout
         self.band = band
@@ -328,8 +340,8 @@ class WhitenedData:
         self.parts: list[Part] = []
         self.pure: list[NoiseModel] = []
         self._free: list[FreeTorques] = []
-        others = iter(() if near is None else near._free)
-        signals_before = iter(() if near is None else [part.signals for part in near.parts])
+        others = iter(one.free for one in near)
+        signals_before = iter(one.part.signals for one in near)
         moves, fastest = _moving(observations)
         for number, observation in enumerate(observations):
             in_band = band.at(observation.rate)
@@ -383,8 +395,7 @@ class WhitenedData:
             )
         # columns of each stretch that follow from the motion alone
         self._of_motion: list[dict[object, Entries]] = [{} for _ in self.parts]
-        if near is not None:
-            self._take_columns_of(near)
+        self._take_columns_of(near)
         self.y = self.weighted([part.stretch.values for part in self.parts])
         self.white = self.whiten([y[:, :, None] for y in self.y])[:, 0]
 
@@ -408,13 +419,19 @@ class WhitenedData:
         """Duration of the rows."""
         return sum(len(part.stretch.t) / part.stretch.band.kept_rate for part in self.parts)
 
-    def _take_columns_of(self, other: WhitenedData) -> None:
-        """Take the columns of stretches of other data that have the same motion and the same free
-        torques, in the same memory."""
-        stretches = zip(self.parts, self._free, other.parts, other._free, strict=False)
-        for k, (part, free, near, near_free) in enumerate(stretches):
-            if part.signals.shares_motion(near.signals) and free.is_same_as(near_free):
-                self._of_motion[k] = other._of_motion[k]
+    @property
+    def stretches(self) -> list[NearStretch]:
+        """What data beside other numbers may take from each stretch."""
+        each = zip(self.parts, self._free, self._of_motion, strict=True)
+        return [NearStretch(*one) for one in each]
+
+    def _take_columns_of(self, near: Sequence[NearStretch]) -> None:
+        """Take the columns of stretches that have the same motion and the same free torques, in the
+        same memory."""
+        for k, (own, other) in enumerate(zip(self.stretches, near, strict=False)):
+            has_motion = own.part.signals.shares_motion(other.part.signals)
+            if has_motion and own.free.is_same_as(other.free):
+                self._of_motion[k] = other.of_motion
 
     def plain(self, feature: Feature, searched: Sequence[float] = ()) -> list[Array]:
         """Return a feature's columns (N', R, count) in the band, one array a stretch.

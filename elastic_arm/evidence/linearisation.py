@@ -31,15 +31,15 @@ from elastic_arm.equations.places import allowed_values
 from elastic_arm.equations.robot_at import nearest_robot
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.known_torques import ActingEffect
-from elastic_arm.estimation.whitening import WhitenedData
+from elastic_arm.estimation.whitening import NearStretch, WhitenedData
 from elastic_arm.evidence.problem import ALL, FITTED, JUDGING, Observations, Problem
 
 
 class Motions(NamedTuple):
-    """What depends on the motion alone: data, columns of the inertial numbers, and by how much
-    channels were moved."""
+    """What depends on the motion alone: stretches, columns of the inertial numbers of each, and by
+    how much channels were moved."""
 
-    data: WhitenedData
+    stretches: list[NearStretch]
     inertial: list[Array]
     late: dict[str, Array]
 
@@ -81,8 +81,22 @@ class Linearisation:
     def judging(self) -> Linearisation:
         """The recordings that judge, at the same values; made once."""
         if "judging" not in self.cache:
-            self.cache["judging"] = replace(self, which=JUDGING)
+            self.cache["judging"] = self.part(JUDGING)
         found: Linearisation = self.cache["judging"]
+        return found
+
+    def part(self, which: int, problem: Problem | None = None) -> Linearisation:
+        """Return a part of the recordings at the same values, which takes what depends on their
+        motion alone from here.
+
+        problem: the same one but for events of its recordings; None for this one.
+        """
+        found = replace(self, problem=problem or self.problem, which=which)
+        fitted = len(self.problem.observed[FITTED])
+        each = zip(self.data.stretches, self.inertial, strict=True)
+        own = [one for one in each if (one[0].part.recording < fitted) == (which == FITTED)]
+        stretches = [stretch.without_noise() for stretch, _ in own]
+        found.cache["near"] = Motions(stretches, [columns for _, columns in own], self.late)
         return found
 
     @cached_property
@@ -105,7 +119,7 @@ class Linearisation:
             predicted=True,
             sticking_removed=True,
             acting=self.acting,
-            near=None if near is None else near.data,
+            near=() if near is None else near.stretches,
         )
 
     @cached_property
@@ -118,7 +132,8 @@ class Linearisation:
             moved = max(
                 (float(np.abs(self.late[k] - near.late[k]).max()) for k in self.late), default=0.0
             )
-            alike = [len(one) for one in near.data.y] == [len(one) for one in y]
+            lengths = [len(one.part.stretch.t) for one in near.stretches]
+            alike = lengths == [len(one) for one in y]
             if alike and moved * self.observed[0].rate < 1.0:
                 return near.inertial
         return inertial_columns(
@@ -133,15 +148,24 @@ class Linearisation:
         """Return the linearisation at other values, which takes what depends on the motion alone
         from here."""
         there = Linearisation(self.problem, values, acting)
-        there.cache["near"] = Motions(self.data, self.inertial, self.late)
+        there.cache["near"] = Motions(self.data.stretches, self.inertial, self.late)
         return there
 
     @property
     def plain_numbers(self) -> list[Array]:
         """Columns (N', R, K) of the numbers of each stretch, Nm for one standard deviation.
 
-        They are large and mostly needed once, to be whitened: each call makes them anew.
+        Of all recordings they are large, and needed once, to be whitened: each call makes them
+        anew. Those of a part are kept, as an answer takes them again and again.
         """
+        if self.which == ALL:
+            return self._number_columns()
+        if "plain" not in self.cache:
+            self.cache["plain"] = self._number_columns()
+        found: list[Array] = self.cache["plain"]
+        return found
+
+    def _number_columns(self) -> list[Array]:
         p = self.problem
         return number_columns(
             self.model,
