@@ -406,7 +406,10 @@ def _explained(
     tried: dict[Assumed, Search] = {}
     path: list[Fit] = []
     while assumed not in tried:
-        search = Search(linear, model.assuming(assumed), screens, shared.thetas, refused or {})
+        known = linear.cache.setdefault(("refined", assumed), {})
+        search = Search(
+            linear, model.assuming(assumed), screens, shared.thetas, refused or {}, known
+        )
         search.is_over = shared.watch.is_over
         search.is_far = _far
         best = search.run(terms, moves=moves, most=most)

@@ -45,7 +45,7 @@ class NumberTerm(Term):
         self, linear: Linearisation, fit: Coefficients, others: Sequence[Term]
     ) -> Sequence[Term]:
         """Return it at another linearisation."""
-        return [replace(self, columns=linear.numbers @ self.along)]
+        return [replace(self, columns=_along(linear.numbers, self.along))]
 
     def plain(self, linear: Linearisation, fit: Coefficients, along: Array) -> list[Array]:
         """Return its columns (N', R, k) of each stretch, Nm."""
@@ -96,4 +96,10 @@ def number_term(parameter: Number, N: Array, key: Key, along: Array) -> NumberTe
         # Ratios are positive, channels late.
         low[0] = 0.98 * (least - parameter.neutral) / parameter.prior_std
     std = np.full(count, WIDE)
-    return NumberTerm(key, N @ along, std, low=low, feature=parameter.cause, along=along)
+    return NumberTerm(key, _along(N, along), std, low=low, feature=parameter.cause, along=along)
+
+
+def _along(N: Array, along: Array) -> Array:
+    """Return N @ along of the few numbers that move: all others are a large part of memory."""
+    own = np.flatnonzero(along.any(axis=1))
+    return np.asarray(N[:, own] @ along[own])
