@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import TypeAlias
 
 import numpy as np
 from numpy.polynomial.legendre import legvander
@@ -311,7 +312,7 @@ def _operators(torques: Sequence[FreeTorque], length: int) -> tuple[_Matrix, _Ma
 
 
 _Block = tuple[NDArray[np.intp], NDArray[np.intp], Array]  # rows, columns, and what stands there
-_Matrix = csr_array | Array
+_Matrix: TypeAlias = csr_array | Array
 
 
 def _matrix(blocks: Sequence[_Block], shape: tuple[int, int]) -> _Matrix:

@@ -302,13 +302,17 @@ class Part:
 class NearStretch(NamedTuple):
     """What a stretch has in common with itself beside other numbers of the arm."""
 
-    part: Part
+    part: Part | None  # None where only the free torques are known
     free: FreeTorques
     of_motion: dict[object, Entries]  # columns that follow from the motion alone
 
     def without_noise(self) -> NearStretch:
         """Return it without what follows from the noise: estimates of free torques."""
         return self._replace(free=replace(self.free, estimates={}))
+
+    def without_motion(self) -> NearStretch:
+        """Return it with no more than what free torques can be: the rest is large."""
+        return NearStretch(None, FreeTorques(bases=self.free.bases), {})
 
 
 class WhitenedData:
@@ -341,7 +345,7 @@ class WhitenedData:
         self.pure: list[NoiseModel] = []
         self._free: list[FreeTorques] = []
         others = iter(one.free for one in near)
-        signals_before = iter(one.part.signals for one in near)
+        signals_before = iter(None if one.part is None else one.part.signals for one in near)
         moves, fastest = _moving(observations)
         for number, observation in enumerate(observations):
             in_band = band.at(observation.rate)
@@ -428,9 +432,11 @@ class WhitenedData:
     def _take_columns_of(self, near: Sequence[NearStretch]) -> None:
         """Take the columns of stretches that have the same motion and the same free torques, in the
         same memory."""
-        for k, (own, other) in enumerate(zip(self.stretches, near, strict=False)):
-            has_motion = own.part.signals.shares_motion(other.part.signals)
-            if has_motion and own.free.is_same_as(other.free):
+        each = zip(self.parts, self._free, near, strict=False)
+        for k, (part, free, other) in enumerate(each):
+            if other.part is None or not free.is_same_as(other.free):
+                continue
+            if part.signals.shares_motion(other.part.signals):
                 self._of_motion[k] = other.of_motion
 
     def plain(self, feature: Feature, searched: Sequence[float] = ()) -> list[Array]:

@@ -36,8 +36,8 @@ from elastic_arm.evidence.problem import ALL, FITTED, JUDGING, Observations, Pro
 
 
 class Motions(NamedTuple):
-    """What depends on the motion alone: stretches, columns of the inertial numbers of each, and by
-    how much channels were moved."""
+    """What depends on the motion alone: stretches, columns (N', R, K) of the inertial numbers of
+    each, where they are kept, and by how much channels were moved."""
 
     stretches: list[NearStretch]
     inertial: list[Array]
@@ -93,10 +93,11 @@ class Linearisation:
         """
         found = replace(self, problem=problem or self.problem, which=which)
         fitted = len(self.problem.observed[FITTED])
-        each = zip(self.data.stretches, self.inertial, strict=True)
-        own = [one for one in each if (one[0].part.recording < fitted) == (which == FITTED)]
-        stretches = [stretch.without_noise() for stretch, _ in own]
-        found.cache["near"] = Motions(stretches, [columns for _, columns in own], self.late)
+        recordings = [part.recording for part in self.data.parts]
+        each = zip(recordings, self.data.stretches, self.inertial, strict=True)
+        own = [one for one in each if (one[0] < fitted) == (which == FITTED)]
+        stretches = [stretch.without_noise() for _, stretch, _ in own]
+        found.cache["near"] = Motions(stretches, [columns for *_, columns in own], self.late)
         return found
 
     @cached_property
@@ -132,8 +133,7 @@ class Linearisation:
             moved = max(
                 (float(np.abs(self.late[k] - near.late[k]).max()) for k in self.late), default=0.0
             )
-            lengths = [len(one.part.stretch.t) for one in near.stretches]
-            alike = lengths == [len(one) for one in y]
+            alike = [len(one) for one in near.inertial] == [len(one) for one in y]
             if alike and moved * self.observed[0].rate < 1.0:
                 return near.inertial
         return inertial_columns(
@@ -141,8 +141,13 @@ class Linearisation:
         )
 
     def anew(self) -> Linearisation:
-        """Return the same linearisation with nothing made of it yet."""
-        return replace(self)
+        """Return the same linearisation with nothing made of it yet, but for what free torques can
+        be."""
+        found = replace(self)
+        if "data" in vars(self):
+            stretches = [stretch.without_motion() for stretch in self.data.stretches]
+            found.cache["near"] = Motions(stretches, [], self.late)
+        return found
 
     def moved(self, values: Array, acting: tuple[ActingEffect, ...]) -> Linearisation:
         """Return the linearisation at other values, which takes what depends on the motion alone

@@ -209,7 +209,12 @@ def _scanned(
         columns = np.split(linear.columns_at(feature, thetas), len(thetas), axis=1)
         return [
             replace(
-                term, columns=X.copy("K"), theta=theta, tangents=(), ident=(*term.ident, theta), **prior
+                term,
+                columns=X.copy("K"),
+                theta=theta,
+                tangents=(),
+                ident=(*term.ident, theta),
+                **prior,
             )
             for theta, X in zip(thetas, columns, strict=True)
         ]

@@ -60,8 +60,8 @@ class Search:
     thetas: Thetas = field(default_factory=dict)
     # scores of sets at their own linearisation
     refused: Mapping[frozenset[Key], float] = field(default_factory=dict)
-    # terms whose nonlinear numbers are most probable beside others, from earlier searches at the same
-    # data and assumptions; what is found is added
+    # terms with nonlinear numbers where they are most probable beside others, of earlier searches
+    # at the same data and assumptions; what is found is added
     refined: dict[tuple[Key, frozenset[Ident]], EffectTerm] = field(default_factory=dict)
     met: dict[frozenset[Key], Fit] = field(default_factory=dict)
     # beside which sets a range was scanned
