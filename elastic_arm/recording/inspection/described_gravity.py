@@ -525,7 +525,8 @@ def _likelihood(products: _Products, coefficients: Array, free: Array, near: _Fi
         used = squares, scale2
         squares = np.maximum(left, 1e-12 * power)
         scale2 = np.where(of_gains, 1.0, belongs @ off)
-        if np.allclose(np.concatenate([squares, scale2]), before, rtol=0.01, atol=0.0):
+        change = np.abs(np.concatenate([squares, scale2]) - before)
+        if np.all(change <= 0.01 * before):
             break
     squares, scale2 = used
     likely = -0.5 * float(
