@@ -54,7 +54,7 @@ class Linearisation:
     which: int = ALL  # the part of the recordings
     # what was made of it, and until then "near": the motions of the same recordings beside other
     # numbers
-    cache: dict[Any, Any] = field(default_factory=dict, init=False, repr=False)
+    cache: dict[str, Any] = field(default_factory=dict, init=False, repr=False)
     _allowed: dict[object, list[Parameter]] = field(default_factory=dict, init=False, repr=False)
 
     @cached_property

@@ -76,7 +76,7 @@ class Explanation:
     def without_screens(self) -> Explanation:
         """Let go of what may be added at its linearisation, which takes most of the memory, and
         return it."""
-        for name in ("pool", "laws"):
+        for name in ("pool", "laws", "refined"):
             self.linear.cache.pop(name, None)
         return self
 
@@ -406,7 +406,7 @@ def _explained(
     tried: dict[Assumed, Search] = {}
     path: list[Fit] = []
     while assumed not in tried:
-        known = linear.cache.setdefault(("refined", assumed), {})
+        known = linear.cache.setdefault("refined", {}).setdefault(assumed, {})
         search = Search(
             linear, model.assuming(assumed), screens, shared.thetas, refused or {}, known
         )
