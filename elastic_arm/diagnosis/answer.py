@@ -216,7 +216,7 @@ class Answer:
         linear, problem = self.explanation.linear, self.prepared.problem
         if self.which == JUDGING and problem is linear.problem:
             return linear.judging
-        return replace(linear, problem=problem, which=self.which)
+        return linear.part(self.which, problem)
 
     def events(self) -> tuple[Event, ...]:
         """Return the stretches of recordings that the rest of each contradicts, in what effects and
@@ -255,9 +255,10 @@ class Answer:
             if p.recording is not None and p.recording not in fitted
         ]
         if own:
-            left = self.judging.data.white - self.judging.numbers @ (total - linear.values)
-            left -= self._white_causes(fit.terms)
-            N = self.judging.numbers[:, own]
+            data, plain = self.judging.data, self.judging.plain_numbers
+            moved = [(N @ (total - linear.values))[:, :, None] for N in plain]
+            left = data.white - data.whiten(moved)[:, 0] - self._white_causes(fit.terms)
+            N = data.whiten([N[:, :, own] for N in plain])
             power = max(float(np.mean(left**2)), 1.0)
             z = np.linalg.solve(N.T @ N / power + np.eye(len(own)), N.T @ left / power)
             total[own] += z
@@ -265,12 +266,11 @@ class Answer:
         return total, ordinary
 
     def _white_causes(self, terms: Sequence[Term]) -> Array:
-        found = np.zeros(len(self.judging.data.white))
-        for t in terms:
-            if isinstance(t, EffectTerm):
-                added = [more[:, :, None] for more in self._added(t)]
-                found += self.judging.data.whiten(added)[:, 0]
-        return found
+        data = self.judging.data
+        each = [self._added(t) for t in terms if isinstance(t, EffectTerm)]
+        if not each:
+            return np.zeros(len(data.white))
+        return data.whiten([sum(parts)[:, :, None] for parts in zip(*each, strict=True)])[:, 0]
 
     def _added(self, term: Term) -> list[Array]:
         """Return what a term adds to the residuals (N', R) of each stretch that judges, Nm."""

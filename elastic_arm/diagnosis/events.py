@@ -145,7 +145,10 @@ def _score(n: Array, s: Array, runs: Runs, price: float) -> tuple[float, tuple[f
     best = float(a[k, 0]), float(b[k, 0])
     power = best[1] / best[0]
     N, S = _sums(n, s)
-    events = sum(float(_runs_to(N, S, power, j)[i]) - price for i, j in runs)
+    events = 0.0
+    if runs:
+        first, end = np.array(runs).T
+        events = float(np.sum(_runs(_events(N, S, power), first, end) - price))
     return float(each[k]) + events, best
 
 
@@ -166,36 +169,47 @@ def _sums(n: Array, s: Array) -> tuple[Array, Array]:
     return N, S
 
 
-def _runs_to(N: Array, S: Array, least: float, j: int) -> Array:
-    """Return ln p of an event from each block (j,) to the one before j.
+def _events(N: Array, S: Array, least: float) -> Array:
+    """Return ln p (M + 1, M + 1) of an event of one power from each block to the one before each;
+    0 where there are none between.
+
+    Sums over blocks are those of :func:`_sums`.
+    """
+    first, end = np.triu_indices(len(N), 1)
+    n = np.maximum(N[end] - N[first], 1.0)
+    s = np.maximum(S[end] - S[first], 1e-300)
+    found = np.zeros((len(N), len(N)))
+    found[first, end] = _event(n, s, least)
+    return found
+
+
+def _runs(events: Array, first: NDArray[np.intp], end: NDArray[np.intp]) -> Array:
+    """Return ln p of events from some blocks (k,) to the ones before others (k,).
 
     An event begins and ends within a block: the first and the last may have a power of their own.
+
+    events: ln p of those of one power, as of :func:`_events`.
     """
-
-    def event(first: NDArray[np.intp], end: NDArray[np.intp]) -> Array:
-        n, s = N[end] - N[first], S[end] - S[first]
-        return np.where(n > 0.0, _event(np.maximum(n, 1.0), np.maximum(s, 1e-300), least), 0.0)
-
-    first = np.arange(j)
     after = first + 1
-    ends = np.full(j, j)
-    before = np.maximum(ends - 1, after)
+    before = np.maximum(end - 1, after)
     shapes = (
-        event(first, ends),
-        event(first, after) + event(after, ends),
-        event(first, before) + event(before, ends),
-        event(first, after) + event(after, before) + event(before, ends),
+        events[first, end],
+        events[first, after] + events[after, end],
+        events[first, before] + events[before, end],
+        events[first, after] + events[after, before] + events[before, end],
     )
     return np.asarray(np.max(shapes, axis=0)) - float(np.log(len(shapes)))
 
 
 def _most_probable(n: Array, s: Array, a: float, b: float, price: float) -> Runs:
     """Return the most probable runs beside blocks of these ordinary powers."""
-    N, S = _sums(n, s)
+    first, end = np.triu_indices(len(n) + 1, 1)
+    to = np.full((len(n) + 1, len(n) + 1), -np.inf)
+    to[first, end] = _runs(_events(*_sums(n, s), b / a), first, end) - price
     rest = _ordinary(n, s, a, b)
     best, came = np.zeros(len(n) + 1), np.zeros(len(n) + 1, int)
     for j in range(1, len(n) + 1):
-        runs = best[:j] + _runs_to(N, S, b / a, j) - price
+        runs = best[:j] + to[:j, j]
         i = int(np.argmax(runs))
         ordinary = best[j - 1] + rest[j - 1]
         best[j], came[j] = (runs[i], i) if runs[i] > ordinary else (ordinary, -1)

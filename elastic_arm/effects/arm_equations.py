@@ -2,8 +2,8 @@
 `dynamics`."""
 
 from collections.abc import Sequence
-from dataclasses import replace
-from functools import cached_property
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
 from typing import Any
 
 import casadi as ca
@@ -18,6 +18,14 @@ from elastic_arm.robot import Robot
 
 SX = ca.SX
 ARRAYS = recursion.Trig(np.sin, np.cos)
+
+
+@dataclass(frozen=True)
+class Mechanism:
+    """Bodies that are the same for all arms of the same equations, whatever their numbers."""
+
+    fingerprint: str
+    bodies: Bodies = field(compare=False, repr=False)
 
 
 class ArmEquations:
@@ -71,7 +79,7 @@ class ArmEquations:
         That of another variant has its nominal numbers.
         """
         if model is None:
-            return _left_side(self.bodies, x, dx, ddx, _entries(self.Psi))
+            return _derived_left_side(self._mechanism)(x, dx, ddx, self.Psi)
         bodies = compose(self.robot, model, bearings=self._bearings)
         return _left_side(bodies, x, dx, ddx, [float(value) for value in nominal(bodies)])
 
@@ -100,22 +108,12 @@ class ArmEquations:
 
         The vector is in the ground frame.
         """
-        return self._gravity_columns(x, self.Psi)
+        columns = _derived_gravity_columns(self._mechanism)(x, self.Psi)
+        return columns @ ca.DM(self.robot.base_placement[:3, :3].T)
 
     @cached_property
-    def _gravity_columns(self) -> ca.Function:
-        x = SX.sym("x", self.dof)
-        still: list[Any] = [0.0] * self.dof
-        columns = [
-            _column(
-                recursion.inverse_dynamics(
-                    self.bodies, _entries(x), still, still, _entries(self.Psi), TRIG, list(axis)
-                )
-            )
-            for axis in np.eye(3)
-        ]
-        rotated = ca.horzcat(*columns) @ ca.DM(self.robot.base_placement[:3, :3].T)
-        return ca.Function("gravity_columns", [x, self.Psi], [rotated])
+    def _mechanism(self) -> Mechanism:
+        return Mechanism(self.bodies.fingerprint(), self.bodies)
 
     def moved_and_pulled(
         self, x: Array, dx: Array, ddx: Array, *, motors: bool
@@ -140,6 +138,34 @@ class ArmEquations:
             n = self.robot.n
             values = values[:, :n] + (values[:, n:] if motors else 0.0)
         return values[:, :, 0], values[:, :, 1:]
+
+
+@lru_cache(maxsize=8)
+def _derived_left_side(mechanism: Mechanism) -> ca.Function:
+    """(x, dx, ddx, Psi) -> left side of (1): each effect that takes it would derive it anew."""
+    bodies = mechanism.bodies
+    x, dx, ddx = (SX.sym(name, bodies.dof) for name in ("x", "dx", "ddx"))
+    Psi = SX.sym("Psi", len(bodies.parameters))
+    left = _left_side(bodies, x, dx, ddx, _entries(Psi))
+    return ca.Function("left_side", [x, dx, ddx, Psi], [left])
+
+
+@lru_cache(maxsize=8)
+def _derived_gravity_columns(mechanism: Mechanism) -> ca.Function:
+    """(x, Psi) -> derivative of the left side by gravity along the axes of the base, (dof, 3)."""
+    bodies = mechanism.bodies
+    x = SX.sym("x", bodies.dof)
+    Psi = SX.sym("Psi", len(bodies.parameters))
+    still: list[Any] = [0.0] * bodies.dof
+    columns = [
+        _column(
+            recursion.inverse_dynamics(
+                bodies, _entries(x), still, still, _entries(Psi), TRIG, list(axis)
+            )
+        )
+        for axis in np.eye(3)
+    ]
+    return ca.Function("gravity_columns", [x, Psi], [ca.horzcat(*columns)])
 
 
 def _left_side(bodies: Bodies, x: SX, dx: SX, ddx: SX, Psi: Sequence[Any]) -> SX:

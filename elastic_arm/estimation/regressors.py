@@ -232,6 +232,21 @@ class Entries:
             columns[:, rows, numbers], rows, numbers, (columns.shape[1], columns.shape[2])
         )
 
+    @staticmethod
+    def side_by_side(each: Sequence[Entries]) -> Entries:
+        """Return the columns of several, which have the same rows, one after the other."""
+        if len(each) == 1:
+            return each[0]
+        counts = [one.shape[1] for one in each]
+        begins = np.cumsum([0, *counts])
+        columns = [one.columns + begin for one, begin in zip(each, begins, strict=False)]
+        return Entries(
+            np.hstack([one.values for one in each]),
+            np.concatenate([one.rows for one in each]),
+            np.concatenate(columns),
+            (each[0].shape[0], int(begins[-1])),
+        )
+
     def dense(self) -> Array:
         """Return the columns (N, 3 n, k); each row of a column stands in memory as a whole."""
         out = np.zeros((*self.shape[::-1], len(self.values)))

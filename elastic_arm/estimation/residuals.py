@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import TypeAlias
 
 import numpy as np
 from numpy.polynomial.legendre import legvander
@@ -276,7 +277,7 @@ class FreeTorques:
         return np.maximum(left, 0.0)
 
     @cached_property
-    def _of_row(self) -> dict[int, list[tuple[csr_array, csr_array]]]:
+    def _of_row(self) -> dict[int, list[tuple[_Matrix, _Matrix]]]:
         """By row of the residuals, B (N', m) and (m, N') what estimates its coefficients, in turn.
 
         Torques that share no instant are removed at once: none acts in rows that estimate another.
@@ -293,7 +294,7 @@ class FreeTorques:
         }
 
 
-def _operators(torques: Sequence[FreeTorque], length: int) -> tuple[csr_array, csr_array]:
+def _operators(torques: Sequence[FreeTorque], length: int) -> tuple[_Matrix, _Matrix]:
     """Return B (length, m) of several torques of one residual, and (m, length) their estimates."""
     bases: list[_Block] = []
     estimates: list[_Block] = []
@@ -307,10 +308,23 @@ def _operators(torques: Sequence[FreeTorque], length: int) -> tuple[csr_array, c
         bases.append((instants, columns, basis))
         estimates.append((columns, np.concatenate([instants, free.beside]), estimate))
         m += len(columns)
-    return _sparse(bases, (length, m)), _sparse(estimates, (m, length))
+    return _matrix(bases, (length, m)), _matrix(estimates, (m, length))
 
 
 _Block = tuple[NDArray[np.intp], NDArray[np.intp], Array]  # rows, columns, and what stands there
+_Matrix: TypeAlias = csr_array | Array
+
+
+def _matrix(blocks: Sequence[_Block], shape: tuple[int, int]) -> _Matrix:
+    """Return a matrix of blocks: sparse where that takes less memory, and so less time."""
+    entries = sum(own.size for *_, own in blocks)
+    of_entry = np.dtype(float).itemsize + np.dtype(np.int32).itemsize
+    if entries * of_entry < shape[0] * shape[1] * np.dtype(float).itemsize:
+        return _sparse(blocks, shape)
+    found = np.zeros(shape)
+    for rows, columns, own in blocks:
+        found[np.ix_(rows, columns)] = own
+    return found
 
 
 def _sparse(blocks: Sequence[_Block], shape: tuple[int, int]) -> csr_array:

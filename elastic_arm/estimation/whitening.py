@@ -8,9 +8,9 @@ the number of rows measures lack of fit.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -270,6 +270,26 @@ class Part:
         joint = feature.equations.robot.joint_names.index(str(feature.joint))
         return float(self.gains[channel][joint])
 
+    def thinned(self, entries: Entries) -> Entries:
+        """Return entries in the band, at the kept rate."""
+        return replace(entries, values=self.stretch.in_band(entries.values))
+
+
+class NearStretch(NamedTuple):
+    """What a stretch has in common with itself beside other numbers of the arm."""
+
+    part: Part | None  # None where only the free torques are known
+    free: FreeTorques
+    of_motion: dict[object, Entries]  # columns that follow from the motion alone
+
+    def without_noise(self) -> NearStretch:
+        """Return it without what follows from the noise: estimates of free torques."""
+        return self._replace(free=replace(self.free, estimates={}))
+
+    def without_motion(self) -> NearStretch:
+        """Return it with no more than what free torques can be: the rest is large."""
+        return NearStretch(None, FreeTorques(bases=self.free.bases), {})
+
 
 class WhitenedData:
     """All stretches of one or several recordings.
@@ -277,7 +297,7 @@ class WhitenedData:
     layout, band: usable equations, and where they are looked at; predicted: whether the laws of
     effects take the torques that the model predicts instead of the measured ones; sticking_removed:
     whether what a joint's friction may be while it sticks is removed; acting: effects that are part
-    of the predicted torques; near: the same recordings beside other numbers of the arm.
+    of the predicted torques; near: the same stretches beside other numbers of the arm.
     """
 
     def __init__(
@@ -290,7 +310,7 @@ class WhitenedData:
         predicted: bool = False,
         sticking_removed: bool = False,
         acting: Sequence[ActingEffect] = (),
-        near: WhitenedData | None = None,
+        near: Sequence[NearStretch] = (),
     ) -> None:
         self.layout = layout
         self.band = band
@@ -300,8 +320,8 @@ class WhitenedData:
         self.parts: list[Part] = []
         self.pure: list[NoiseModel] = []
         self._free: list[FreeTorques] = []
-        others = iter(() if near is None else near._free)
-        signals_before = iter(() if near is None else [part.signals for part in near.parts])
+        others = iter(one.free for one in near)
+        signals_before = iter(None if one.part is None else one.part.signals for one in near)
         moves, fastest = _moving(observations)
         for number, observation in enumerate(observations):
             in_band = band.at(observation.rate)
@@ -355,8 +375,7 @@ class WhitenedData:
             )
         # columns of each stretch that follow from the motion alone
         self._of_motion: list[dict[object, Entries]] = [{} for _ in self.parts]
-        if near is not None:
-            self._take_columns_of(near)
+        self._take_columns_of(near)
         self.y = self.weighted([part.stretch.values for part in self.parts])
         self.white = self.whiten([y[:, :, None] for y in self.y])[:, 0]
 
@@ -380,40 +399,59 @@ class WhitenedData:
         """Duration of the rows."""
         return sum(len(part.stretch.t) / part.stretch.band.kept_rate for part in self.parts)
 
-    def _take_columns_of(self, other: WhitenedData) -> None:
-        """Take the columns of stretches of other data that have the same motion and the same free
-        torques, in the same memory."""
-        stretches = zip(self.parts, self._free, other.parts, other._free, strict=False)
-        for k, (part, free, near, near_free) in enumerate(stretches):
-            if part.signals.shares_motion(near.signals) and free.is_same_as(near_free):
-                self._of_motion[k] = other._of_motion[k]
+    @property
+    def stretches(self) -> list[NearStretch]:
+        """What data beside other numbers may take from each stretch."""
+        each = zip(self.parts, self._free, self._of_motion, strict=True)
+        return [NearStretch(*one) for one in each]
+
+    def _take_columns_of(self, near: Sequence[NearStretch]) -> None:
+        """Take the columns of stretches that have the same motion and the same free torques, in the
+        same memory."""
+        each = zip(self.parts, self._free, near, strict=False)
+        for k, (part, free, other) in enumerate(each):
+            if other.part is None or not free.is_same_as(other.free):
+                continue
+            if part.signals.shares_motion(other.part.signals):
+                self._of_motion[k] = other.of_motion
 
     def plain(self, feature: Feature, searched: Sequence[float] = ()) -> list[Array]:
         """Return a feature's columns (N', R, count) in the band, one array a stretch.
 
         What follows from the motion alone is made once for all numbers of the arm.
         """
-        return [self._plain_of(k, feature, searched) for k in range(len(self.parts))]
+        return self.plain_at(feature, [searched])
 
-    def _plain_of(self, k: int, feature: Feature, searched: Sequence[float]) -> Array:
-        """Return a feature's columns (N', R, count) of stretch k without torques that no law
-        states."""
-        key = type(feature), feature.key, tuple(searched)
+    def plain_at(self, feature: Feature, points: Sequence[Sequence[float]]) -> list[Array]:
+        """Return a feature's columns (N', R, points x count) at several points of its nonlinear
+        numbers, side by side: what treats them all at once is faster."""
+        return [self._plain_of(k, feature, points) for k in range(len(self.parts))]
+
+    def _plain_of(self, k: int, feature: Feature, points: Sequence[Sequence[float]]) -> Array:
+        """Return a feature's columns of stretch k without torques that no law states."""
         made = self._of_motion[k]
-        if key in made:
-            return made[key].dense()
-        columns = self._in_band_of(k, feature, searched)
+        keys = [(type(feature), feature.key, tuple(point)) for point in points]
+        new = [key for key in keys if key not in made]
+        if not new:
+            return np.concatenate([made[key].dense() for key in keys], axis=2)
+        if len(new) < len(keys):
+            each = [self._plain_of(k, feature, [point]) for point in points]
+            return np.concatenate(each, axis=2)
+        columns = self._in_band_of(k, feature, points)
         columns = self._free[k].remove(columns, in_place=True)
         if feature.of_motion and len(made) < COLUMNS_KEPT:
-            made[key] = Entries.of(columns)
+            each = np.split(columns, len(keys), axis=2)
+            made.update(zip(keys, map(Entries.of, each), strict=True))
         return columns
 
-    def _in_band_of(self, k: int, feature: Feature, searched: Sequence[float]) -> Array:
-        """Return a feature's columns (N', R, count) in stretch k."""
+    def _in_band_of(self, k: int, feature: Feature, points: Sequence[Sequence[float]]) -> Array:
+        """Return a feature's columns in stretch k."""
         part = self.parts[k]
-        columns = self.in_band(
-            part, feature.entries(part.signals, searched, self._start(k, feature, searched))
-        )
+        thin = [
+            part.thinned(feature.entries(part.signals, point, self._start(k, feature, point)))
+            for point in points
+        ]
+        columns = self.layout.combine(Entries.side_by_side(thin).dense())
         gain = part.gain(feature)
         return columns if gain == 1.0 else columns / gain
 
@@ -431,10 +469,7 @@ class WhitenedData:
         """Filter columns (N, 3 n, k) to the usable equations in the band, (N', R, k)."""
         entries = columns if isinstance(columns, Entries) else Entries.of(columns)
         # Fewer samples first: filter and combination commute.
-        thin = Entries(
-            part.stretch.in_band(entries.values), entries.rows, entries.columns, entries.shape
-        )
-        return self.layout.combine(thin.dense())
+        return self.layout.combine(part.thinned(entries).dense())
 
     def whiten(self, columns: Sequence[Array]) -> Array:
         """Whiten columns (N', R, k) of all stretches into rows (rows, k).

@@ -6,6 +6,7 @@ All that is decided needs no more of the data. Each pair of columns is multiplie
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from typing import TypeVar
 
 import numpy as np
@@ -79,7 +80,22 @@ class Bands:
 
     def products(self, A: Array, B: Array) -> Array:
         """Return (bands, a, b) of columns whose rows are in the order of the bands."""
-        return np.stack([A[s].T @ B[s] for s in self.slices])
+        found = np.zeros((len(self.slices), A.shape[1], B.shape[1]))
+        first = self.first_of(B)
+        for b, s in enumerate(self.slices[first:], first):
+            np.matmul(A[s].T, B[s], out=found[b])
+        return found
+
+    def first_of(self, columns: Array) -> int:
+        """Return the first band of the first place in which columns (rows, k) show.
+
+        Whitened columns are null before; those that show nowhere are given the last place.
+        """
+        begins = np.flatnonzero(np.diff(self.place, prepend=-1)).tolist()
+        for begin, after in pairwise([*begins, len(self.slices)]):
+            if columns[self.slices[begin].start : self.slices[after - 1].stop].any():
+                return begin
+        return begins[-1]
 
     def powers(self, white: Array) -> Array:
         """Return the sum of squares of rows in each band (B,)."""

@@ -31,15 +31,15 @@ from elastic_arm.equations.places import allowed_values
 from elastic_arm.equations.robot_at import nearest_robot
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.known_torques import ActingEffect
-from elastic_arm.estimation.whitening import WhitenedData
+from elastic_arm.estimation.whitening import NearStretch, WhitenedData
 from elastic_arm.evidence.problem import ALL, FITTED, JUDGING, Observations, Problem
 
 
 class Motions(NamedTuple):
-    """What depends on the motion alone: data, columns of the inertial numbers, and by how much
-    channels were moved."""
+    """What depends on the motion alone: stretches, columns (N', R, K) of the inertial numbers of
+    each, where they are kept, and by how much channels were moved."""
 
-    data: WhitenedData
+    stretches: list[NearStretch]
     inertial: list[Array]
     late: dict[str, Array]
 
@@ -81,8 +81,23 @@ class Linearisation:
     def judging(self) -> Linearisation:
         """The recordings that judge, at the same values; made once."""
         if "judging" not in self.cache:
-            self.cache["judging"] = replace(self, which=JUDGING)
+            self.cache["judging"] = self.part(JUDGING)
         found: Linearisation = self.cache["judging"]
+        return found
+
+    def part(self, which: int, problem: Problem | None = None) -> Linearisation:
+        """Return a part of the recordings at the same values, which takes what depends on their
+        motion alone from here.
+
+        problem: the same one but for events of its recordings; None for this one.
+        """
+        found = replace(self, problem=problem or self.problem, which=which)
+        fitted = len(self.problem.observed[FITTED])
+        recordings = [part.recording for part in self.data.parts]
+        each = zip(recordings, self.data.stretches, self.inertial, strict=True)
+        own = [one for one in each if (one[0] < fitted) == (which == FITTED)]
+        stretches = [stretch.without_noise() for _, stretch, _ in own]
+        found.cache["near"] = Motions(stretches, [columns for *_, columns in own], self.late)
         return found
 
     @cached_property
@@ -105,7 +120,7 @@ class Linearisation:
             predicted=True,
             sticking_removed=True,
             acting=self.acting,
-            near=None if near is None else near.data,
+            near=() if near is None else near.stretches,
         )
 
     @cached_property
@@ -118,7 +133,7 @@ class Linearisation:
             moved = max(
                 (float(np.abs(self.late[k] - near.late[k]).max()) for k in self.late), default=0.0
             )
-            alike = [len(one) for one in near.data.y] == [len(one) for one in y]
+            alike = [len(one) for one in near.inertial] == [len(one) for one in y]
             if alike and moved * self.observed[0].rate < 1.0:
                 return near.inertial
         return inertial_columns(
@@ -126,22 +141,36 @@ class Linearisation:
         )
 
     def anew(self) -> Linearisation:
-        """Return the same linearisation with nothing made of it yet."""
-        return replace(self)
+        """Return the same linearisation with nothing made of it yet, but for what free torques can
+        be."""
+        found = replace(self)
+        if "data" in vars(self):
+            stretches = [stretch.without_motion() for stretch in self.data.stretches]
+            found.cache["near"] = Motions(stretches, [], self.late)
+        return found
 
     def moved(self, values: Array, acting: tuple[ActingEffect, ...]) -> Linearisation:
         """Return the linearisation at other values, which takes what depends on the motion alone
         from here."""
         there = Linearisation(self.problem, values, acting)
-        there.cache["near"] = Motions(self.data, self.inertial, self.late)
+        there.cache["near"] = Motions(self.data.stretches, self.inertial, self.late)
         return there
 
     @property
     def plain_numbers(self) -> list[Array]:
         """Columns (N', R, K) of the numbers of each stretch, Nm for one standard deviation.
 
-        They are large and mostly needed once, to be whitened: each call makes them anew.
+        Of all recordings they are large, and needed once, to be whitened: each call makes them
+        anew. Those of a part are kept, as an answer takes them again and again.
         """
+        if self.which == ALL:
+            return self._number_columns()
+        if "plain" not in self.cache:
+            self.cache["plain"] = self._number_columns()
+        found: list[Array] = self.cache["plain"]
+        return found
+
+    def _number_columns(self) -> list[Array]:
         p = self.problem
         return number_columns(
             self.model,
@@ -165,7 +194,12 @@ class Linearisation:
 
     def columns(self, feature: Feature, theta: Sequence[float] = ()) -> Array:
         """Return the whitened columns (rows, k) of an effect."""
-        return self.data.whiten(self.data.plain(feature, theta))
+        return self.columns_at(feature, [theta])
+
+    def columns_at(self, feature: Feature, points: Sequence[Sequence[float]]) -> Array:
+        """Return those (rows, points x k) at several points of its nonlinear numbers, side by
+        side."""
+        return self.data.whiten(self.data.plain_at(feature, points))
 
     def allowed(self, feature: Feature) -> list[Parameter]:
         """Return the parameter of each nonlinear number, with the range that the recordings

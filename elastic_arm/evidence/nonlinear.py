@@ -204,12 +204,20 @@ def _scanned(
     prior = {name: getattr(term, name)[:1] for name in ("std", "mean", "low", "high")}
     values = np.linspace(low, high, SCANNED)
 
-    def law_at(at: float) -> EffectTerm:
-        theta = (float(np.exp(at)) if p.logarithmic else at,)
-        X = linear.columns(feature, theta)
-        return replace(
-            term, columns=X, theta=theta, tangents=(), ident=(*term.ident, theta), **prior
-        )
+    def laws_at(places: Sequence[float]) -> list[EffectTerm]:
+        thetas = [(float(np.exp(at)) if p.logarithmic else at,) for at in places]
+        columns = np.split(linear.columns_at(feature, thetas), len(thetas), axis=1)
+        return [
+            replace(
+                term,
+                columns=X.copy("K"),
+                theta=theta,
+                tangents=(),
+                ident=(*term.ident, theta),
+                **prior,
+            )
+            for theta, X in zip(thetas, columns, strict=True)
+        ]
 
     tried: list[tuple[float, tuple[float, ...], float]] = []
 
@@ -220,13 +228,13 @@ def _scanned(
         tried.append((fit.score if inside else NEVER, one.theta, size))
         return -tried[-1][0]
 
-    scanned = [law_at(at) for at in values.tolist()]
+    scanned = laws_at(values.tolist())
     gains = Screen(model.grams, scanned).gains(model.fit(others, near))
     likeliest = np.argsort(-gains)[:DECIDED].tolist()
     best = min(likeliest, key=lambda k: cost(scanned[k]))
     bounds = values[max(best - 1, 0)], values[min(best + 1, SCANNED - 1)]
     minimize_scalar(
-        lambda at: cost(law_at(float(at))),
+        lambda at: cost(laws_at([float(at)])[0]),
         bounds=bounds,
         method="bounded",
         options={"maxiter": EVALUATIONS},

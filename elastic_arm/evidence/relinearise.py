@@ -77,7 +77,7 @@ class Explanation:
     def without_screens(self) -> Explanation:
         """Let go of what may be added at its linearisation, which takes most of the memory, and
         return it."""
-        for name in ("pool", "laws"):
+        for name in ("pool", "laws", "refined"):
             self.linear.cache.pop(name, None)
         return self
 
@@ -407,7 +407,10 @@ def _explained(
     tried: dict[Assumed, Search] = {}
     path: list[Fit] = []
     while assumed not in tried:
-        search = Search(linear, model.assuming(assumed), screens, shared.thetas, refused or {})
+        known = linear.cache.setdefault("refined", {}).setdefault(assumed, {})
+        search = Search(
+            linear, model.assuming(assumed), screens, shared.thetas, refused or {}, known
+        )
         search.is_over = shared.watch.is_over
         search.is_far = _far
         best = search.run(terms, moves=moves, most=most)

@@ -60,8 +60,10 @@ class Search:
     thetas: Thetas = field(default_factory=dict)
     # scores of sets at their own linearisation
     refused: Mapping[frozenset[Key], float] = field(default_factory=dict)
+    # terms with nonlinear numbers where they are most probable beside others, of earlier searches
+    # at the same data and assumptions; what is found is added
+    refined: dict[tuple[Key, frozenset[Ident]], EffectTerm] = field(default_factory=dict)
     met: dict[frozenset[Key], Fit] = field(default_factory=dict)
-    _refined: dict[tuple[Key, frozenset[Ident]], EffectTerm] = field(default_factory=dict)
     # beside which sets a range was scanned
     _looked: set[tuple[Key, frozenset[Ident]]] = field(default_factory=set)
     log: list[str] = field(default_factory=list)
@@ -164,7 +166,7 @@ class Search:
         if not isinstance(more, EffectTerm) or not more.is_open:
             return self._keep(self.model.fit([*terms, more], near))
         key = (more.key, frozenset(t.ident for t in terms))
-        if key not in self._refined:
+        if key not in self.refined:
             start, theta = more, self.thetas.get(more.key)
             if theta is not None and more.feature.count == 1:
                 # Near where it was most probable beside another set, or on the grid: its range was
@@ -174,13 +176,13 @@ class Search:
                     more, columns=columns, theta=theta, grid=0.0, ident=(*more.ident, theta)
                 )
                 start = max(more, there, key=lambda t: self.model.fit([*terms, t], near).score)
-            self._refined[key], fit = refined(
+            self.refined[key], fit = refined(
                 self.linear, self.model, start, terms, near, scan=theta is None
             )
             if len(more.theta) == 1:
-                self.thetas[more.key] = self._refined[key].theta
+                self.thetas[more.key] = self.refined[key].theta
             return self._keep(fit)
-        return self._keep(self.model.fit([*terms, self._refined[key]], near))
+        return self._keep(self.model.fit([*terms, self.refined[key]], near))
 
     def _keep(self, fit: Fit) -> Fit:
         if fit.keys in self.refused:
@@ -253,7 +255,7 @@ class Search:
             if key in self._looked:
                 continue
             self._looked.add(key)
-            self._refined[key], found = refined(
+            self.refined[key], found = refined(
                 self.linear, self.model, t, less.optional, less, scan=True
             )
             yield self._keep(found)

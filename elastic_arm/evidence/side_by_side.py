@@ -18,11 +18,7 @@ Chosen = NDArray[np.intp] | slice
 
 def tail_of(bands: Bands, columns: Array) -> Tail:
     """Return columns (rows, k) without the rows before the first place in which they show."""
-    begins = np.flatnonzero(np.diff(bands.place, prepend=-1))
-    starts = [bands.slices[begin].start for begin in begins]
-    ends = [*starts[1:], len(columns)]
-    shows = (start for start, end in zip(starts, ends, strict=True) if columns[start:end].any())
-    start = next(shows, starts[-1])
+    start = bands.slices[bands.first_of(columns)].start
     return Tail(start, np.array(columns[start:].T, order="C").T)
 
 
@@ -62,10 +58,13 @@ class SideBySide:
         terms alone.
         """
         found = []
+        shown = self._bands.first_of(A)
         for first, (start, X) in zip(self.firsts, self.groups, strict=True):
             slices = self._bands.slices[first:]
+            null = max(shown - first, 0)
             own = np.empty((X.shape[1], len(slices), A.shape[1]))
-            for b, s in enumerate(slices):
+            own[:, :null] = 0.0
+            for b, s in enumerate(slices[null:], null):
                 own[:, b] = X[s.start - start : s.stop - start].T @ A[s]
             found.append(own)
         return found

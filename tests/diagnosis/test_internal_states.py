@@ -10,6 +10,7 @@ from elastic_arm.effects import EFFECTS, parse
 from elastic_arm.effects.arm_equations import ArmEquations
 from elastic_arm.equations.places import feature_of
 from elastic_arm.evidence.linearisation import Linearisation
+from elastic_arm.evidence.problem import ALL, FITTED, JUDGING
 from elastic_arm.excitation import FourierTrajectory
 from elastic_arm.recording import Recording
 from elastic_arm.robot import load_robot
@@ -18,6 +19,7 @@ from elastic_arm.simulation.rollout import simulate
 
 ROBOT = load_robot(None)
 HYSTERESIS = "hysteresis:joint_2:torque=12,width=3e-4"
+STRIBECK = "stribeck_friction:joint_2:torque=5,speed=0.1"
 
 
 def recording(seconds: float = 12.0, skipped: float = 0.0) -> Recording:
@@ -33,19 +35,50 @@ def recording(seconds: float = 12.0, skipped: float = 0.0) -> Recording:
     return whole.between(skipped, seconds + 1.0)
 
 
+def linearised(found: Recording, which: int = FITTED) -> Linearisation:
+    """Return a part of a recording beside the description."""
+    problem = prepare([found], [], Question(ROBOT, effects=(EFFECTS["hysteresis"],))).problem
+    return Linearisation(problem, np.zeros(len(problem.numbers)), (), which)
+
+
 def left(found: Recording) -> tuple[np.ndarray, np.ndarray]:
     """Drive residual of joint 2 over its noise that the true effect leaves, in the fitted and in
     the judging part."""
-    prepared = prepare([found], [], Question(ROBOT, effects=(EFFECTS["hysteresis"],)))
     feature = feature_of(parse(HYSTERESIS, ROBOT), ArmEquations(ROBOT)).whole()
     rows = []
-    for which in (0, 1):
-        data = Linearisation(
-            prepared.problem, np.zeros(len(prepared.problem.numbers)), (), which
-        ).data
+    for which in (FITTED, JUDGING):
+        data = linearised(found, which).data
         (y,), (columns,) = data.y, data.plain(feature, (12.0, 3e-4))
         rows.append((y - columns[:, :, 0])[:, 4] / y[:, 4].std() * 12.0)
     return rows[0], rows[1]
+
+
+def test_columns_at_several_numbers_are_those_at_each() -> None:
+    """Columns that are made side by side are those that are made one by one, those of a law of the
+    motion alone also where some are known already."""
+    linear = linearised(recording())
+    hysteresis = feature_of(parse(HYSTERESIS, ROBOT), ArmEquations(ROBOT)).whole()
+    friction = feature_of(parse(STRIBECK, ROBOT), ArmEquations(ROBOT))
+    for feature, points in (
+        (hysteresis, [(12.0, 3e-4), (6.0, 2e-4)]),
+        (friction, [(0.1,), (0.2,), (0.3,)]),
+    ):
+        each = [linear.data.plain(feature, point)[0] for point in points[:2]]
+        each += [linearised(recording()).data.plain(feature, point)[0] for point in points[2:]]
+        (together,) = linear.data.plain_at(feature, points)
+        scale = float(np.abs(together).max())
+        np.testing.assert_allclose(together, np.concatenate(each, axis=2), atol=1e-12 * scale)
+
+
+def test_a_part_of_a_linearisation_is_what_it_is_alone() -> None:
+    """What the judging recordings take of the motion from all of them changes nothing."""
+    whole = linearised(recording(), ALL)
+    own = linearised(recording(), JUDGING)
+    for part in (whole.judging, whole.anew().judging):
+        np.testing.assert_allclose(part.data.white, own.data.white, atol=1e-9)
+        plain = zip(part.plain_numbers, own.plain_numbers, strict=True)
+        for taken, made in plain:
+            np.testing.assert_allclose(taken, made, atol=1e-9 * np.abs(made).max())
 
 
 def test_states_go_on_across_the_cut() -> None:

@@ -11,7 +11,7 @@ from elastic_arm.estimation.band import Band
 from elastic_arm.estimation.equation_sets import EquationSet
 from elastic_arm.estimation.noise import encoder_steps
 from elastic_arm.estimation.observation import observe
-from elastic_arm.estimation.residuals import FreeTorques, Stretch, residuals
+from elastic_arm.estimation.residuals import FreeTorque, FreeTorques, Stretch, residuals
 from elastic_arm.sensors import Sensors
 from tests.helpers.gap_recordings import ROBOT, motions, record
 
@@ -82,6 +82,22 @@ def test_torques_are_removed_at_once_as_one_after_the_other() -> None:
         seen = np.concatenate([own[free.instants], own[free.beside]])
         own[free.instants] -= free.basis @ (free.estimate @ seen)
     np.testing.assert_allclose(twice.remove(rows), expected, atol=1e-12)
+
+
+def test_a_torque_that_fills_a_recording_is_removed_as_one_of_a_moment() -> None:
+    """Its matrices are not sparse; what they remove is the same."""
+    rng = np.random.default_rng(4)
+    for length in (50, 2000):
+        basis = rng.normal(size=(40, 5))
+        estimate = rng.normal(size=(5, 45))
+        beside = np.arange(44, 49)
+        torque = FreeTorque(1, slice(2, 42), basis, beside, estimate)
+        rows = rng.normal(size=(length, 3, 2))
+        expected = rows.copy()
+        seen = np.concatenate([rows[2:42, 1], rows[beside, 1]])
+        expected[2:42, 1] -= basis @ (estimate @ seen)
+        found = FreeTorques((torque,), length).remove(rows)
+        np.testing.assert_allclose(found, expected, atol=1e-12)
 
 
 def test_friction_of_a_joint_that_sticks_half_of_the_time_is_removed() -> None:

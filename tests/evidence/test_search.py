@@ -209,7 +209,12 @@ def bumps(true: float, seed: int, start: float) -> tuple[Any, LinearModel, Term]
     bump: Any = Bump()
     problem = SimpleNamespace(largest_at=lambda joint: 10.0, observed=((None,), ()))
     allowed = lambda feature: list(feature.searched)  # noqa: E731
-    linear: Any = SimpleNamespace(columns=columns, problem=problem, allowed=allowed, which=0)
+    linear: Any = SimpleNamespace(
+        columns_at=lambda feature, points: np.hstack([columns(feature, one) for one in points]),
+        problem=problem,
+        allowed=allowed,
+        which=0,
+    )
     data = model(
         3.0 * columns(bump, [true])[:, 0] + np.random.default_rng(seed).standard_normal(ROWS), N
     )

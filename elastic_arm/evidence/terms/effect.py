@@ -188,54 +188,66 @@ def effect_terms(
 
     usual: what every real drive has.
     """
-    wanted: list[tuple[Feature, tuple[float, ...], float]] = []
+    wanted: list[tuple[Feature, list[tuple[float, ...]]]] = []
     for feature in features:
         feature = scaling(feature, linear.acting)
         if feature.effect.scales_friction and not feature.friction:
             continue
-        points = starting_points(feature, linear)
-        wanted += [(feature, point, float(np.log(len(points)))) for point in points]
-    odds = odds_among((feature.key for feature, _, _ in wanted), usual)
+        wanted.append((feature, starting_points(feature, linear)))
+    odds = odds_among((feature.key for feature, _ in wanted), usual)
 
-    def made(one: tuple[Feature, tuple[float, ...], float]) -> EffectTerm:
-        feature, point, price = one
-        own = linear.problem.largest_at(feature.joint)
-        if point == _middle(feature) and feature.quadratic and feature.count == 1:
-            return _relaxed(linear, feature, own)
-        X = linear.columns(feature, point)
-        if feature.fixed and not feature.searched:
-            return EffectTerm(
-                feature.key,
-                X[:, :0],
-                np.zeros(0),
-                grid=price,
-                offset=X.sum(axis=1),
-                feature=feature,
-            )
-        if feature.fixed:  # scaled while its numbers are looked for
-            return EffectTerm(
-                feature.key,
-                X,
-                np.ones(1),
-                grid=price,
-                low=np.zeros(1),
-                feature=feature,
-                theta=point,
-            )
-        std, low, high = linear_prior(feature, own)
+    def made(one: tuple[Feature, list[tuple[float, ...]]]) -> list[EffectTerm]:
+        feature, points = one
+        if points == [_middle(feature)] and feature.quadratic and feature.count == 1:
+            return [_relaxed(linear, feature, linear.problem.largest_at(feature.joint))]
+        columns = np.split(linear.columns_at(feature, points), len(points), axis=1)
+        price = float(np.log(len(points)))
+        return [
+            _term_at(linear, feature, point, own, price)
+            for point, own in zip(points, columns, strict=True)
+        ]
+
+    for terms in ahead(made, wanted):
+        yield from (term.with_odds(odds[term.key]) for term in terms)
+
+
+def _term_at(
+    linear: Linearisation, feature: Feature, point: tuple[float, ...], X: Array, price: float
+) -> EffectTerm:
+    """Return the term of an effect with columns X (rows, k) at some nonlinear numbers.
+
+    price: of these numbers among those that are tried, nats.
+    """
+    if feature.fixed and not feature.searched:
+        return EffectTerm(
+            feature.key,
+            X[:, :0],
+            np.zeros(0),
+            grid=price,
+            offset=X.sum(axis=1),
+            feature=feature,
+        )
+    if feature.fixed:  # scaled while its numbers are looked for
         return EffectTerm(
             feature.key,
             X,
-            std,
+            np.ones(1),
             grid=price,
-            low=low,
-            high=high,
+            low=np.zeros(1),
             feature=feature,
             theta=point,
         )
-
-    for term in ahead(made, wanted):
-        yield term.with_odds(odds[term.key])
+    std, low, high = linear_prior(feature, linear.problem.largest_at(feature.joint))
+    return EffectTerm(
+        feature.key,
+        X,
+        std,
+        grid=price,
+        low=low,
+        high=high,
+        feature=feature,
+        theta=point,
+    )
 
 
 def _relaxed(linear: Linearisation, feature: Feature, largest: float) -> EffectTerm:
@@ -271,7 +283,7 @@ def monomial_columns(linear: Linearisation, feature: Feature) -> Array:
     key = feature.key, feature.fixed
     if key not in made:
         points = quadratic_points(sum(p.size for p in feature.searched))
-        at_points = np.hstack([linear.columns(feature, tuple(point)) for point in points])
+        at_points = linear.columns_at(feature, [tuple(point) for point in points])
         made[key] = at_points @ np.linalg.inv(monomials(points).T)
     return made[key]
 
@@ -410,12 +422,16 @@ def _with_slopes(
         per_coordinate = np.array([theta[j] if p.logarithmic else 1.0 for j, p in continuous])
         slopes = monomial_slopes(point)[:, [j for j, _ in continuous]] * per_coordinate
         return V @ monomials(point[None]).T, V @ slopes
-    X = linear.columns(feature, theta)
-    slopes = np.zeros((len(continuous), len(X))).T
-    for k, (j, p) in enumerate(continuous):
+    points = [tuple(theta)]
+    steps: list[float] = []
+    for j, p in continuous:
         low, high = axis(p)
-        h = STEP if p.logarithmic else STEP * (high - low)
-        above = linear.columns(feature, [*theta[:j], moved(p, theta[j], h), *theta[j + 1 :]])
-        below = linear.columns(feature, [*theta[:j], moved(p, theta[j], -h), *theta[j + 1 :]])
+        steps.append(STEP if p.logarithmic else STEP * (high - low))
+        beside = [moved(p, theta[j], h) for h in (steps[-1], -steps[-1])]
+        points += [(*theta[:j], value, *theta[j + 1 :]) for value in beside]
+    X, *others = np.split(linear.columns_at(feature, points), len(points), axis=1)
+    slopes = np.zeros((len(continuous), len(X))).T
+    for k, h in enumerate(steps):
+        above, below = others[2 * k : 2 * k + 2]
         slopes[:, k] = (above - below).sum(axis=1) / (2.0 * h)
     return X, slopes

@@ -36,7 +36,7 @@ class NumberTerm(Term):
             # Ratios are positive, channels late.
             low[0] = 0.98 * (least - parameter.neutral) / parameter.prior_std
         std = np.full(along.shape[1], WIDE)
-        return cls(key, N @ along, std, low=low, feature=parameter.cause, along=along)
+        return cls(key, _along(N, along), std, low=low, feature=parameter.cause, along=along)
 
     @property
     def moved(self) -> Array:
@@ -59,7 +59,7 @@ class NumberTerm(Term):
         self, linear: Linearisation, fit: Coefficients, others: Sequence[Term]
     ) -> Sequence[Term]:
         """Return it at another linearisation."""
-        return [replace(self, columns=linear.numbers @ self.along)]
+        return [replace(self, columns=_along(linear.numbers, self.along))]
 
     def plain(self, linear: Linearisation, fit: Coefficients, along: Array) -> list[Array]:
         """Return its columns (N', R, k) of each stretch, Nm."""
@@ -98,3 +98,9 @@ def number_terms(parameters: Sequence[Number], N: Array, far: Set[str]) -> list[
             moves[own, 0] = [first.prior_std / parameters[k].prior_std for k in own]
             found.append(NumberTerm.of(first, N, key, moves))
     return found
+
+
+def _along(N: Array, along: Array) -> Array:
+    """Return N @ along of the few numbers that move: all others are a large part of memory."""
+    own = np.flatnonzero(along.any(axis=1))
+    return np.asarray(N[:, own] @ along[own])

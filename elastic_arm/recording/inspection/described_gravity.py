@@ -37,6 +37,7 @@ from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import lapack
 from scipy.optimize import minimize_scalar
 from scipy.signal import fftconvolve, savgol_coeffs, savgol_filter
 from scipy.stats import t as student
@@ -510,7 +511,8 @@ def _likelihood(products: _Products, coefficients: Array, free: Array, near: _Fi
         std = np.sqrt(scale2)
         scales = np.outer(std, std)
         known = np.eye(len(std)) + scales * np.tensordot(weight, grams, 1)
-        covariance = scales * np.linalg.inv(known)
+        inverse, logdet = _inverse(known)
+        covariance = scales * inverse
         right = weight @ rights
         size = covariance @ right
         left = power - 2.0 * rights @ size + (grams @ size) @ size
@@ -521,16 +523,26 @@ def _likelihood(products: _Products, coefficients: Array, free: Array, near: _Fi
         used = squares, scale2
         squares = np.maximum(left, 1e-12 * power)
         scale2 = np.where(of_gains, 1.0, belongs @ off)
-        if np.allclose(np.concatenate([squares, scale2]), before, rtol=0.01, atol=0.0):
+        change = np.abs(np.concatenate([squares, scale2]) - before)
+        if np.all(change <= 0.01 * before):
             break
     squares, scale2 = used
     likely = -0.5 * float(
         free @ np.log(squares / products.samples) + weight @ power - right @ covariance @ right
     )
-    likely -= 0.5 * float(np.linalg.slogdet(known)[1])
+    likely -= 0.5 * logdet
     own2 = scale2[~of_gains] @ belongs[~of_gains] / belongs.sum(axis=0)
     likely -= float(((TAILS / 2.0 + 1.0) * np.log(own2) + TAILS * MASSES**2 / 2.0 / own2).sum())
     return _Fit(likely, size, squares, scale2)
+
+
+def _inverse(matrix: Array) -> tuple[Array, float]:
+    """Return the inverse of a positive definite matrix (Q, Q), and ln of its determinant."""
+    factor, _ = lapack.dpotrf(matrix, lower=1)
+    half, _ = lapack.dpotri(factor, lower=1)
+    lower = np.tril(half)
+    logdet = 2.0 * float(np.sum(np.log(np.diag(factor))))
+    return lower + np.tril(lower, -1).T, logdet
 
 
 def _given(products: _Products) -> tuple[_Fit, Array]:
