@@ -15,13 +15,12 @@ from elastic_arm.dynamics import Model, build_model
 from elastic_arm.effects.arm_equations import ArmEquations
 from elastic_arm.equations.numbers import GAINS, SCALE, Number
 from elastic_arm.equations.places import scaling
-from elastic_arm.equations.presliding import over_distance
 from elastic_arm.equations.robot_at import calibrated_robot
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.known_torques import ActingEffect
 from elastic_arm.estimation.motion import CompletedMotion, drive_constants, rates_of
 from elastic_arm.estimation.noise import wiener_filter
-from elastic_arm.estimation.regressors import Entries, Signals
+from elastic_arm.estimation.regressors import Entries
 from elastic_arm.estimation.residuals import predicted_torques
 from elastic_arm.estimation.whitening import NoiseModel, Part, WhitenedData
 from elastic_arm.robot import Robot
@@ -132,18 +131,6 @@ def shared_columns(
         for out, part in zip(found, data.parts, strict=True):
             scaled = -parameter.prior_std * part.shares[which][1][:, j]
             out.append(_in_row(data, part, 2 * len(joints) + j, scaled))
-    robot = effect.feature.equations.robot
-    for k, parameter in enumerate(parameters if effect.feature.effect.friction else ()):
-        if parameter.distance is None or parameter.joint != effect.feature.joint:
-            continue
-        if parameter.side not in effect.feature.sides:
-            continue
-        j = joints.index(parameter.joint)
-        numbers.append(k)
-        for out, part in zip(found, data.parts, strict=True):
-            dry = _dry(effect, part.signals, parameter.side, j)
-            row, law = _turned_over(robot, part, parameter, dry)
-            out.append(_in_row(data, part, row, parameter.prior_std * law))
     return numbers, data.weighted(
         [np.stack(own, axis=2) for own in found], in_place=True
     ) if numbers else []
@@ -286,7 +273,6 @@ def _drive_entries(
         )
         rates = rates_of(motion.t, signals.model_torques["tau_J"] + others)
     found: list[tuple[int, int, Array]] = []
-    dry: dict[tuple[str, int], Array | float] = {}
     for k, parameter in enumerate(parameters):
         j = model.robot.joint_names.index(parameter.joint)
         gear = nominal.joints[j].transmission
@@ -296,12 +282,6 @@ def _drive_entries(
             found.append(
                 (2 * n + j if of_motor else j, k, _turnover(w, motion.t, parameter.speeds))
             )
-        elif parameter.distance is not None:
-            place = parameter.side, j
-            if place not in dry:
-                dry[place] = sum(_dry(effect, signals, *place) for effect in acting)
-            row, law = _turned_over(model.robot, part, parameter, dry[place])
-            found.append((row, k, law))
         elif parameter.what == "stiffness" and gear is not None:
             found.append((n + j, k, clear[:, j]))
         elif parameter.what == "damping" and gear is not None:
@@ -396,45 +376,6 @@ def _turnover(w: Array, t: Array, speeds: Sequence[float]) -> Array:
     if len(speeds) == 2:
         return np.asarray(np.tanh(w / speeds[1]) - np.tanh(w / speeds[0]))
     return np.asarray(np.sign(np.gradient(w, t)) * (1.0 - np.tanh(w / speeds[0]) ** 2))
-
-
-def _dry(effect: ActingEffect, signals: Signals, side: str, joint: int) -> Array | float:
-    """Return the magnitude (N,) Nm of what has the sign of the velocity in the friction that an
-    effect makes at a side of a joint."""
-    feature = effect.feature
-    if not feature.effect.friction or side not in feature.sides:
-        return 0.0
-    if feature.equations.robot.joint_names[joint] != feature.joint:
-        return 0.0
-    moving, resting = (_one_way(effect, signals, side, joint, sign) for sign in (1.0, 0.0))
-    return moving - resting
-
-
-def _one_way(effect: ActingEffect, signals: Signals, side: str, joint: int, sign: float) -> Array:
-    """Return the friction (N,) Nm at the magnitudes of the velocities, with one sign throughout."""
-    signs = np.full_like(signals.values["sign_motor"], sign)
-    forward = {"dx": np.abs(signals.values["dx"]), "sign_link": signs, "sign_motor": signs}
-    of_joint, of_motor, *_ = effect.torques(replace(signals, values={**signals.values, **forward}))
-    own = of_joint if side == "link" else of_motor - of_joint
-    return np.asarray(own[:, joint])
-
-
-def _turned_over(
-    robot: Robot, part: Part, parameter: Number, dry: Array | float
-) -> tuple[int, Array]:
-    """Return the row of the residuals, and the course (N,) Nm of dry friction (N,) that turns over
-    within a distance, beside its sign."""
-    assert parameter.distance is not None
-    n = robot.n
-    j = robot.joint_names.index(parameter.joint)
-    motion = part.stretch.quiet
-    of_motor = robot.elastic and parameter.side == "motor"
-    row = 2 * n + j if of_motor else j
-    if not np.any(dry):
-        return row, np.zeros(len(motion))
-    angle = (motion.theta if of_motor else motion.q)[:, j]
-    sign = part.signals.values[f"sign_{parameter.side}"][:, j]
-    return row, dry * (over_distance(angle, sign, parameter.distance) - sign)
 
 
 def directions_of(nominal: Robot, model: str, parameters: Sequence[Number]) -> Array:

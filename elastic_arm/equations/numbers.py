@@ -34,10 +34,7 @@ class Number:
     # of presliding alone: widths, rad/s, of the two sign functions between which friction turns
     # over, or the width within which it does so early or late
     speeds: tuple[float, ...] | None = None
-    # of presliding alone: rad, within which a share of dry friction turns over
-    distance: float | None = None
-    # of presliding alone: "link" or "motor", on which friction turns over
-    side: str = ""
+    side: str = ""  # of presliding alone: "link" or "motor", on which friction turns over
     # number of the recording in which alone it acts: by how much a zero is another one there than
     # in the first; None of what is the same in all
     recording: int | None = None

@@ -3,20 +3,24 @@
     F' = F + F_d sum_k c_k (z_k - s),        dz_k/dq = (1 - z_k sign(dq)) / d_k    (Dahl 1968)
 
 F is what the laws of friction make at a side of a joint, F_d the magnitude of its part with the
-sign s of the velocity. The share of F_d that turns over within the distance d_k is c_k, a number
-with a prior. Without these, friction that turns over late is taken for a delay or a low pass of the
-torque.
+sign s of the velocity, and c_k >= 0 the share of F_d that turns over within the distance d_k.
+Without this, friction that turns over late is taken for a delay or a low pass of the torque.
 """
 
+from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
 from elastic_arm.arrays import Array
+from elastic_arm.estimation.known_torques import ActingEffect
+from elastic_arm.estimation.regressors import Entries, Signals
+from elastic_arm.estimation.whitening import WhitenedData
+from elastic_arm.robot import Robot
 
 # rad: between two of them, a sum of both is as good
 DISTANCES = tuple(5e-4 * 2.0**k for k in range(7))
-TURNOVER = 0.5  # prior deviation of the share of dry friction that turns over within one of them
 
 
 def over_distance(angle: Array, sign: Array, distance: float) -> Array:
@@ -40,3 +44,58 @@ def over_distance(angle: Array, sign: Array, distance: float) -> Array:
         state[first + 1 : last + 1] = way + (z - way) * np.exp(-gone / distance)
         z = float(state[last])
     return state
+
+
+def places_of_friction(data: WhitenedData, acting: Sequence[ActingEffect]) -> list[tuple[str, str]]:
+    """Return the joints and sides at which friction acts that has the sign of the velocity."""
+    signals = data.parts[0].signals
+    found: dict[tuple[str, str], None] = {}
+    for effect in acting:
+        for side in effect.feature.sides:
+            joint = str(effect.feature.joint)
+            if np.any(_dry(effect, signals, joint, side)):
+                found[joint, side] = None
+    return list(found)
+
+
+def turnover_columns(
+    data: WhitenedData, robot: Robot, acting: Sequence[ActingEffect], joint: str, side: str
+) -> list[Array]:
+    """Return the columns (N', R, K) Nm of each stretch, one for each distance.
+
+    acting: effects that act; of them the friction of this joint and side turns over.
+    """
+    n = robot.n
+    j = robot.joint_names.index(joint)
+    of_motor = robot.elastic and side == "motor"
+    rows = np.full(len(DISTANCES), 2 * n + j if of_motor else j)
+    found = []
+    for part in data.parts:
+        motion = part.stretch.quiet
+        angle = (motion.theta if of_motor else motion.q)[:, j]
+        sign = part.signals.values[f"sign_{side}"][:, j]
+        dry = sum(_dry(effect, part.signals, joint, side) for effect in acting)
+        courses = [over_distance(angle, sign, distance) - sign for distance in DISTANCES]
+        values = np.stack(courses, axis=1) * np.reshape(dry, (-1, 1))
+        columns = Entries(values, rows, np.arange(len(DISTANCES)), (3 * n, len(DISTANCES)))
+        found.append(data.in_band(part, columns))
+    return data.weighted(found, in_place=True)
+
+
+def _dry(effect: ActingEffect, signals: Signals, joint: str, side: str) -> Array | float:
+    """Return the magnitude (N,) Nm of what has the sign of the velocity in the friction that an
+    effect makes at a side of a joint."""
+    feature = effect.feature
+    if not feature.effect.friction or feature.joint != joint or side not in feature.sides:
+        return 0.0
+    moving, resting = (_one_way(effect, signals, side, sign) for sign in (1.0, 0.0))
+    j = feature.equations.robot.joint_names.index(joint)
+    return np.asarray((moving - resting)[:, j])
+
+
+def _one_way(effect: ActingEffect, signals: Signals, side: str, sign: float) -> Array:
+    """Return the friction (N, n) Nm at the magnitudes of the velocities, with one sign."""
+    signs = np.full_like(signals.values["sign_motor"], sign)
+    forward = {"dx": np.abs(signals.values["dx"]), "sign_link": signs, "sign_motor": signs}
+    of_joint, of_motor, *_ = effect.torques(replace(signals, values={**signals.values, **forward}))
+    return of_joint if side == "link" else of_motor - of_joint

@@ -10,7 +10,6 @@ from elastic_arm.arrays import Array
 from elastic_arm.dynamics.bodies import TENSOR
 from elastic_arm.effects.effect import ControllerEffect
 from elastic_arm.equations.numbers import PRESLIDING, SCALE, Number
-from elastic_arm.equations.presliding import DISTANCES, TURNOVER
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.evidence.priors import OFFSET_SHARE, PRESLIDING_SHARE, ZERO_AS_MOUNTED, Priors
@@ -81,7 +80,6 @@ def numbers_of(
             found.append(Number(what, joint.name, unit, std, neutral, error=error, limit=limit))
         presliding = min(priors.presliding, PRESLIDING_SHARE * float(largest[j]))
         found += _turnovers(joint, 0.0 if turning is None else float(turning[j]), presliding, sides)
-        found += _distances(joint, sides)
     for feature in features:
         if (
             isinstance(feature.effect, ControllerEffect)
@@ -125,15 +123,6 @@ def _turnovers(joint: Joint, turning: float, std: float, sides: Sequence[str]) -
                 speeds=speeds,
                 side=side,
             )
-
-
-def _distances(joint: Joint, sides: Sequence[str]) -> Iterator[Number]:
-    """Yield the shares of a joint's dry friction on each side that turn over within a distance."""
-    apart = joint.transmission is not None and {"link", "motor"} <= set(sides)
-    for side in ("link", "motor") if apart else ("motor",):
-        for k, distance in enumerate(DISTANCES):
-            what = f"{PRESLIDING}_distance_{side}_{k}"
-            yield Number(what, joint.name, "1", TURNOVER, 0.0, distance=distance, side=side)
 
 
 def resolved_speeds(pieces: Sequence[Motion], n: int, rate: float) -> Array:

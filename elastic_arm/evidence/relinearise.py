@@ -43,6 +43,7 @@ from elastic_arm.evidence.terms.law import law_terms
 from elastic_arm.evidence.terms.number import number_terms
 from elastic_arm.evidence.terms.share import shares_of
 from elastic_arm.evidence.terms.term import Term, odds_among
+from elastic_arm.evidence.terms.turnover import turnover_terms
 from elastic_arm.evidence.terms.unnamed import unnamed_terms
 from elastic_arm.evidence.watch import Watch
 
@@ -445,6 +446,7 @@ def pool_of(linear: Linearisation) -> Iterator[Term]:
         number_terms(problem.numbers, linear.numbers, problem.far),
         unnamed_terms(problem.numbers, linear.numbers, problem.far),
         known_terms(linear)[1],
+        list(turnover_terms(linear)),
     )
     for terms in others:
         odds = odds_among((t.key for t in terms), problem.usual)

@@ -1,0 +1,68 @@
+"""Dry friction that turns over within a distance: the shares of it, by distance.
+
+Of most drives it does, of a simulated one it may not: as likely as not.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from elastic_arm.arrays import Array
+from elastic_arm.equations.presliding import DISTANCES, places_of_friction, turnover_columns
+from elastic_arm.evidence.linearisation import Linearisation
+from elastic_arm.evidence.terms.term import Coefficients, Term
+
+SHARE = 0.5  # prior deviation of the share of dry friction that turns over within one distance
+
+
+@dataclass(frozen=True, eq=False)
+class TurnoverTerm(Term):
+    """How the dry friction at a side of a joint turns over; no cause, and nothing unknown."""
+
+    joint: str = ""
+    side: str = ""
+
+    kind = "turnover"
+    says_cause = False
+
+    def doubt(self, is_usual: bool) -> float:
+        """Return -ln of its prior odds."""
+        return 0.0
+
+    def scaled(self, scale: float) -> "TurnoverTerm":
+        """Return it as it is: a share of the friction has one scale."""
+        return self
+
+    def again(
+        self, linear: Linearisation, fit: Coefficients, others: Sequence[Term]
+    ) -> Sequence[Term]:
+        """Return it at another linearisation, none where no dry friction acts there."""
+        if (self.joint, self.side) not in places_of_friction(linear.data, linear.acting):
+            return []
+        return [turnover_term(linear, self.joint, self.side)]
+
+    def plain(self, linear: Linearisation, fit: Coefficients, along: Array) -> list[Array]:
+        """Return its columns (N', R, k) of each stretch, Nm."""
+        robot = linear.model.robot
+        return turnover_columns(linear.data, robot, linear.acting, self.joint, self.side)
+
+
+def turnover_terms(linear: Linearisation) -> Iterator[TurnoverTerm]:
+    """Yield the terms of all places at which dry friction acts."""
+    for joint, side in places_of_friction(linear.data, linear.acting):
+        yield turnover_term(linear, joint, side)
+
+
+def turnover_term(linear: Linearisation, joint: str, side: str) -> TurnoverTerm:
+    """Return the term of a joint and side at a linearisation."""
+    robot = linear.model.robot
+    plain = turnover_columns(linear.data, robot, linear.acting, joint, side)
+    return TurnoverTerm(
+        ("turnover", joint, (("side", side),)),
+        linear.data.whiten(plain),
+        np.full(len(DISTANCES), SHARE),
+        low=np.zeros(len(DISTANCES)),
+        joint=joint,
+        side=side,
+    )
