@@ -95,7 +95,7 @@ def export(
     force: Force = False,
 ) -> None:
     """Write an arm, such as a diagnosis' robot.yaml, as MJCF, URDF or USD, or its torque as a
-    function in C, Python or CasADi, and list what changes and what is left.
+    function in C, Python or CasADi, and list the changes and the omissions.
 
     With --base, your own file is copied and only its numbers change: inertials,
     armature, damping, friction, gravity, sensor delays. The command lists effects
