@@ -1,0 +1,54 @@
+"""Dry friction that turns over within a distance, as that of real drives."""
+
+from pathlib import Path
+
+import numpy as np
+
+from elastic_arm.diagnosis import Question, diagnose
+from elastic_arm.recording import Recording, Side
+from elastic_arm.robot import load_robot
+
+MASS, LENGTH, INERTIA, GRAVITY = 2.0, 0.15, 0.02, 9.81
+DRY, VISCOUS, DISTANCE = 0.5, 0.2, 0.02  # Nm, Nm s/rad, rad
+URDF = f"""<robot name="pendulum"><link name="base"/><joint name="joint_1" type="revolute">
+<parent link="base"/><child link="arm"/><axis xyz="0 1 0"/>
+<limit lower="-3" upper="3" effort="10" velocity="5"/></joint>
+<link name="arm"><inertial><origin xyz="0 0 -{LENGTH}"/><mass value="{MASS}"/>
+<inertia ixx="{INERTIA}" iyy="{INERTIA}" izz="{INERTIA}" ixy="0" ixz="0" iyz="0"/>
+</inertial></link></robot>"""
+
+
+def recording(seed: int) -> Recording:
+    """A pendulum swung for 20 s, its torque by the equations of motion and Dahl's equation."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(4000) / 200.0
+    rates = 2.0 * np.pi * 0.15 * np.arange(1, 5)
+    phases = rng.uniform(0.0, 2.0 * np.pi, 4)
+    sizes = 0.6 * rng.uniform(0.5, 1.0, 4) / np.arange(1, 5)
+    waves = rates * t[:, None] + phases
+    q = np.sin(waves) @ sizes
+    dq = np.cos(waves) @ (sizes * rates)
+    ddq = -np.sin(waves) @ (sizes * rates**2)
+    z = np.zeros_like(q)
+    for k in range(1, len(q)):
+        step = dq[k] / 200.0
+        z[k] = np.sign(step) + (z[k - 1] - np.sign(step)) * np.exp(-abs(step) / DISTANCE)
+    inertia = INERTIA + MASS * LENGTH**2
+    tau = inertia * ddq + MASS * GRAVITY * LENGTH * np.sin(q) + DRY * z + VISCOUS * dq
+    seen = q + 1e-5 * rng.normal(size=len(q))
+    read = tau + 0.02 * rng.normal(size=len(q))
+    stamps = (t * 1e9).astype(np.int64)
+    return Recording(("joint_1",), None, Side(stamps, seen[:, None], None, read[:, None]))
+
+
+def test_friction_that_turns_over_late_is_no_delay_of_the_torque(tmp_path: Path) -> None:
+    """The friction is found with its size; no delay, low pass or other law stands for how it
+    turns over."""
+    (tmp_path / "pendulum.urdf").write_text(URDF)
+    robot = load_robot(tmp_path / "pendulum.urdf")
+    found = diagnose([recording(1)], Question(robot), [recording(2)])
+    sizes = {cause.effect: cause.parameters for cause in found.causes}
+    assert found.verdict == "explained"
+    assert set(sizes) <= {"coulomb_friction", "viscous_friction", "rotor_inertia_mismatch"}
+    assert abs(sizes["coulomb_friction"]["torque"].value - DRY) < 0.02
+    assert abs(sizes["viscous_friction"]["coefficient"].value - VISCOUS) < 0.02
