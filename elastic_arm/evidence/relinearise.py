@@ -275,7 +275,8 @@ def _begun(problem: Problem, refit: bool, shared: Shared) -> list[Explanation]:
     described = Linearisation(problem, np.zeros(len(problem.numbers)), _stated(problem))
     usual = linear_model(described, AS_BUILT).fit(_usual_terms(described))
     built, fitted = _about_itself(described, usual, usual.frame, settled=1.0)
-    terms = fitted.optional
+    # Each is dropped again where the recordings do not show it.
+    terms = [*fitted.optional, *turnover_terms(built)]
     starts = [_explained(built, terms, AS_BUILT, refit, shared, moves=ADDED)]
     if refit:
         return starts
