@@ -130,7 +130,8 @@ def explain(problem: Problem, *, refit: bool, watch: Watch | None = None) -> Exp
             f"linearised about itself: {own.score - near.fit.score:+.1f}: {words_of(own, near.fit)}"
         )
         gain = own.score - score
-        watch.say(f"best set: {len(own.optional)} causes, {gain:.0f} nats more probable than none")
+        causes = sum(term.says_cause for term in own.optional)
+        watch.say(f"best set: {causes} causes, {gain:.0f} nats more probable than none")
         return Node(own, there)
 
     def expand(node: Node, scores: Mapping[Any, float]) -> Sequence[Fit]:
