@@ -72,6 +72,8 @@ ZERO_AS_MOUNTED = (
 )
 # of a joint's largest torque: its zero, its friction below the least speed
 OFFSET_SHARE, PRESLIDING_SHARE = 0.02, 0.1
+# of the share of dry friction that turns over within one distance, standard deviation; convention
+TURNOVER = 0.5
 EVENT = 1e-6  # prior odds of an event in a recording: as of an effect
 # range of the power of an event over the ordinary one of a residual: from noise to all that an arm
 # carries

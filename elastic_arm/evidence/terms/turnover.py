@@ -1,6 +1,6 @@
 """Dry friction that turns over within a distance: the shares of it, by distance.
 
-Of most drives it does, of a simulated one it may not: as likely as not.
+The friction of most drives does so, that of a simulated arm may not: the odds are even.
 """
 
 from collections.abc import Iterator, Sequence
@@ -11,9 +11,8 @@ import numpy as np
 from elastic_arm.arrays import Array
 from elastic_arm.equations.presliding import DISTANCES, places_of_friction, turnover_columns
 from elastic_arm.evidence.linearisation import Linearisation
+from elastic_arm.evidence.priors import TURNOVER
 from elastic_arm.evidence.terms.term import Coefficients, Term
-
-SHARE = 0.5  # prior deviation of the share of dry friction that turns over within one distance
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +60,7 @@ def turnover_term(linear: Linearisation, joint: str, side: str) -> TurnoverTerm:
     return TurnoverTerm(
         ("turnover", joint, (("side", side),)),
         linear.data.whiten(plain),
-        np.full(len(DISTANCES), SHARE),
+        np.full(len(DISTANCES), TURNOVER),
         low=np.zeros(len(DISTANCES)),
         joint=joint,
         side=side,
