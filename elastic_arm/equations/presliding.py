@@ -46,22 +46,17 @@ def over_distance(angle: Array, sign: Array, distance: float) -> Array:
     return state
 
 
-def places_of_friction(data: WhitenedData, acting: Sequence[ActingEffect]) -> list[tuple[str, str]]:
-    """Return the joints and sides at which friction acts that has the sign of the velocity."""
-    signals = data.parts[0].signals
-    found: dict[tuple[str, str], None] = {}
-    for effect in acting:
-        for side in effect.feature.sides:
-            joint = str(effect.feature.joint)
-            if np.any(_dry(effect, signals, joint, side)):
-                found[joint, side] = None
-    return list(found)
+def places_of_friction(acting: Sequence[ActingEffect]) -> list[tuple[str, str]]:
+    """Return the joints and sides at which friction acts."""
+    features = [effect.feature for effect in acting if effect.feature.effect.friction]
+    return list(dict.fromkeys((str(one.joint), side) for one in features for side in one.sides))
 
 
 def turnover_columns(
     data: WhitenedData, robot: Robot, acting: Sequence[ActingEffect], joint: str, side: str
 ) -> list[Array]:
-    """Return the columns (N', R, K) Nm of each stretch, one for each distance.
+    """Return the columns (N', R, K) Nm of each stretch, one for each distance; none at all where no
+    friction has the sign of the velocity.
 
     acting: effects that act; of them the friction of this joint and side turns over.
     """
@@ -69,25 +64,30 @@ def turnover_columns(
     j = robot.joint_names.index(joint)
     of_motor = robot.elastic and side == "motor"
     rows = np.full(len(DISTANCES), 2 * n + j if of_motor else j)
+    dry = [
+        np.sum([_dry(effect, part.signals, joint, side) for effect in acting], axis=0)
+        for part in data.parts
+    ]
+    if not any(one.any() for one in dry):
+        return []
     found = []
-    for part in data.parts:
+    for part, size in zip(data.parts, dry, strict=True):
         motion = part.stretch.quiet
         angle = (motion.theta if of_motor else motion.q)[:, j]
         sign = part.signals.values[f"sign_{side}"][:, j]
-        dry = sum(_dry(effect, part.signals, joint, side) for effect in acting)
         courses = [over_distance(angle, sign, distance) - sign for distance in DISTANCES]
-        values = np.stack(courses, axis=1) * np.reshape(dry, (-1, 1))
+        values = np.stack(courses, axis=1) * size[:, None]
         columns = Entries(values, rows, np.arange(len(DISTANCES)), (3 * n, len(DISTANCES)))
         found.append(data.in_band(part, columns))
     return data.weighted(found, in_place=True)
 
 
-def _dry(effect: ActingEffect, signals: Signals, joint: str, side: str) -> Array | float:
+def _dry(effect: ActingEffect, signals: Signals, joint: str, side: str) -> Array:
     """Return the magnitude (N,) Nm of what has the sign of the velocity in the friction that an
     effect makes at a side of a joint."""
     feature = effect.feature
     if not feature.effect.friction or feature.joint != joint or side not in feature.sides:
-        return 0.0
+        return np.zeros(len(signals.t))
     moving, resting = (_one_way(effect, signals, side, sign) for sign in (1.0, 0.0))
     j = feature.equations.robot.joint_names.index(joint)
     return np.asarray((moving - resting)[:, j])

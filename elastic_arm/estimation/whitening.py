@@ -87,7 +87,8 @@ class NoiseModel:
 
     @cached_property
     def density(self) -> Array:
-        """Ln of the density of the recorded values over that of the whitened rows, (F,)."""
+        """Ln of the determinant of the sensors' noise over that of all noise, (F,): how much the
+        floors, which are given in Nm, add at these numbers of the arm."""
         assert self.measure is not None
         return np.asarray(self.measure - np.linalg.slogdet(self.covariance)[1])
 
@@ -507,9 +508,10 @@ class WhitenedData:
 
     @property
     def density(self) -> float:
-        """Ln of the density of the recorded values over that of the rows.
+        """Ln of the density of the recorded values, in the noise of the sensors, over that of the
+        rows.
 
-        It depends on the linearisation.
+        Through the floors of the noise it depends on the linearisation.
         """
         found = 0.0
         for part, own in zip(self.parts, self.harmonics, strict=True):

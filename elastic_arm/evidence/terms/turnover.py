@@ -37,9 +37,7 @@ class TurnoverTerm(Term):
         self, linear: Linearisation, fit: Coefficients, others: Sequence[Term]
     ) -> Sequence[Term]:
         """Return it at another linearisation, none where no dry friction acts there."""
-        if (self.joint, self.side) not in places_of_friction(linear.data, linear.acting):
-            return []
-        return [turnover_term(linear, self.joint, self.side)]
+        return _at(linear, self.joint, self.side)
 
     def plain(self, linear: Linearisation, fit: Coefficients, along: Array) -> list[Array]:
         """Return its columns (N', R, k) of each stretch, Nm."""
@@ -49,19 +47,22 @@ class TurnoverTerm(Term):
 
 def turnover_terms(linear: Linearisation) -> Iterator[TurnoverTerm]:
     """Yield the terms of all places at which dry friction acts."""
-    for joint, side in places_of_friction(linear.data, linear.acting):
-        yield turnover_term(linear, joint, side)
+    for joint, side in places_of_friction(linear.acting):
+        yield from _at(linear, joint, side)
 
 
-def turnover_term(linear: Linearisation, joint: str, side: str) -> TurnoverTerm:
-    """Return the term of a joint and side at a linearisation."""
-    robot = linear.model.robot
-    plain = turnover_columns(linear.data, robot, linear.acting, joint, side)
-    return TurnoverTerm(
+def _at(linear: Linearisation, joint: str, side: str) -> list[TurnoverTerm]:
+    """Return the term of a joint and side, none where no dry friction acts."""
+    plain = turnover_columns(linear.data, linear.model.robot, linear.acting, joint, side)
+    if not plain:
+        return []
+    count = len(DISTANCES)
+    term = TurnoverTerm(
         ("turnover", joint, (("side", side),)),
         linear.data.whiten(plain),
-        np.full(len(DISTANCES), TURNOVER),
-        low=np.zeros(len(DISTANCES)),
+        np.full(count, TURNOVER),
+        low=np.zeros(count),
         joint=joint,
         side=side,
     )
+    return [term]
