@@ -54,6 +54,15 @@ def test_lines_of_documents_fit(path: Path) -> None:
     assert not [line for line in lines if len(line) > WIDEST]
 
 
+@pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))
+def test_a_command_begins_its_line(path: Path) -> None:
+    """The shell commands of the documents can be copied: none stands behind another one or in its
+    comment."""
+    blocks = re.findall(r"^```sh\n(.*?)^```", path.read_text(), re.MULTILINE | re.DOTALL)
+    lines = [line.replace("elastic_arm elastic-arm", "") for line in "\n".join(blocks).splitlines()]
+    assert not [line for line in lines if re.search(r"\S +elastic-arm [a-z-]", line)]
+
+
 def test_the_map_of_the_package_names_modules_that_exist() -> None:
     """Every module that docs/architecture.md names is in the tree."""
     text = (ROOT / "docs" / "architecture.md").read_text()
