@@ -28,7 +28,8 @@ from scipy.stats import chi2
 
 from elastic_arm.cli.console import err, out, print_error
 from elastic_arm.cli.describe import base_of
-from elastic_arm.cli.diagnose import print_diagnosis, write_diagnosis
+from elastic_arm.cli.diagnose import write_diagnosis
+from elastic_arm.cli.diagnosis_printing import print_diagnosis
 from elastic_arm.diagnosis import Question, diagnose, follow_up
 from elastic_arm.diagnosis.corrected_robot import repaired_robot
 from elastic_arm.diagnosis.words import instance_text

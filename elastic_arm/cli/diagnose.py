@@ -1,19 +1,25 @@
 """`elastic-arm diagnose`: where model and recording part, which effect causes it, how far the gap
 shrinks."""
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from json import dumps as json_text
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Self
 
 import numpy as np
 import typer
 from rich.console import Console
-from rich.markup import escape
 
 from elastic_arm.cli import options
-from elastic_arm.cli.console import err, new_table, out, print_json, reports_errors, shares_of
+from elastic_arm.cli.console import err, print_json, reports_errors, shares_of
+from elastic_arm.cli.diagnosis_printing import (
+    ROBOT,
+    print_also_written,
+    print_comparison,
+    print_diagnosis,
+    print_search,
+)
 from elastic_arm.cli.gate import FailOn, check_gate, pass_gate
 from elastic_arm.cli.mujoco.corrected import Correction, Written, print_correction
 from elastic_arm.cli.mujoco.export import print_closed_loop
@@ -23,31 +29,9 @@ from elastic_arm.cli.watching import ended_early
 from elastic_arm.diagnosis import Priors, Question, diagnose, follow_up
 from elastic_arm.diagnosis.comparison import SimulationComparison, compare
 from elastic_arm.diagnosis.corrected_robot import deviations, repaired_robot, units_of
-from elastic_arm.diagnosis.result import SEPARATING, Cause, Diagnosis, Proposal
-from elastic_arm.diagnosis.search_words import search_words
-from elastic_arm.diagnosis.words import (
-    alone_text,
-    cause_name,
-    cause_size,
-    change_text,
-    effect_at,
-    gap_at,
-    listed,
-    listed_alternatives,
-    log_likelihood_text,
-    merged_notes,
-    prediction_sentence,
-    probability_text,
-    regime_text,
-    scale_sentence,
-    sides_text,
-    summary,
-    trust_text,
-    unknown_sentences,
-)
+from elastic_arm.diagnosis.result import SEPARATING, Diagnosis
 from elastic_arm.effects import Catalogue
 from elastic_arm.effects.text import known_effects
-from elastic_arm.estimation.equation_sets import SIDES
 from elastic_arm.estimation.segments import DIAGNOSED
 from elastic_arm.evidence.priors import read_priors
 from elastic_arm.evidence.watch import Watch
@@ -59,10 +43,9 @@ from elastic_arm.mujoco.refinable import refinable, with_refined
 from elastic_arm.output_files import write_result
 from elastic_arm.recording import Recording, write_recording
 from elastic_arm.recording.inspection.check import misread
-from elastic_arm.recording.inspection.differences import differences
+from elastic_arm.recording.inspection.differences import RecordingDifference, differences
 from elastic_arm.robot import Robot, save_robot
 
-ROBOT = "robot.yaml"
 COMPARISON = "comparison.json"
 TABLES = ("causes.csv", "gap.csv", "parameters.csv", "residuals.csv")
 RESULTS = ("diagnosis.json", "report.html", ROBOT, SEPARATING, COMPARISON)
@@ -70,7 +53,6 @@ CUT_SHORT = (
     "The closed loop ended early: numbers may not be refined to the end, and corrections that were"
     " not found to move as well as the description are not written."
 )
-COLOURS = {"none": "green", "explained": "cyan", "unknown": "yellow"}
 
 Judges = Annotated[
     list[Path] | None,
@@ -171,8 +153,7 @@ def diagnose_command(
     correction = Correction(robot_file, chain, at, catalogue)
     correction.require_mjcf("--replay" if replayed else None)
     mapping = options.channel_map(channels)
-    sensors = [effect.id for effect in catalogue.values() if effect.prior is not None]
-    priors = Priors() if priors_file is None else read_priors(priors_file, sensors)
+    priors = _priors(priors_file, catalogue)
     working = Console(quiet=True).status if quiet else err.status
     with working("reading") as status:
 
@@ -184,57 +165,101 @@ def diagnose_command(
                 path, mapping, robot, clock, namespace, says, DIAGNOSED, most
             )
 
-        recordings = [read(path) for path in bags]
-        judges = [read(path) for path in validate or []]
-        simulated = read(against) if against else None
-        difference = None
-        if simulated is not None:
-            difference = differences(recordings[0].select(robot.joint_names), simulated)
+        recorded = _Recorded.read(read, bags, validate or [], against, robot)
     given = known_effects(with_ or (), robot, catalogue)
     # Misread channels have no causes: laws would fit them by chance alone.
-    wrong = misread(recordings, robot, explained=True)
+    wrong = misread(recorded.fitted, robot, explained=True)
     sought = None if wrong is None else ()
     question = Question(
         robot, model, refit=refit, given=given, effects=sought, catalogue=catalogue, priors=priors
     )
     keep_memory()  # what was read and left out would leave holes
     with working("diagnosing") as status, ended_early(seconds, status, quiet=quiet) as watch:
-        found = diagnose(recordings, question, judges, watch=watch)
+        found = diagnose(recorded.fitted, question, recorded.validation, watch=watch)
         watch.say("predicting, comparing and proposing a motion")
         found = follow_up(found, rng=np.random.default_rng(0) if propose else None)
         corrected = Written(wrong)
         if wrong is None:
             corrected = correct(
-                found, robot, out_dir, correction, judges or recordings, recordings, watch
+                found, robot, out_dir, correction, recorded.judging, recorded.fitted, watch
             )
-        if corrected.choice is not None:
-            found = with_refined(found, corrected.refined)
-            found = found.with_closed_loop(corrected.choice.errors, corrected.choice.taken_back)
-            ended = (CUT_SHORT,) if watch.is_over() else ()
-            found = replace(found, notes=(*found.notes, *corrected.notes(), *ended))
-        replays = replay_both(correction, out_dir, (judges or recordings)[0]) if replayed else []
-        comparison = None
-        if simulated is not None and difference is not None:
-            comparison = compare(found, simulated, question, difference)
+        found = _with_correction(found, corrected, cut_short=watch.is_over())
+        replays = replay_both(correction, out_dir, recorded.judging[0]) if replayed else []
+        comparison = recorded.comparison(found, question)
         write_diagnosis(found, corrected.robot, out_dir, replays, comparison)
         if csv:
             found.to_csv(out_dir)
-        _write_residuals(residual_bags, judges or recordings, found, robot)
+        _write_residuals(residual_bags, recorded.judging, found, robot)
     if json:
         print_json(found.to_dict())
     elif not quiet:
         print_diagnosis(found, out_dir)
-        if explain and found.context is not None:
-            for line in search_words(found.context.explanation):
-                out.print(escape(line))
+        if explain:
+            print_search(found)
         print_correction(corrected.file)
         print_closed_loop(found.closed_loop, "robot.yaml")
         print_replays(replays)
         print_comparison(comparison)
-        also = [*(TABLES if csv else ()), *map(str, residual_bags)]
-        if also:
-            out.print(f"also written: {escape(', '.join(also))}")
+        print_also_written([*(TABLES if csv else ()), *map(str, residual_bags)])
     pass_gate(found, fail_on or ())
+
+
+@dataclass(frozen=True)
+class _Recorded:
+    """The recordings of a diagnosis."""
+
+    fitted: list[Recording]
+    validation: list[Recording]  # empty if the last thirds of the fitted ones judge
+    simulated: Recording | None  # of --against
+    difference: RecordingDifference | None  # of the first fitted recording from the simulated one
+
+    @classmethod
+    def read(
+        cls,
+        read: Callable[[Path], Recording],
+        bags: Sequence[Path],
+        validate: Sequence[Path],
+        against: Path | None,
+        robot: Robot,
+    ) -> Self:
+        """Read all recordings."""
+        fitted = [read(path) for path in bags]
+        validation = [read(path) for path in validate]
+        if against is None:
+            return cls(fitted, validation, None, None)
+        simulated = read(against)
+        difference = differences(fitted[0].select(robot.joint_names), simulated)
+        return cls(fitted, validation, simulated, difference)
+
+    @property
+    def judging(self) -> list[Recording]:
+        """The recordings that judge, as a whole or by their last thirds."""
+        return self.validation or self.fitted
+
+    def comparison(self, found: Diagnosis, question: Question) -> SimulationComparison | None:
+        """Compare the real with the simulated recording, if there is one."""
+        if self.simulated is None or self.difference is None:
+            return None
+        return compare(found, self.simulated, question, self.difference)
+
+
+def _priors(file: Path | None, catalogue: Catalogue) -> Priors:
+    """Read the priors of --priors; the usual ones without it."""
+    if file is None:
+        return Priors()
+    sensors = [effect.id for effect in catalogue.values() if effect.prior is not None]
+    return read_priors(file, sensors)
+
+
+def _with_correction(found: Diagnosis, corrected: Written, *, cut_short: bool) -> Diagnosis:
+    """Return a diagnosis with how the corrected arm moves under the recorded commands."""
+    choice = corrected.choice
+    if choice is None:
+        return found
+    found = with_refined(found, corrected.refined)
+    found = found.with_closed_loop(choice.errors, choice.taken_back)
+    ended = (CUT_SHORT,) if cut_short else ()
+    return replace(found, notes=(*found.notes, *corrected.notes(), *ended))
 
 
 def _numbered(bag: Path | None, count: int) -> list[Path]:
@@ -337,134 +362,3 @@ def write_diagnosis(
         and found.proposal.worthwhile
     ):
         found.proposal.trajectory.save(folder / SEPARATING)
-
-
-def print_diagnosis(found: Diagnosis, folder: Path) -> None:
-    """Print what was found in words, then causes, changes, what is left, and notes."""
-    if found.made:
-        out.print(f"[yellow]scale:[/] {escape(scale_sentence(found))}")
-    first, *more = summary(found)
-    out.print(
-        "[bold"
-        f" {COLOURS[found.verdict]}]{found.verdict}[/]{escape(first.removeprefix(found.verdict))}"
-    )
-    for sentence in more:
-        out.print(escape(sentence))
-    if found.causes:
-        _print_causes(found.causes)
-    if found.shrink_by_place:
-        _print_places(found)
-    for cause in found.causes:
-        _print_alternatives(cause)
-    for change in found.changes:
-        out.print(f"[yellow]changed:[/] {escape(change_text(change))}")
-    for place in found.unexplained:
-        size = f"{place.rmse:.3g} {found.units.at(place.joint, 'Nm')}"
-        out.print(
-            f"unexplained: {escape(place.joint)}, {place.side} side, {size}:"
-            f" {regime_text(place.regime)}"
-        )
-    for sentence in unknown_sentences(found):
-        out.print(f"what now: {escape(sentence)}")
-    if found.prediction is not None and (found.causes or found.prediction.reason):
-        out.print(f"prediction: {escape(prediction_sentence(found, found.prediction))}")
-    if found.proposal is not None:
-        _print_proposal(found.proposal)
-    out.print(f"trust in the description: {escape(trust_text(found.trust))}")
-    for note in merged_notes(found.notes):
-        out.print(f"note: {escape(note)}")
-    further = [name for name in (ROBOT, SEPARATING) if (folder / name).exists()]
-    out.print(
-        f"written: {escape(str(folder))}/{', '.join(['diagnosis.json', 'report.html', *further])}"
-    )
-
-
-def _print_causes(causes: Sequence[Cause]) -> None:
-    # On a screen a line for a parameter, the sides below the joint; in a pipe a line for a cause.
-    where, between = (("joint, side",), "\n") if out.is_terminal else (("joint", "side"), ", ")
-    numbers = ("gap", "probability")
-    table = new_table(
-        "cause", *where, "size", *numbers, right=numbers, whole=("cause", *where, *numbers)
-    )
-    for cause in causes:
-        place = [escape(cause.joint or "whole arm"), sides_text(cause)]
-        at = ["\n".join(place)] if out.is_terminal else place
-        size = escape(cause_size(cause, between))
-        shares = (alone_text(cause), probability_text(cause.confidence))
-        table.add_row(escape(cause_name(cause)), *at, size, *shares)
-    out.print(table)
-    if any(cause.rejected for cause in causes):
-        out.print("[dim]rejected: the arm moves worse with it in closed loop; it is not written[/]")
-    out.print(
-        "[dim]gap: share that this cause alone removes; probability: that the cause is present[/]"
-    )
-
-
-def _print_alternatives(cause: Cause) -> None:
-    instead = f"alternative to {escape(effect_at(cause.effect, cause.joint))}:"
-    likely, faint = listed_alternatives(cause)
-    for other in likely:
-        name = escape(effect_at(other.effect, other.joint))
-        odds = probability_text(other.confidence)
-        separator = escape(other.file or other.separated_by)
-        out.print(f"{instead} {name} ({odds}); separated by: {separator}")
-    if faint:
-        out.print(f"{instead} {escape(faint)}")
-
-
-def _print_places(found: Diagnosis) -> None:
-    """Print how far the gap of each joint with a gap shrinks."""
-    compared = {side for _, side in found.before.rmse}
-    sides = [side for side in SIDES if side in compared]
-    with_gap = {joint for (joint, _), share in found.shrink_by_place.items() if share is not None}
-    apart = [joint for joint in found.joints if joint in with_gap]
-    numbers = "as described → with ordinary deviations"
-    sizes = "without → with causes" if found.causes else numbers
-    if apart:
-        shown = [f"{side} side" for side in sides]
-        table = new_table("joint", *shown, right=shown, whole=("joint", *shown))
-        for joint in apart:
-            cells = [gap_at(found, joint, side) for side in sides]
-            # On a screen the share stands below the sizes: three sides and a long name would not
-            # fit otherwise.
-            table.add_row(
-                escape(joint),
-                *(cell.replace(" (", "\n(") if out.is_terminal else cell for cell in cells),
-            )
-        out.print(
-            f"residuals in {found.units.over('Nm')} below {found.band:.3g} Hz, {sizes} (removed"
-            " share of the residual's own gap):"
-        )
-        out.print(table)
-    if agreeing := [joint for joint in found.joints if joint not in apart]:
-        out.print(f"no significant gap at {escape(listed(agreeing))}")
-
-
-def print_comparison(comparison: SimulationComparison | None) -> None:
-    """Print where a real and a simulated recording differ, and which effect is in which."""
-    if comparison is None:
-        return
-    found = comparison.difference
-    table = new_table("real − simulated, RMS", *found.joints, right=found.joints)
-    for one in found.channels:
-        pairs = zip(one.rms, one.share, strict=True)
-        table.add_row(one.channel, *(f"{rms:.3g} ({100 * share:.2g} %)" for rms, share in pairs))
-    out.print(table)
-    for effect, place, where, real, simulated in comparison.rows():
-        out.print(
-            f"{escape(effect)}, {escape(place)}: in {where} ({escape(real)} / {escape(simulated)})"
-        )
-
-
-def _print_proposal(proposal: Proposal) -> None:
-    for pair in proposal.pairs:
-        names = " and ".join(effect_at(*place) for place in (pair.cause, pair.alternative))
-        here = log_likelihood_text(pair.here)
-        expected = log_likelihood_text(pair.expected)
-        advice = f"no motion was found that separates {names}"
-        if pair.decides:
-            advice = f"record {SEPARATING} ({proposal.seconds:g} s) to separate {names}"
-        out.print(
-            f"next: {escape(advice)} (expected log-likelihood ratio {expected}; this recording:"
-            f" {here})"
-        )

@@ -1,7 +1,7 @@
 """One arm over time: the size of each number in each recording, and where it changed.
 
-A number has the sizes x_k, with variances s_k² (:mod:`.answer`), in the recordings k = 1 … n, and a
-level a, which may step to b after recording m. Two things besides noise set sizes apart:
+A number has the sizes x_k, with variances s_k² (:mod:`.estimates`), in the recordings k = 1 … n,
+and a level a, which may step to b after recording m. Two things besides noise set sizes apart:
 
 - *scatter* from recording to recording (temperature, a tool, noise that is in no model), of a
   variance that is the same

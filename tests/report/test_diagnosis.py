@@ -17,7 +17,8 @@ from rich.console import Console
 from elastic_arm.app import load
 from elastic_arm.cli.application import spelled_out
 from elastic_arm.cli.console import UNLIMITED
-from elastic_arm.cli.diagnose import print_diagnosis, write_diagnosis
+from elastic_arm.cli.diagnose import write_diagnosis
+from elastic_arm.cli.diagnosis_printing import print_diagnosis
 from elastic_arm.diagnosis import Question, diagnose, follow_up
 from elastic_arm.diagnosis.corrected_robot import repaired_robot
 from elastic_arm.diagnosis.estimates import ParameterEstimate
@@ -210,7 +211,7 @@ def shown(
 ) -> list[str]:
     """Return the lines that `elastic-arm diagnose` prints of a diagnosis."""
     console = Console(file=io.StringIO(), highlight=False, no_color=True, **screen)
-    monkeypatch.setattr("elastic_arm.cli.diagnose.out", console)
+    monkeypatch.setattr("elastic_arm.cli.diagnosis_printing.out", console)
     print_diagnosis(found, folder)
     return re.sub(r"\x1b\[[\d;]*m", "", console.file.getvalue()).splitlines()  # type: ignore[attr-defined]
 

@@ -1,0 +1,230 @@
+"""The causes of a gap: the effects that are likelier there than not, with sizes and alternatives.
+
+    confidence(c) = P(c | y) s / (s + u)
+
+P(c | y) is the probability of the cause (:mod:`.beliefs`), s the share of the gap that comes back
+without it, and u the share that an unknown effect leaves at its joint; without an unknown effect
+the second factor is 1. A confirmed effect is a cause if it and its alternatives together are
+likelier there than not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from elastic_arm.arrays import Array
+from elastic_arm.diagnosis.beliefs import Beliefs
+from elastic_arm.diagnosis.confirmed_set import Confirmed
+from elastic_arm.diagnosis.decomposition import Decomposition, without_parts
+from elastic_arm.diagnosis.estimates import ParameterEstimate, averaged, estimated
+from elastic_arm.diagnosis.far_numbers import Name
+from elastic_arm.diagnosis.gap import shrink
+from elastic_arm.diagnosis.result import Alternative, Cause, UnconfirmedCause
+from elastic_arm.diagnosis.unknown_effects import UnknownEffects
+from elastic_arm.diagnosis.words import no_separation
+from elastic_arm.effects import EFFECTS, EffectInstance
+from elastic_arm.effects.library.base_tilt import TILT
+from elastic_arm.evidence.model import Fit
+from elastic_arm.evidence.priors import LISTED
+from elastic_arm.evidence.terms.known import KnownTerm, StatedTerm
+from elastic_arm.evidence.terms.number import NumberTerm
+from elastic_arm.evidence.terms.term import Term
+from elastic_arm.identification.batch.mounting import CHANCE, STEP
+
+# rad, to which a mounting is known where no tilt is found beside it
+MOUNTED = float(np.radians(STEP))
+SHOWN = 0.05  # least part of a cause's probability at which its sides are listed
+
+Holding = tuple[float, Fit, Term]  # probability of a set that has a cause, the set, and the term
+
+
+@dataclass(frozen=True)
+class Causes:
+    """Which effects are causes."""
+
+    confirmed: Confirmed
+    unknown: UnknownEffects
+
+    @property
+    def parts(self) -> Decomposition:
+        """The residuals by the terms of the most probable set."""
+        return self.confirmed.parts
+
+    @property
+    def beliefs(self) -> Beliefs:
+        """The probabilities over all sets."""
+        return self.confirmed.beliefs
+
+    @cached_property
+    def found(self) -> list[tuple[Cause, list[Array]]]:
+        """The causes, most important first, each with the residuals (N', R) that it leaves
+        alone."""
+        probabilities = self.beliefs.probabilities.items()
+        found = [self._cause(name, p) for name, p in probabilities if self._is_cause(name)]
+        found.sort(key=lambda one: -one[0].shrink)
+        if self.parts.prepared.mounting is None:
+            return found
+        mounted = self._mounted(found)
+        return [mounted, *found]
+
+    def not_confirmed(self) -> tuple[UnconfirmedCause, ...]:
+        """Return what is likely by the fit and no cause.
+
+        It gains nothing on the judging recordings, its size is zero within two deviations, it could
+        be ordinary, or it may be a part of an unknown effect.
+        """
+        refused = self.confirmed.refused
+        shares = {name: share for name, share in refused if not self._is_cause(name)}
+        for name, p in self.beliefs.probabilities.items():
+            is_listed = name in shares or name in self.beliefs.given
+            if p > 0.5 and not is_listed and not self._is_cause(name):
+                shares[name] = self._share_without(name)
+        return tuple(
+            UnconfirmedCause(*name, self._confidence(name, self.beliefs.probability(name)), share)
+            for name, share in shares.items()
+        )
+
+    def _is_cause(self, name: Name) -> bool:
+        """Whether an effect is a cause: it and its alternatives are likelier there than not."""
+        if name in self.beliefs.given or not self.confirmed.accepts(name):
+            return False
+        p = self.beliefs.probability(name)
+        if name in self.beliefs.likely_in_best:
+            p += sum(p for p, _ in self._sets_without(name))
+        return self._confidence(name, p) > 0.5
+
+    def _confidence(self, name: Name, probability: float) -> float:
+        """Return the probability that an effect is there and no part of an unknown effect at its
+        joint: what is left is as likely to hide in a cause as elsewhere."""
+        left = self.unknown.share_left.get(name[1])
+        if left is None:
+            return probability
+        share = max(self._share_without(name) or 0.0, 0.0)
+        return probability * (share / (share + left)) if share else 0.0
+
+    def _share_without(self, name: Name) -> float | None:
+        """Return the share of the gap that comes back without a cause; None without a gap."""
+        confirmation = self.confirmed.of(name)
+        return None if confirmation is None else confirmation.share
+
+    # -- alternatives
+
+    def _sets_without(self, name: Name) -> Iterator[tuple[float, set[Name]]]:
+        """Yield the probability of each set without a cause that has what the most probable one
+        lacks, and what that is."""
+        best = self.beliefs.likely_in_best
+        refused = {other for other, _ in self.confirmed.refused}
+        for p, fit in self.beliefs.sets:
+            own = self.beliefs.likely_in(fit)
+            others = own - best - refused
+            if name not in own and others:
+                yield p, others
+
+    def _alternatives(self, name: Name, term: Term) -> Iterator[Alternative]:
+        """Yield what is there in the sets without a cause and not in the most probable one, most
+        probable first."""
+        found: dict[Name, float] = {}
+        for p, others in self._sets_without(name):
+            for other in others:
+                found[other] = found.get(other, 0.0) + p
+        effect = term.feature.effect
+        words = {c.effect: c.separated_by for c in effect.confusions}
+        for other, p in sorted(found.items(), key=lambda one: -one[1]):
+            if p >= LISTED:
+                separated_by = words.get(other[0], no_separation(effect.id, other[0]))
+                yield Alternative(*other, p, separated_by)
+
+    # -- a cause
+
+    def _cause(self, name: Name, probability: float) -> tuple[Cause, list[Array]]:
+        """Return an effect as a cause, with the residuals (N', R) that it leaves alone."""
+        problem, beliefs = self.parts.problem, self.beliefs
+        confidence = self._confidence(name, probability)
+        best = self.parts.explanation.best
+        holding = [(p, fit, t) for p, fit in beliefs.sets for t in beliefs.terms_of(fit, name)]
+        # The best set without what was not confirmed may be none of those met.
+        holding = holding or [(confidence, best, t) for t in beliefs.terms_of(best, name)]
+        _, fit, term = holding[0]
+        values = self.parts.explanation.linear.values
+        _, instance = estimated(fit.model.of_fitted(fit), term, problem.numbers, values)
+        shown = [t for p, _, t in holding if p > SHOWN * confidence]
+        sides = dict.fromkeys(side for t in shown for side in t.feature.sides)
+        here = beliefs.term_of_best(name)
+        alone = self.parts.before
+        if here is not None:
+            alone = without_parts(alone, [self.parts.added_alone(here)])
+        share = shrink(self.parts.gaps[0], self.parts.gap(alone)).share
+        effect = term.feature.effect
+        cause = Cause(
+            effect=name[0],
+            joint=name[1],
+            sides=tuple(sides),
+            regime=effect.regime,
+            parameters=self._sizes(holding, confidence),
+            shrink=0.0 if share is None else share,
+            shrink_without=self._share_without(name),
+            confidence=confidence,
+            alternatives=tuple(self._alternatives(name, term)),
+            instance=replace(instance, joint=name[1]),
+            stated=self._stated(name, term),
+            is_number=isinstance(term, NumberTerm) and effect.model_parameter,
+        )
+        return cause, alone
+
+    def _sizes(self, holding: list[Holding], confidence: float) -> dict[str, ParameterEstimate]:
+        """Return the parameters of a cause over the sets in which it is the same kind of term as in
+        the first."""
+        numbers, values = self.parts.problem.numbers, self.parts.explanation.linear.values
+        first = holding[0][2]
+        each: list[tuple[float, dict[str, ParameterEstimate]]] = []
+        for p, fit, term in holding:
+            is_alike = (type(term), term.key, term.count) == (type(first), first.key, first.count)
+            if is_alike and p >= LISTED * confidence:
+                sized = fit.model.of_fitted(fit)
+                each.append((p, estimated(sized, term, numbers, values)[0]))
+        return averaged(each)
+
+    def _stated(self, name: Name, term: Term) -> dict[str, Any] | None:
+        """Return the sizes of an effect that the description states; None of another."""
+        if not isinstance(term, KnownTerm | StatedTerm):
+            return None
+        for _, instance in self.parts.problem.known:
+            if (instance.effect.id, instance.joint) == name:
+                return dict(instance.numbers)
+        return None
+
+    def _mounted(self, found: list[tuple[Cause, list[Array]]]) -> tuple[Cause, list[Array]]:
+        """Return the tilt of an arm that is mounted otherwise than described, with what was found
+        beside it."""
+        mounting, effect = self.parts.prepared.mounting, EFFECTS[TILT]
+        assert mounting is not None
+        rest = next((one for one in found if one[0].effect == TILT), None)
+        small = {axis: ParameterEstimate(0.0, MOUNTED, "rad") for axis in "xy"}
+        if rest is not None:
+            found.remove(rest)
+            small = dict(rest[0].parameters)
+        x, y = mounting.tilted(small["x"].value, small["y"].value)
+        values = {
+            "x": ParameterEstimate(x, small["x"].std, "rad"),
+            "y": ParameterEstimate(y, small["y"].std, "rad"),
+        }
+        alone = without_parts(self.parts.before, [self.parts.mounting_added])
+        share = shrink(self.parts.gaps[0], self.parts.gap(alone)).share
+        cause = Cause(
+            effect=TILT,
+            joint=None,
+            sides=effect.sides,
+            regime=effect.regime,
+            parameters=values,
+            shrink=0.0 if share is None else share,
+            confidence=1.0 - CHANCE,
+            alternatives=(),
+            instance=EffectInstance(effect, None, {"x": x, "y": y}),
+            is_number=True,
+        )
+        return cause, alone

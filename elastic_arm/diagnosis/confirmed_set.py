@@ -1,0 +1,169 @@
+"""The causes that the judging recordings confirm; the others are taken out, the worst first.
+
+    repeat: take out each cause in turn, refit the rest, and compare (:mod:`.confirmation`)
+            take out for good the one that loses most likelihood, of those that confirm nothing
+    until all that are left are confirmed
+
+What takes nearly no part in a cause that was taken out keeps its comparison.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from elastic_arm.diagnosis.beliefs import Beliefs, name_of
+from elastic_arm.diagnosis.confirmation import (
+    Confirmation,
+    NumberConfirmation,
+    Share,
+    has_size,
+    held_out,
+    numbers_have_size,
+    share_alone,
+    share_without,
+    takes_over,
+)
+from elastic_arm.diagnosis.decomposition import Decomposition, without_parts
+from elastic_arm.diagnosis.far_numbers import Name, bounds_of, gain_beyond
+from elastic_arm.evidence.keys import Key
+from elastic_arm.evidence.priors import RELATED
+from elastic_arm.evidence.search import without
+from elastic_arm.evidence.terms.known import StatedTerm
+from elastic_arm.evidence.terms.number import NumberTerm
+from elastic_arm.evidence.terms.term import Term
+
+
+@dataclass(frozen=True)
+class Confirmed:
+    """The most probable set, and what the judging recordings confirm of it."""
+
+    parts: Decomposition
+    # what was likely by the fit and gains nothing on the judging recordings, with its share there
+    refused: tuple[tuple[Name, float | None], ...] = ()
+    of_terms: Mapping[Key, Confirmation] = field(default_factory=dict)
+
+    @cached_property
+    def beliefs(self) -> Beliefs:
+        """The probabilities over all sets."""
+        return Beliefs(self.parts.problem, self.parts.explanation)
+
+    def of(self, name: Name) -> Confirmation | NumberConfirmation | None:
+        """Return what confirms a cause: its term in the best set, or its numbers."""
+        term = self.beliefs.term_of_best(name)
+        own = None if term is None else self.of_terms.get(term.key)
+        return own or self._of_numbers.get(name)
+
+    def accepts(self, name: Name) -> bool:
+        """Whether a cause is confirmed.
+
+        Terms were confirmed one by one (:func:`confirmed`); a number that no term makes wide is
+        confirmed here.
+        """
+        if name in {other for other, _ in self.refused} - self.beliefs.likely_in_best:
+            return False
+        found = self._of_numbers.get(name)
+        return found is None or found.confirms
+
+    @cached_property
+    def _of_numbers(self) -> dict[Name, NumberConfirmation]:
+        """What the judging recordings gain by the numbers that are far off and have no term."""
+        explanation, beliefs = self.parts.explanation, self.beliefs
+        with_term = {name_of(term.key) for term in explanation.best.optional}
+        values, numbers = explanation.linear.values, self.parts.problem.numbers
+        nats = gain_beyond(explanation.best, explanation.sized, values, numbers)
+        found = {}
+        for name, own in beliefs.named.items():
+            if name not in with_term and beliefs.probability(name) > 0.5:
+                share = _share_of_numbers(self.parts, beliefs.named[name])
+                found[name] = NumberConfirmation(float(nats[own].max()), share)
+        return found
+
+
+def confirmed(parts: Decomposition) -> Confirmed:
+    """Return the set without the causes that gain nothing on the judging recordings."""
+    now = Confirmed(parts)
+    while True:
+        best = now.parts.explanation.best
+        found = dict(now.of_terms)
+        for term in best.optional:
+            if term.key not in found and now.beliefs.is_cause(term):
+                found[term.key] = _confirmation(now.parts, term)
+        doubtful = [t for t in best.optional if t.key in found and not found[t.key].confirms]
+        if not doubtful:
+            return replace(now, of_terms=found)
+        worst = min(doubtful, key=lambda t: found[t.key].nats)
+        refused = (*now.refused, (name_of(worst.key), found[worst.key].share))
+        # Keep the confirmations of all terms that are not correlated with the removed one.
+        alike = {t.key for t in best.optional if best.correlation(worst, t) >= RELATED}
+        kept = {key: one for key, one in found.items() if key not in alike}
+        now = Confirmed(_less(now.parts, worst), refused, kept)
+
+
+def _less(parts: Decomposition, term: Term) -> Decomposition:
+    """Return the decomposition without a term of the best set, the rest refitted."""
+    best = parts.explanation.best
+    return parts.with_best(best.model.fit(without(best, term), best))
+
+
+def _confirmation(parts: Decomposition, term: Term) -> Confirmation:
+    """Compare the best set with and without a term."""
+    less = _less(parts, term)
+    nats = held_out(parts.explanation.best) - held_out(less.explanation.best)
+    return Confirmation(
+        nats,
+        _share_without(parts, term, less),
+        _share_alone(parts, term),
+        _has_size(parts, term),
+        takes_over(parts.ordinary_numbers, less.ordinary_numbers),
+    )
+
+
+def _has_size(parts: Decomposition, term: Term) -> bool:
+    """Whether the size of a term, by the fitted recordings, is possible and beyond two deviations
+    of none.
+
+    A stated effect is beyond its ordinary deviations where it is a cause.
+    """
+    sized = parts.explanation.sized
+    if isinstance(term, NumberTerm):
+        values = parts.explanation.linear.values
+        return numbers_have_size(sized, term, values, parts.problem.numbers)
+    return isinstance(term, StatedTerm) or has_size(sized, term)
+
+
+def _share_without(parts: Decomposition, term: Term, less: Decomposition) -> Share | None:
+    """Return the share of the gap at the places of a term that comes back without it."""
+    own = parts.gap(parts.added[term.ident])
+    between = parts.gap(without_parts(less.after, [parts.after]))
+    before, after = parts.gaps
+    return share_without(before, after, less.gaps[1], own, between)
+
+
+def _share_alone(parts: Decomposition, term: Term) -> Share | None:
+    """Return the share of the whole gap that goes when one cause alone is added."""
+    own = parts.added_alone(term)
+    left = without_parts(parts.before, [own])
+    return share_alone(parts.gaps[0], parts.gap(left), parts.gap(own))
+
+
+def _share_of_numbers(parts: Decomposition, which: list[int]) -> float | None:
+    """Return the share of a gap that comes back where some numbers are ordinary.
+
+    Each is at its nearest ordinary value, and the rest is refitted. The gap is that of the numbers
+    as they are, without any term, or what is left then, where that is larger.
+    """
+    numbers, sized = parts.problem.numbers, parts.explanation.sized
+    values = parts.explanation.linear.values[which]
+    bounds = bounds_of(numbers, sized.model.assumed.zeros)[which]
+    at = np.clip(values + sized.numbers[which], -bounds, bounds) - values
+    held = replace(parts.with_best(sized.held(which, at)), by_all=True)
+    beyond = np.zeros(len(numbers))
+    beyond[which] = sized.numbers[which] - at
+    own = parts.gap(parts.moved_by(beyond))
+    between = parts.gap(without_parts(held.after, [parts.after]))
+    found = share_without(parts.gap_without_terms, parts.gaps[1], held.gaps[1], own, between)
+    return None if found is None else found.share

@@ -1,0 +1,28 @@
+"""The events of all recordings, by what the most probable set leaves of their residuals.
+
+Numbers and effects are those of all recordings: where the judging recordings move a size, that is
+no event. Each recording is read as a whole, its fitted and its judging part one after the other.
+"""
+
+from dataclasses import replace
+
+from elastic_arm.diagnosis.decomposition import Decomposition
+from elastic_arm.diagnosis.events import Blocks, Event, blocks_of, events_of
+from elastic_arm.evidence.problem import FITTED
+
+
+def events_in(parts: Decomposition) -> tuple[Event, ...]:
+    """Return the stretches of recordings that the rest of each contradicts."""
+    whole = replace(parts, by_all=True, prepared=parts.prepared.without(()))
+    looks = replace(whole, which=FITTED), whole
+    problem = whole.problem
+    found: list[Event] = []
+    for number, source in problem.sources.items():
+        blocks: list[Blocks] = []
+        for look, own in zip(looks, problem.indices, strict=True):
+            if number in own:
+                begin = whole.prepared.begins[look.which][source]
+                left = look.after
+                blocks += blocks_of(look.linear.data, left, own.index(number), begin)
+        found += events_of(blocks, source, whole.places, problem.layout.live)
+    return tuple(found)

@@ -1,0 +1,166 @@
+"""What no effect of the catalogue explains: laws without a form, and residuals that keep power.
+
+    left_r = sum of the power over the noise in the octaves of motion / number of values - 1
+
+A residual r is open where left_r is more than its sensors' noise may be and more than a tenth of
+its own gap (:attr:`UnknownEffects.open_rows`): in the fitted recordings, if the rest follows the
+motion, or in the judging ones, if causes act there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.arrays import Array
+from elastic_arm.diagnosis.decomposition import Decomposition, Unknown, without_parts
+from elastic_arm.diagnosis.regimes import regime, shares
+from elastic_arm.diagnosis.result import UnexplainedResidual
+from elastic_arm.evidence.grams import OCTAVES, Bands
+from elastic_arm.evidence.keys import Key
+from elastic_arm.evidence.priors import LEFT, MOTION, NOISY
+
+
+@dataclass(frozen=True)
+class UnknownEffects:
+    """What the terms of the most probable set leave."""
+
+    parts: Decomposition
+
+    @cached_property
+    def laws(self) -> list[tuple[float, Unknown]]:
+        """The laws without a form that are likelier there than not, with their probability."""
+        found: dict[Key, tuple[float, Unknown]] = {}
+        for p, fit in self.parts.explanation.sets:
+            for t in fit.optional:
+                if isinstance(t, Unknown):
+                    before, first = found.get(t.key, (0.0, t))
+                    found[t.key] = before + p, first
+        # One place has one law; which of several it follows may be open.
+        at_place: dict[tuple[int, str], list[tuple[float, Unknown]]] = {}
+        for p, t in found.values():
+            at_place.setdefault(t.place, []).append((p, t))
+        return [
+            max(each, key=lambda one: one[0])
+            for each in at_place.values()
+            if sum(p for p, _ in each) > 0.5
+        ]
+
+    @cached_property
+    def open_rows(self) -> list[int]:
+        """The residuals that keep more power than their sensors may have as noise, and much of
+        their own gap.
+
+        Either in the recordings that were fitted, where what is left follows a motion; or in those
+        that judge, where causes act and more is left than the noise that the fit has found.
+        """
+        model, data = self.parts.fit.model, self.parts.linear.data
+        fitted, judging = model.bands, Bands(data)
+        none = [np.zeros_like(y) for y in self.parts.before]
+        acting = without_parts(none, self.parts.causes_added)
+        of_fitted = [fitted.n * fit.found.v for fit in (model.fit(()), self.parts.fit)]
+        of_judging = []
+        for residuals in (self.parts.before, self.parts.after, acting):
+            white = data.whiten([r[:, :, None] for r in residuals])[:, 0]
+            of_judging.append(judging.powers(white))
+        found = []
+        for row in range(judging.places):
+            own, other = _slow(fitted, row), _slow(judging, row)
+            n = float(fitted.n[own].sum())
+            m = float(judging.n[other].sum())
+            if not n or not m:
+                continue
+            # Mean powers, in those of the sensors' noise: without any term, with those of the best
+            # set, of the causes.
+            first, left = (float(power[own].sum()) / n - 1.0 for power in of_fitted)
+            before, after, moved = (float(power[other].sum()) / m for power in of_judging)
+            is_large = left > max(NOISY, LEFT * first)
+            follows = is_large and _is_structured(fitted, self._white_left, own)
+            # Each recording's noise is known only to a factor NOISY.
+            noise = NOISY**2 * max(1.0, left + 1.0)
+            if follows or (moved > NOISY and after - 1.0 > max(noise, LEFT * (before - 1.0))):
+                found.append(row)
+        return found
+
+    @cached_property
+    def _white_left(self) -> Array:
+        """What is left of the recordings that were fitted, whitened (rows,)."""
+        fit = self.parts.fit
+        left = fit.model.y - fit.model.N @ (fit.numbers - fit.far_off)
+        for t in fit.terms:
+            sizes = [*np.ones(int(t.offset is not None)), *fit.raw(t)]
+            left = left - np.hstack(t.parts) @ sizes
+        return left
+
+    @cached_property
+    def rows(self) -> list[int]:
+        """The residuals that an unknown effect leaves open: laws without a form, then power."""
+        names = self.parts.problem.robot.joint_names
+        sides = self.parts.problem.layout.sides
+        places = self.parts.places
+        of_laws = []
+        for _, term in self.laws:
+            joint, side = term.place
+            place = names[joint], side if side in sides else sides[0]
+            of_laws.append(places.index(place))
+        return [*dict.fromkeys([*of_laws, *self.open_rows])]
+
+    @cached_property
+    def share_left(self) -> dict[str | None, float]:
+        """The share of its gap that each joint with an unknown effect keeps."""
+        before, after = self.parts.gaps
+        noise = before.of_sensors
+        where = before.significant | after.significant
+        first, left = (gap.place(where) / noise for gap in (before, after))
+        places = self.parts.places
+        joints = {places[row][0] for row in self.rows}
+        found: dict[str | None, float] = {}
+        for joint in joints:
+            own = [row for row, place in enumerate(places) if place[0] == joint]
+            whole = float(np.maximum(first[own], left[own]).sum())
+            found[joint] = float(left[own].sum()) / whole if whole else 0.0
+        return found
+
+    def residuals(self) -> list[UnexplainedResidual]:
+        """Return the open residuals with their sizes and the motion at which they are large."""
+        result = []
+        for row in self.rows:
+            joint, side = self.parts.places[row]
+            rmse = float(self.parts.gaps[1].rmse[row])
+            ratios = gear_ratios(self.parts, row)
+            shown = shares(self.parts.linear.data, self.parts.after, row, ratios)
+            result.append(UnexplainedResidual(joint, side, regime(shown), rmse))
+        return result
+
+
+def gear_ratios(parts: Decomposition, row: int) -> tuple[float, float]:
+    """Return r_hd and r_tot of the joint to which a residual belongs."""
+    robot = parts.problem.robot
+    gear = robot.joints[row % robot.n].transmission
+    return (gear.harmonic_drive_ratio, gear.r_tot) if gear else (1.0, 1.0)
+
+
+def _slow(bands: Bands, row: int) -> NDArray[np.bool_]:
+    """Return which bands are those of a residual at the frequencies of motion."""
+    return (bands.place == row) & (OCTAVES[np.minimum(bands.octave, len(OCTAVES) - 1)] <= MOTION)
+
+
+def _is_structured(bands: Bands, white: Array, among: NDArray[np.bool_]) -> bool:
+    """Whether what is left in some bands of whitened rows is likelier of a motion than noise.
+
+    Noise spreads its power p over the harmonics of an octave exponentially, p(p) = exp(-p/m)/m;
+    what follows a motion has much of it in few, p(p) = s/(s + p)². They are taken at the mean m and
+    the median s of the powers.
+    """
+    power = np.sum(white.reshape(-1, 2) ** 2, axis=1)
+    of_pairs = bands.of_rows[::2]
+    odds = 0.0
+    for band in bands.used[among]:
+        p = power[of_pairs == band] + 1e-12
+        m = float(np.mean(p))
+        s = float(np.median(p))
+        odds += float(np.sum(np.log(s) - 2.0 * np.log(s + p) + np.log(m) + p / m))
+    return odds > 0.0
