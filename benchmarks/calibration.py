@@ -28,10 +28,13 @@ from elastic_arm.diagnosis import Question
 from elastic_arm.diagnosis.preparation import prepare
 from elastic_arm.dynamics import build_model
 from elastic_arm.effects.parameters import Parameter
+from elastic_arm.evidence.explanation import weighted
+from elastic_arm.evidence.fit import LinearModel
+from elastic_arm.evidence.gauss_newton import linear_model
 from elastic_arm.evidence.linearisation import Linearisation
-from elastic_arm.evidence.model import LinearModel, Screen
 from elastic_arm.evidence.priors import AS_BUILT, SCALES
-from elastic_arm.evidence.relinearise import linear_model, pool_of, weighted
+from elastic_arm.evidence.relinearise import pool_of
+from elastic_arm.evidence.screen import Screen
 from elastic_arm.evidence.search import Search
 from elastic_arm.evidence.terms.effect import EffectTerm, axis
 from elastic_arm.evidence.terms.term import Term

@@ -15,10 +15,10 @@ from functools import cached_property
 import numpy as np
 
 from elastic_arm.diagnosis.far_numbers import Name, named_numbers, probabilities, stated_beyond
+from elastic_arm.evidence.explanation import Explanation
+from elastic_arm.evidence.fit import Fit
 from elastic_arm.evidence.keys import Key
-from elastic_arm.evidence.model import Fit
 from elastic_arm.evidence.problem import Problem
-from elastic_arm.evidence.relinearise import Explanation
 from elastic_arm.evidence.terms.known import KnownTerm, StatedTerm
 from elastic_arm.evidence.terms.number import NumberTerm
 from elastic_arm.evidence.terms.term import Term

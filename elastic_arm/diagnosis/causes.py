@@ -29,7 +29,7 @@ from elastic_arm.diagnosis.unknown_effects import UnknownEffects
 from elastic_arm.diagnosis.words import no_separation
 from elastic_arm.effects import EFFECTS, EffectInstance
 from elastic_arm.effects.library.base_tilt import TILT
-from elastic_arm.evidence.model import Fit
+from elastic_arm.evidence.fit import Fit
 from elastic_arm.evidence.priors import LISTED
 from elastic_arm.evidence.terms.known import KnownTerm, StatedTerm
 from elastic_arm.evidence.terms.number import NumberTerm

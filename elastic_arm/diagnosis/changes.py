@@ -9,9 +9,9 @@ import numpy as np
 from elastic_arm.arrays import Array
 from elastic_arm.diagnosis.estimates import estimated
 from elastic_arm.diagnosis.result import Change
-from elastic_arm.evidence.model import Fit
+from elastic_arm.evidence.explanation import Explanation
+from elastic_arm.evidence.fit import Fit
 from elastic_arm.evidence.problem import Problem
-from elastic_arm.evidence.relinearise import Explanation
 from elastic_arm.evidence.terms.change import ChangeTerm
 from elastic_arm.evidence.terms.effect import EffectTerm
 from elastic_arm.evidence.terms.known import StatedTerm

@@ -23,7 +23,7 @@ from scipy.stats import chi2, norm
 from elastic_arm.arrays import Array
 from elastic_arm.diagnosis.gap import Gap, shrink
 from elastic_arm.equations.numbers import Number
-from elastic_arm.evidence.model import Fit
+from elastic_arm.evidence.fit import Fit
 from elastic_arm.evidence.priors import LEFT, ORDINARY, WORTH
 from elastic_arm.evidence.terms.number import NumberTerm
 from elastic_arm.evidence.terms.term import Term

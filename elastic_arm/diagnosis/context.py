@@ -11,7 +11,8 @@ from elastic_arm.dynamics import Model
 from elastic_arm.effects import EffectInstance
 from elastic_arm.estimation.observation import Observation
 from elastic_arm.estimation.whitening import WhitenedData
-from elastic_arm.evidence.relinearise import Explanation, Linearisation
+from elastic_arm.evidence.explanation import Explanation
+from elastic_arm.evidence.linearisation import Linearisation
 
 
 @dataclass(frozen=True)

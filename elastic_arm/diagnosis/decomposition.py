@@ -24,10 +24,10 @@ from elastic_arm.diagnosis.far_numbers import bounds_of
 from elastic_arm.diagnosis.gap import Gap, Shrink, shrink
 from elastic_arm.diagnosis.preparation import Prepared
 from elastic_arm.diagnosis.question import Question
+from elastic_arm.evidence.explanation import Explanation
+from elastic_arm.evidence.fit import Fit
 from elastic_arm.evidence.linearisation import Linearisation
-from elastic_arm.evidence.model import Fit
 from elastic_arm.evidence.problem import JUDGING, Problem
-from elastic_arm.evidence.relinearise import Explanation
 from elastic_arm.evidence.terms.effect import EffectTerm
 from elastic_arm.evidence.terms.known import KnownTerm
 from elastic_arm.evidence.terms.law import LawTerm

@@ -11,7 +11,7 @@ from scipy.stats import truncnorm
 from elastic_arm.arrays import Array
 from elastic_arm.effects.effect import ControllerEffect, EffectInstance
 from elastic_arm.equations.numbers import SCALE, Number
-from elastic_arm.evidence.model import Fit
+from elastic_arm.evidence.fit import Fit
 from elastic_arm.evidence.terms.effect import EffectTerm
 from elastic_arm.evidence.terms.known import KnownTerm, StatedTerm
 from elastic_arm.evidence.terms.number import NumberTerm

@@ -14,7 +14,7 @@ from scipy.stats import norm
 
 from elastic_arm.arrays import Array
 from elastic_arm.equations.numbers import Number
-from elastic_arm.evidence.model import Fit
+from elastic_arm.evidence.fit import Fit
 from elastic_arm.evidence.priors import ORDINARY, STATED
 from elastic_arm.evidence.terms.known import KnownTerm, StatedTerm
 from elastic_arm.evidence.terms.number import NumberTerm

@@ -21,7 +21,7 @@ from elastic_arm.diagnosis.result import Cause, PairSeparation, Proposal
 from elastic_arm.dynamics import Model
 from elastic_arm.errors import ExcitationError
 from elastic_arm.estimation.effect_columns import Feature
-from elastic_arm.evidence.model import Fit
+from elastic_arm.evidence.fit import Fit
 from elastic_arm.evidence.terms.effect import EffectTerm, axis, components, moved
 from elastic_arm.evidence.terms.number import NumberTerm
 from elastic_arm.evidence.terms.term import Term

@@ -5,9 +5,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from elastic_arm.evidence.explanation import Explanation
+from elastic_arm.evidence.fit import Fit
+from elastic_arm.evidence.gauss_newton import linear_model
 from elastic_arm.evidence.keys import Key
-from elastic_arm.evidence.model import Fit, Screen
-from elastic_arm.evidence.relinearise import Explanation, linear_model, pool_of
+from elastic_arm.evidence.relinearise import pool_of
+from elastic_arm.evidence.screen import Screen
 
 SETS, TERMS = 5, 8  # that are listed
 NOTHING = "no term"

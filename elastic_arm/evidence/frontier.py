@@ -139,7 +139,8 @@ class Frontier:
         self.scores[node.fit.keys] = max(known, node.fit.score)
         other = node
         if node.fit.score > self.best.fit.score + WORTH:
-            self.best, other = node, self.best
+            other = self.best
+            self.best = node
         self._let_go(other)
         ranked = sorted([*self.runners_up, other], key=lambda one: -one.fit.score)
         self.runners_up = ranked[:RUNNERS_UP]

@@ -23,9 +23,10 @@ from elastic_arm.evidence.terms.term import Term
 # Hz; edges of the octaves in which noise has a power of its own
 OCTAVES = np.array([0.5, 1, 2, 4, 8, 16, 32])
 
-# sets whose products, and whose columns side by side, and sets of shares whose products with the
-# numbers are kept; memory
-MADE, STACKS, LACKING = 16, 4, 8
+# What is kept; memory.
+MADE = 16  # sets with their products
+STACKS = 4  # sets with their columns side by side
+LACKING = 8  # sets of shares with their products with the numbers
 COLUMNS = 8  # terms whose columns are kept that are not the terms' own
 
 K = TypeVar("K")
@@ -63,7 +64,8 @@ class Bands:
 
     def _count(self, of_rows: NDArray[np.intp], told: Array) -> None:
         octaves = len(OCTAVES) + 1
-        self.of_rows, self._told = of_rows, told
+        self.of_rows = of_rows
+        self._told = told
         self.counts = np.bincount(self.of_rows, minlength=self.places * octaves)
         ends = np.concatenate([[0], np.cumsum(self.counts)])
         self.used = np.flatnonzero(self.counts)
@@ -112,7 +114,8 @@ class Grams:
     """
 
     def __init__(self, y: Array, N: Array, bands: Bands, basis: Array) -> None:
-        self.bands, self.basis = bands, basis
+        self.bands = bands
+        self.basis = basis
         self.base = bands.side_by_side([y[:, None], N @ basis])
         self.G0 = bands.products(self.base, self.base)
         rows, columns = np.tril_indices(self.G0.shape[1] - 1)
@@ -179,7 +182,8 @@ class Grams:
         side_by_side = kept(
             self._stacks, idents, lambda: np.hstack([self.columns(o) for o in others]), STACKS
         )
-        found, at = self.bands.products(side_by_side, self.columns(term)), 0
+        found = self.bands.products(side_by_side, self.columns(term))
+        at = 0
         for o in others:
             own = found[:, at : at + self.columns(o).shape[1]]
             at += own.shape[1]

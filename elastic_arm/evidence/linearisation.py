@@ -133,7 +133,8 @@ class Linearisation:
             moved = max(
                 (float(np.abs(self.late[k] - near.late[k]).max()) for k in self.late), default=0.0
             )
-            alike = [len(one) for one in near.inertial] == [len(one) for one in y]
+            stretches = zip(near.inertial, y, strict=False)
+            alike = len(near.inertial) == len(y) and all(len(a) == len(b) for a, b in stretches)
             if alike and moved * self.observed[0].rate < 1.0:
                 return near.inertial
         return inertial_columns(

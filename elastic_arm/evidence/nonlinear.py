@@ -13,9 +13,10 @@ from scipy.optimize import minimize, minimize_scalar
 
 from elastic_arm.arrays import Array
 from elastic_arm.estimation.effect_columns import Feature
+from elastic_arm.evidence.fit import Fit, LinearModel
 from elastic_arm.evidence.linearisation import Linearisation
-from elastic_arm.evidence.model import Fit, LinearModel, Screen
 from elastic_arm.evidence.priors import SCALES
+from elastic_arm.evidence.screen import Screen
 from elastic_arm.evidence.terms.effect import (
     EffectTerm,
     axis,
@@ -29,13 +30,14 @@ from elastic_arm.evidence.terms.term import Term
 
 STEPS = 6  # of Gauss and Newton
 LONGEST = 0.25  # of a range, of one step
-# Values of one number over its range, those of them that are fitted, and values between two of
-# them; numerical.
-SCANNED, DECIDED, EVALUATIONS = 25, 5, 8
+# Values of one number; numerical.
+SCANNED = 25  # over its range
+DECIDED = 5  # of these, that are fitted
+EVALUATIONS = 8  # between two of these
 TINY = 1e-12  # numerical
 NEVER = -1e30  # score of what is out of bounds; numerical
-# Points of a grid over several numbers, and steps of the search from the best one; numerical.
-CELLS, PLACES = 500, 120
+CELLS = 500  # points of a grid over several numbers; numerical
+PLACES = 120  # steps of the search from the best of them; numerical
 SETTLED = 0.1  # of its standard deviation: a step that is none; numerical
 
 
@@ -199,7 +201,8 @@ def _scanned(
     see its edges alone. What each value would gain beside the others proposes; the fits of the best
     ones decide.
     """
-    feature, (p,) = term.feature, linear.allowed(term.feature)
+    feature = term.feature
+    (p,) = linear.allowed(term.feature)
     low, high = axis(p)
     prior = {name: getattr(term, name)[:1] for name in ("std", "mean", "low", "high")}
     values = np.linspace(low, high, SCANNED)
@@ -247,7 +250,8 @@ def _step(term: EffectTerm, fit: Fit) -> Array | None:
     """Return the step of each nonlinear number in its coordinate; None where none moves."""
     if not term.tangents:
         return None
-    beta, variance = fit.beta(term), np.diag(fit.covariance(term))
+    beta = fit.beta(term)
+    variance = np.diag(fit.covariance(term))
     own = components(term.feature)
     step = np.zeros(len(own))
     moves = False

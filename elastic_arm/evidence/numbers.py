@@ -16,9 +16,9 @@ from elastic_arm.evidence.priors import OFFSET_SHARE, PRESLIDING_SHARE, ZERO_AS_
 from elastic_arm.robot import Joint, Robot
 
 LEAST_SCALE = 1e-9  # numerical; of roots of sums of squares of torques and accelerations
-# Largest logarithm of the ratio of a stiffness or damping, and largest relative error of a torque
-# channel's gain, about which the model is made; numerical.
-LARGEST_SCALE, LARGEST_RATIO = 3.0, 0.75
+# About which the model is made; numerical.
+LARGEST_SCALE = 3.0  # logarithm of the ratio of a stiffness or damping
+LARGEST_RATIO = 0.75  # relative error of a torque channel's gain
 # rad/s: the width of the sign function about which dry friction turns over. Of it, the pairs of
 # widths between which it does, and a width within which it does so early or late; they span what
 # gradual sign functions have in common.
@@ -47,7 +47,8 @@ def numbers_of(
     over is the same on both sides of a drive.
     """
     found: list[Number] = []
-    features, inertias = tuple(features), _motor_inertias(pieces)
+    features = tuple(features)
+    inertias = _motor_inertias(pieces)
     errors = {
         (feature.effect.number, feature.joint): feature
         for feature in features
@@ -99,7 +100,8 @@ def numbers_of(
         if parameter.unit == "Nm" and feature.effect.id not in priors.sensors:
             std = min(std, OFFSET_SHARE * float(largest[robot.joint_names.index(feature.joint)]))
         limit = LARGEST_RATIO / std if parameter.unit == "1" else np.inf
-        what, neutral = "_".join([feature.effect.id, *chosen]), parameter.neutral or 0.0
+        what = "_".join([feature.effect.id, *chosen])
+        neutral = parameter.neutral or 0.0
         found.append(
             Number(what, feature.joint, feature.unit(parameter), std, neutral, feature, limit=limit)
         )
@@ -131,7 +133,8 @@ def resolved_speeds(pieces: Sequence[Motion], n: int, rate: float) -> Array:
     Nothing faster than half the rate (samples/s) is recorded, and so not how friction turns over
     below these speeds, rad/s.
     """
-    squares, count = np.zeros(n), np.zeros(n)
+    squares = np.zeros(n)
+    count = np.zeros(n)
     for piece in pieces:
         of_motor = piece.ddq is None
         dq, ddq = (piece.dtheta, piece.ddtheta) if of_motor else (piece.dq, piece.ddq)
@@ -165,7 +168,8 @@ def _motor_inertias(pieces: Sequence[Motion]) -> Array | None:
 def unreferenced(number: Number) -> Number:
     """Return it with the prior of an arm without joint torque sensors: no known torque has set its
     encoders' zeros."""
-    own, zero = number.feature, number.unit in ("rad", "m")
+    own = number.feature
+    zero = number.unit in ("rad", "m")
     if own is None or "q" not in own.sensed or not zero:
         return number
     return replace(number, prior_std=max(number.prior_std, ZERO_AS_MOUNTED))
@@ -187,4 +191,6 @@ def _single_choices(feature: Feature) -> list[str] | None:
     chosen = [
         (value,) if isinstance(value, str) else tuple(value) for value in feature.choices.values()
     ]
-    return None if any(len(values) > 1 for values in chosen) else [values[0] for values in chosen]
+    if any(len(values) > 1 for values in chosen):
+        return None
+    return [values[0] for values in chosen]

@@ -22,8 +22,8 @@ from scipy.special import log_ndtr
 
 from elastic_arm.arrays import Array
 
-# of the noise powers, and the change of their logarithms that is none; numerical
-STEPS, SETTLED = 60, 0.01
+STEPS = 60  # of the noise powers; numerical
+SETTLED = 0.01  # change of their logarithms that is none; numerical
 JITTER = 1e-13  # of the precision's diagonal; numerical
 
 
@@ -71,7 +71,8 @@ def posterior(
     that the noise of a place has a spectrum of its own; start: (B,) noise powers to start from.
     """
     half, b, yy = products
-    P, (row, column) = prior.std**-2.0, np.tril_indices(b.shape[1])
+    P = prior.std**-2.0
+    row, column = np.tril_indices(b.shape[1])
     twice = np.where(row == column, 1.0, 2.0)  # in sums over both halves
     v = np.ones(len(n)) if start is None else start
     for _ in range(STEPS):
@@ -99,7 +100,8 @@ def posterior(
     std = np.sqrt(np.diag(S))
     bounded = np.isfinite(prior.low) | np.isfinite(prior.high)
     if bounded.any():
-        low, high = prior.low[bounded], prior.high[bounded]
+        low = prior.low[bounded]
+        high = prior.high[bounded]
         evidence += float(
             np.sum(
                 mass(x[bounded], std[bounded], low, high)
@@ -125,7 +127,8 @@ def _solve(A: Array, rhs: Array, P: Array, mean: Array) -> tuple[Array, Array, f
 
 def mass(mean: Array, std: Array, low: Array, high: Array) -> Array:
     """Return ln of the mass (k,) of Gaussians within their bounds."""
-    below, above = log_ndtr((low - mean) / std), log_ndtr((mean - high) / std)
+    below = log_ndtr((low - mean) / std)
+    above = log_ndtr((mean - high) / std)
     inside = -np.expm1(np.logaddexp(below, above))
     # Where nearly all is outside, the nearer tail decides.
     tail = np.maximum(log_ndtr((mean - low) / std), -1e4)

@@ -40,7 +40,9 @@ TRUST = {
 ZEROS = {1.0: 8 / 15, 2.0: 4 / 15, 4.0: 2 / 15, 8.0: 1 / 15}
 
 
-MEASURED, BUILT = "as measured", "as built"  # the kinds of trust from which a search starts
+# the kinds of trust from which a search starts
+MEASURED = "as measured"
+BUILT = "as built"
 
 
 class Assumed(NamedTuple):
@@ -70,8 +72,9 @@ LEFT = 0.1  # share of a place's own gap that may be left (contract)
 ZERO_AS_MOUNTED = (
     1e-3  # rad; of a link encoder never compared with the motor's under a known torque
 )
-# of a joint's largest torque: its zero, its friction below the least speed
-OFFSET_SHARE, PRESLIDING_SHARE = 0.02, 0.1
+# Of a joint's largest torque.
+OFFSET_SHARE = 0.02  # its zero
+PRESLIDING_SHARE = 0.1  # its friction below the least speed
 # of the share of dry friction that turns over within one distance, standard deviation; convention
 TURNOVER = 0.5
 EVENT = 1e-6  # prior odds of an event in a recording: as of an effect
@@ -94,9 +97,9 @@ MOTION = 8.0  # Hz; above, what is left is the encoders'
 NOISY = 2.0
 LISTED = 0.01  # probability of an alternative that is listed (contract)
 SUMMED = 1e-3  # of the most probable set's probability: what is less likely changes no sum
-# Proposals that are evaluated in full: of terms that are added or exchanged, and where two of them
-# change.
-TRIED, TRIED_OF_TWO = 5, 2
+# Proposals that are evaluated in full.
+TRIED = 5  # of a term that is added or exchanged
+TRIED_OF_TWO = 2  # where two of them change
 SHORT = (
     0.3  # share of what a move needs that its first-order gain must reach to be evaluated in full
 )
@@ -168,7 +171,8 @@ def read_priors(path: str | Path, sensors: Iterable[str]) -> Priors:
     Raises a DiagnosisError if the file cannot be read, or holds an unknown key or what is no
     standard deviation.
     """
-    content, known = read_fields(path, DiagnosisError, REMEDY), sorted(sensors)
+    content = read_fields(path, DiagnosisError, REMEDY)
+    known = sorted(sensors)
     try:
         priors = Priors.model_validate(content)
     except ValidationError as error:

@@ -28,7 +28,10 @@ from elastic_arm.evidence.priors import Priors
 from elastic_arm.robot import Robot
 
 Observations = tuple[Observation, ...]
-FITTED, JUDGING, ALL = 0, 1, 2  # parts of the recordings
+# parts of the recordings
+FITTED = 0
+JUDGING = 1
+ALL = 2
 
 
 @dataclass(frozen=True)
@@ -119,12 +122,16 @@ def uncertain_numbers(
     """
     equations = ArmEquations(robot, model)
     friction = [feature_of(instance, equations) for instance in known]
-    shown = [
-        feature
-        for feature in recorded_features(features(equations, effects), observed[0][0].pieces[0])
-        if not feature.effect.scales_friction or any(feature.scales(one) for one in friction)
-    ]
-    pieces, first = [piece for one in observed[0] for piece in one.pieces], observed[0][0]
+
+    def acts(feature: Feature) -> bool:
+        if not feature.effect.scales_friction:
+            return True
+        return any(feature.scales(one) for one in friction)
+
+    recorded = recorded_features(features(equations, effects), observed[0][0].pieces[0])
+    shown = [feature for feature in recorded if acts(feature)]
+    pieces = [piece for one in observed[0] for piece in one.pieces]
+    first = observed[0][0]
     turning = resolved_speeds(pieces, robot.n, first.rate)
     if first.turning is not None:
         turning = np.maximum(turning, first.turning)

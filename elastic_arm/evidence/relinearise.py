@@ -1,25 +1,28 @@
-"""Select a set of terms and linearise about it, alternately, until neither changes."""
+"""The search over sets of terms, each judged at the linearisation about its own numbers.
+
+    S_{k+1} = best set found from S_k at the linearisation of S_k
+    score(S_{k+1}) counts at the linearisation of S_{k+1}
+
+alternately, until no set is better (:mod:`.frontier`). The search begins at the description, and at
+the description with the friction of every drive.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence, Set
+from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.special import logsumexp
 
-from elastic_arm.arrays import Array
 from elastic_arm.effects.effect import ControllerEffect, SensorEffect
 from elastic_arm.estimation.known_torques import ActingEffect
+from elastic_arm.evidence.explanation import Explanation, weighted
+from elastic_arm.evidence.fit import Fit, Frame, LinearModel
 from elastic_arm.evidence.frontier import Frontier, Node
-from elastic_arm.evidence.grams import Bands
+from elastic_arm.evidence.gauss_newton import about_itself, is_far, linear_model, moving_numbers
 from elastic_arm.evidence.keys import Key
 from elastic_arm.evidence.linearisation import Linearisation
-from elastic_arm.evidence.model import KINDS, Fit, Frame, LinearModel, Screen
-from elastic_arm.evidence.nonlinear import placed_anew
 from elastic_arm.evidence.priors import (
     AS_BUILT,
     AS_MEASURED,
@@ -30,72 +33,20 @@ from elastic_arm.evidence.priors import (
     MOST,
     SUMMED,
     TRUST,
-    WORTH,
     ZEROS,
     Assumed,
 )
 from elastic_arm.evidence.problem import Problem
+from elastic_arm.evidence.screen import Screen
 from elastic_arm.evidence.search import ADDED, ALL, SIMPLE, Search, Thetas, words_of
-from elastic_arm.evidence.terms.change import ChangeTerm
-from elastic_arm.evidence.terms.effect import EffectTerm, effect_terms
+from elastic_arm.evidence.terms.effect import effect_terms
 from elastic_arm.evidence.terms.known import coefficients_of, known_terms, theta_of
 from elastic_arm.evidence.terms.law import law_terms
 from elastic_arm.evidence.terms.number import number_terms
-from elastic_arm.evidence.terms.share import shares_of
 from elastic_arm.evidence.terms.term import Term, odds_among
 from elastic_arm.evidence.terms.turnover import turnover_terms
 from elastic_arm.evidence.terms.unnamed import unnamed_terms
 from elastic_arm.evidence.watch import Watch
-
-STEPS = 8  # of Gauss and Newton beside a set; numerical
-SHORTER = 0.3  # share of a step that was too long; numerical
-SETTLED = 0.02  # of their standard deviations: steps of numbers that are none; numerical
-
-
-@dataclass(frozen=True, eq=False)
-class Explanation:
-    """What is most probably there, at the linearisation beside it."""
-
-    linear: Linearisation  # where
-    search: Search  # all sets met
-    best: Fit  # the most probable one
-    path: Sequence[Fit]  # better and better sets on the way to it
-    # The sets that share the probability, each under every trust in the description; most probable
-    # first.
-    sets: Sequence[tuple[float, Fit]] = ()
-    log: tuple[str, ...] = ()  # what was done, a line a step
-    is_whole: bool = True  # whether all moves were tried
-
-    @cached_property
-    def trust(self) -> dict[str, float]:
-        """The probability of each trust in the description."""
-        found: dict[str, float] = {}
-        for p, fit in self.sets:
-            trust = fit.model.assumed.trust
-            found[trust] = found.get(trust, 0.0) + p
-        return found
-
-    def without_screens(self) -> Explanation:
-        """Let go of what may be added at its linearisation, which takes most of the memory, and
-        return it."""
-        for name in ("pool", "laws", "refined"):
-            self.linear.cache.pop(name, None)
-        return self
-
-    def probability(self, held: Callable[[Key], bool]) -> float:
-        """Return the probability of the sets that hold a term whose key is one of those."""
-        return sum(p for p, fit in self.sets if any(held(key) for key in fit.keys))
-
-    @cached_property
-    def sized(self) -> Fit:
-        """The most probable set with its sizes by the recordings that are fitted."""
-        return self.best.model.of_fitted(self.best)
-
-    @cached_property
-    def settled(self) -> Linearisation:
-        """The linearisation at the numbers of the most probable set, which may have been met beside
-        another."""
-        return _moved(self.linear, self.sized) if _far(self.sized) else self.linear
 
 
 @dataclass
@@ -121,102 +72,93 @@ def explain(problem: Problem, *, refit: bool, watch: Watch | None = None) -> Exp
     starts.sort(key=lambda found: -found.best.compared_in(of_one).score)
     first = starts[0]
     others = [Node(one.best, one.linear) for one in starts[1:]]
-    frame = first.path[0].frame
-    score = first.path[0].score
+    start = Node(first.path[0], first.linear, found=first)
+    exploration = _Exploration(start, refit, shared, log)
+    exploration.frontier.follow(first.path)
+    del first, start, starts  # they hold all data of their linearisations
+    exploration.follow_up(others)
+    best = exploration.run()
+    known = _known(best, exploration.frontier.scores, log, _assumptions(problem, refit))
+    return replace(known, is_whole=best.depth == exploration.frontier.depths)
 
-    def linearise(fit: Fit, near: Node) -> Node:
-        there, own = _about_itself(near.linear, fit, frame, frontier.best.fit.score - COMPARED)
-        log.append(
-            f"linearised about itself: {own.score - near.fit.score:+.1f}: {words_of(own, near.fit)}"
-        )
-        gain = own.score - score
+
+class _Exploration:
+    """The linearisations and searches by which a frontier moves on.
+
+    start: the set from which it begins; log: the lines of all searches.
+    """
+
+    def __init__(self, start: Node, refit: bool, shared: Shared, log: list[str]) -> None:
+        self.refit = refit
+        self.shared = shared
+        self.log = log
+        self.frame: Frame = start.fit.frame  # in which all scores compare
+        self.first_score: float = start.fit.score
+        is_over = shared.watch.is_over
+        self.frontier = Frontier(start, self._linearise, self._expand, depths=2, is_over=is_over)
+
+    def follow_up(self, others: list[Node]) -> None:
+        """Linearise the best sets of the other starts about themselves; each is let go then."""
+        while others and not self.shared.watch.is_over():
+            other = others.pop(0)
+            if other.fit.keys not in self.frontier.scores:
+                self.frontier.take(other.fit, other)
+
+    def run(self) -> Node:
+        """Return the best set, all moves tried, and those sets whose numbers lie elsewhere."""
+        best = self.frontier.run()
+        tried: set[frozenset[Key]] = set()
+        for _ in range(ELSEWHERE):
+            if self.shared.watch.is_over() or best.found is None:
+                break
+            # Exchanged at this linearisation, a set whose numbers lie elsewhere is judged by
+            # columns that are not its own.
+            elsewhere = _elsewhere(best.found, tried)
+            if elsewhere is None:
+                break
+            tried.add(elsewhere.keys)
+            self.frontier.take(elsewhere)
+            best = self.frontier.run()
+        if best.found is None:  # ended before anything was looked for from there
+            best.found = self._search(best, moves=0)
+        return best
+
+    def _linearise(self, fit: Fit, near: Node) -> Node:
+        """Return a set at its own linearisation, from that of a node at which it was met."""
+        least = self.frontier.best.fit.score - COMPARED
+        there, own = about_itself(near.linear, fit, self.frame, least)
+        gain = own.score - near.fit.score
+        self.log.append(f"linearised about itself: {gain:+.1f}: {words_of(own, near.fit)}")
         causes = sum(term.says_cause for term in own.optional)
-        watch.say(f"best set: {causes} causes, {gain:.0f} nats more probable than none")
+        of_all = own.score - self.first_score
+        self.shared.watch.say(
+            f"best set: {causes} causes, {of_all:.0f} nats more probable than none"
+        )
         return Node(own, there)
 
-    def expand(node: Node, scores: Mapping[Any, float]) -> Sequence[Fit]:
+    def _expand(self, node: Node, scores: Mapping[Any, float]) -> Sequence[Fit]:
+        """Return the path of a search from a node at its own linearisation."""
         moves = (SIMPLE, ALL)[node.depth]
         own = node.fit.correction  # scores at its linearisation lack it
         others = {keys: score - own for keys, score in scores.items() if keys != node.fit.keys}
-        assumed = node.fit.model.assumed
-        found = _explained(
-            node.linear, node.fit.optional, assumed, refit, shared, moves=moves, refused=others
-        )
-        log.extend(found.log)
+        found = self._search(node, moves, others)
+        self.log.extend(found.log)
         node.found = found
-        if moves == ALL or node is not frontier.best:
+        if moves == ALL or node is not self.frontier.best:
             found.without_screens()  # nothing more is looked for from there
         return found.path
 
-    def follow_up(other: Node) -> None:
-        # What each start leads to is judged where its own numbers lie.
-        if other.fit.keys not in frontier.scores:
-            frontier.take(other.fit, other)
-
-    start = Node(first.path[0], first.linear, found=first)
-    frontier = Frontier(start, linearise, expand, depths=2, is_over=watch.is_over)
-    frontier.follow(first.path)
-    del first, start, starts  # they hold all data of their linearisations
-    while others and not watch.is_over():
-        follow_up(others.pop(0))
-    best = frontier.run()
-    tried: set[frozenset[Key]] = set()
-    for _ in range(ELSEWHERE):
-        if watch.is_over() or best.found is None:
-            break
-        # Exchanged at this linearisation, a set whose numbers lie elsewhere is judged by columns
-        # that are not its own.
-        elsewhere = _elsewhere(best.found, tried)
-        if elsewhere is None:
-            break
-        tried.add(elsewhere.keys)
-        frontier.take(elsewhere)
-        best = frontier.run()
-    if best.found is None:  # ended before anything was looked for from there
-        nothing_more = _explained(
-            best.linear, best.fit.optional, best.fit.model.assumed, refit, shared, moves=0
+    def _search(
+        self,
+        node: Node,
+        moves: int,
+        refused: Mapping[frozenset[Key], float] | None = None,
+    ) -> Explanation:
+        assumed = node.fit.model.assumed
+        terms = node.fit.optional
+        return _explained(
+            node.linear, terms, assumed, self.refit, self.shared, moves=moves, refused=refused
         )
-        best.found = nothing_more
-    known = _known(best, frontier.scores, log, _assumptions(problem, refit))
-    return replace(known, is_whole=best.depth == frontier.depths)
-
-
-def _about_itself(
-    linear: Linearisation,
-    fit: Fit,
-    start: Frame,
-    least: float = -np.inf,
-    settled: float = SETTLED,
-) -> tuple[Linearisation, Fit]:
-    """Return a set linearised about its own numbers, from those that it has at another
-    linearisation.
-
-    Gauss and Newton: numbers of the arm and nonlinear numbers of effects move together. A step that
-    loses much was too long. A set that is further below a score than its last step moved it will
-    not reach it.
-
-    start: in which frame scores are; least: the score; settled: steps of numbers that are none, in
-    their deviations.
-    """
-    assumed = fit.model.assumed
-    before: Fit | None = None
-    share = 1.0
-    for _ in range(STEPS):
-        if share == 1.0 and _has_settled(linear, fit, settled):
-            break
-        there = _moved(linear, fit, share)
-        own = linear_model(there, assumed).fit(_again(fit, there)).compared_in(start)
-        gain = np.inf if before is None else own.score - before.score
-        if gain < -COMPARED and share == 1.0:
-            share = SHORTER
-            continue
-        # A score counts where the numbers lie, so that a lower one nearer to them is the better
-        # known.
-        linear, fit, share = there, own, 1.0
-        before = own
-        if abs(gain) < WORTH or own.score + abs(gain) < least:
-            break
-    return linear, fit.compared_in(start)
 
 
 def _assumptions(problem: Problem, refit: bool) -> list[Assumed]:
@@ -261,13 +203,6 @@ def _known(
     return replace(found, best=best, sets=weighted(fits), log=tuple(log))
 
 
-def weighted(fits: Sequence[Fit]) -> list[tuple[float, Fit]]:
-    """Return fits with their probabilities, the most probable first."""
-    scores = np.array([fit.score for fit in fits])
-    p = np.exp(scores - logsumexp(scores))
-    return sorted(zip(p.tolist(), fits, strict=True), key=lambda one: -one[0])
-
-
 def _begun(problem: Problem, refit: bool, shared: Shared) -> list[Explanation]:
     """Return what several starts lead to."""
     # If the description is exact, all that is left is an effect. If its numbers are off, false
@@ -275,7 +210,7 @@ def _begun(problem: Problem, refit: bool, shared: Shared) -> list[Explanation]:
     # effect, however, such a fit moves them far.
     described = Linearisation(problem, np.zeros(len(problem.numbers)), _stated(problem))
     usual = linear_model(described, AS_BUILT).fit(_usual_terms(described))
-    built, fitted = _about_itself(described, usual, usual.frame, settled=1.0)
+    built, fitted = about_itself(described, usual, usual.frame, settled=1.0)
     # Each is dropped again where the recordings do not show it.
     terms = [*fitted.optional, *turnover_terms(built)]
     starts = [_explained(built, terms, AS_BUILT, refit, shared, moves=ADDED)]
@@ -310,7 +245,7 @@ def _stated(problem: Problem) -> tuple[ActingEffect, ...]:
 def _elsewhere(found: Explanation, tried: Set[frozenset[Key]]) -> Fit | None:
     """Return the likeliest set with a number more than an ordinary deviation from where the best
     one has it."""
-    moving = _moving(found.linear.problem)
+    moving = moving_numbers(found.linear.problem)
     sets = (
         fit
         for keys, fit in found.search.met.items()
@@ -318,62 +253,6 @@ def _elsewhere(found: Explanation, tried: Set[frozenset[Key]]) -> Fit | None:
         and np.max(np.abs(fit.numbers - found.best.numbers)[moving], initial=0.0) > 1.0
     )
     return max(sets, key=lambda fit: fit.score, default=None)
-
-
-def _moving(problem: Problem) -> NDArray[np.bool_]:
-    """Return at which numbers' values (K,) the residuals are made."""
-    return np.array([p.moves_model for p in problem.numbers], dtype=bool)
-
-
-def _has_settled(linear: Linearisation, fit: Fit, none: float) -> bool:
-    """Whether a fit moves nothing by which its linearisation would be another: effects that act in
-    its torques, numbers, nonlinear numbers.
-
-    none: steps of numbers that count as none, in their deviations.
-    """
-    acting = {one.feature.key for one in linear.acting}
-    if {one.feature.key for one in _acting(fit)} != acting:
-        return False
-    moves = [_steps(fit), *(t.steps(fit) for t in fit.terms if isinstance(t, EffectTerm))]
-    return bool(np.max(np.concatenate(moves), initial=0.0) < none)
-
-
-def _far(fit: Fit) -> bool:
-    """Whether one of a fit's numbers is further from the linearisation than its deviation."""
-    return bool(np.max(_steps(fit), initial=0.0) > 1.0)
-
-
-def _steps(fit: Fit) -> Array:
-    """Return how far a fit's numbers are from the linearisation, in their deviations."""
-    steps = np.abs(fit.numbers) / np.sqrt(np.diag(fit.number_covariance))
-    return np.asarray(steps[fit.model.moving])
-
-
-def _moved(linear: Linearisation, fit: Fit, share: float = 1.0) -> Linearisation:
-    """Return the linearisation a share of the way to where a fit puts the numbers."""
-    limits = np.array([p.limit for p in linear.problem.numbers])
-    there = np.clip(linear.values + share * fit.numbers, -limits, limits)
-    return linear.moved(np.where(fit.model.moving, there, 0.0), _acting(fit))
-
-
-def linear_model(linear: Linearisation, assumed: Assumed) -> LinearModel:
-    """Return the data at a linearisation; made once."""
-    if "model" not in linear.cache:
-        linear.cache["model"] = LinearModel(
-            linear.data.white,
-            linear.numbers,
-            Bands(linear.data),
-            -linear.values,
-            np.array([KINDS.index(p.kind) for p in linear.problem.numbers], dtype=int),
-            _moving(linear.problem),
-            tuple(known_terms(linear)[0]),
-            shares_of(linear),
-            assumed,
-            linear.data.density,
-            linear.fitted_rows,
-            linear.problem.usual,
-        )
-    return linear.cache["model"].assuming(assumed)
 
 
 def _screens(linear: Linearisation, model: LinearModel, *, laws: bool) -> list[Screen]:
@@ -415,7 +294,7 @@ def _explained(
             linear, model.assuming(assumed), screens, shared.thetas, refused or {}, known
         )
         search.is_over = shared.watch.is_over
-        search.is_far = _far
+        search.is_far = is_far
         best = search.run(terms, moves=moves, most=most)
         tried[assumed] = search
         path += search.path
@@ -453,22 +332,3 @@ def pool_of(linear: Linearisation) -> Iterator[Term]:
     for terms in others:
         odds = odds_among((t.key for t in terms), problem.usual)
         yield from (t.with_odds(odds[t.key]) for t in terms)
-
-
-def _acting(fit: Fit) -> tuple[ActingEffect, ...]:
-    """Return the effects of a fit that act in the true torques."""
-    terms = [t for t in fit.terms if isinstance(t, EffectTerm) and t.acts]
-    return tuple(t.acting(fit, known=t in fit.model.always) for t in terms)
-
-
-def _again(fit: Fit, linear: Linearisation) -> list[Term]:
-    """Return the terms of a fit at another linearisation."""
-    always = known_terms(linear)[0]
-    found: list[Term] = []
-    for t in sorted(fit.optional, key=lambda t: isinstance(t, ChangeTerm)):
-        found += t.again(linear, fit, [*always, *found])
-    for k, t in enumerate(found):
-        if isinstance(t, EffectTerm) and t.was_relaxed:
-            model = linear_model(linear, fit.model.assumed)
-            found[k] = placed_anew(linear, model, t, [*found[:k], *found[k + 1 :]])
-    return found

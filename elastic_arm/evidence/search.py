@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from elastic_arm.evidence.fit import Fit, LinearModel
 from elastic_arm.evidence.keys import Ident, Key
 from elastic_arm.evidence.linearisation import Linearisation
-from elastic_arm.evidence.model import Fit, LinearModel, Screen
 from elastic_arm.evidence.nonlinear import refined
 from elastic_arm.evidence.priors import (
     COMPARED,
@@ -29,6 +29,7 @@ from elastic_arm.evidence.priors import (
     WORTH,
 )
 from elastic_arm.evidence.problem import FITTED
+from elastic_arm.evidence.screen import Screen
 from elastic_arm.evidence.terms.change import change_key, change_of, may_change
 from elastic_arm.evidence.terms.effect import EffectTerm
 from elastic_arm.evidence.terms.law import LawTerm
@@ -37,7 +38,9 @@ from elastic_arm.evidence.watch import Watch
 
 Thetas = dict[Key, tuple[float, ...]]
 # how many kinds of moves, in the order of `_better`: the later ones take longer
-ADDED, SIMPLE, ALL = 2, 4, 7
+ADDED = 2  # add a term, choose its scale
+SIMPLE = 4  # also drop and exchange one
+ALL = 7
 
 
 class Instead(NamedTuple):
@@ -128,7 +131,8 @@ class Search:
                 screen.gains(fit, None if instead is None else instead.among[k])
             )
         ]
-        have, found = fit.keys | (frozenset() if instead is None else instead.keys), list[Term]()
+        have = fit.keys | (frozenset() if instead is None else instead.keys)
+        found = list[Term]()
         for gain, screen, t in sorted(gained, key=lambda one: -one[0]):
             if len(found) == count or not gain >= SHORT * needed:
                 break
@@ -140,8 +144,11 @@ class Search:
 
     def _instead(self, fit: Fit, *terms: Term) -> Instead:
         """Return what could take the place of terms of a fit: what is related to each of them."""
-        related = [[screen.related(fit, t) for t in terms] for screen in self.screens]
-        return Instead(fit.keys, [set.intersection(*each) for each in related])
+        among: list[set[int]] = []
+        for screen in self.screens:
+            of_each = [screen.related(fit, t) for t in terms]
+            among.append(set.intersection(*of_each))
+        return Instead(fit.keys, among)
 
     def _with(self, terms: Sequence[Term], more: Term, near: Fit) -> Fit:
         """Return the fit of a set with one more term, its numbers and its scale where they are most
@@ -167,7 +174,8 @@ class Search:
             return self._keep(self.model.fit([*terms, more], near))
         key = (more.key, frozenset(t.ident for t in terms))
         if key not in self.refined:
-            start, theta = more, self.thetas.get(more.key)
+            start = more
+            theta = self.thetas.get(more.key)
             if theta is not None and more.feature.count == 1:
                 # Near where it was most probable beside another set, or on the grid: its range was
                 # scanned once.
@@ -291,8 +299,11 @@ class Search:
 def without(fit: Fit, *terms: Term) -> list[Term]:
     """Return the terms of a fit without some and their changes between recordings."""
     keys = {t.key for t in terms}
-    gone = [u for u in fit.optional if u in terms or any(u.changes(key) for key in keys)]
-    return [u for u in fit.optional if u not in gone]
+
+    def stays(term: Term) -> bool:
+        return term not in terms and not any(term.changes(key) for key in keys)
+
+    return [term for term in fit.optional if stays(term)]
 
 
 def possible_changes(linear: Linearisation, fit: Fit) -> Iterator[Term]:
@@ -306,5 +317,8 @@ def possible_changes(linear: Linearisation, fit: Fit) -> Iterator[Term]:
 
 def words_of(now: Fit, before: Fit) -> str:
     """Return which terms came and went."""
-    came, went = now.keys - before.keys, before.keys - now.keys
-    return " ".join([*(f"+{k[0]}/{k[1]}" for k in came), *(f"-{k[0]}/{k[1]}" for k in went)])
+    came = now.keys - before.keys
+    went = before.keys - now.keys
+    words = [f"+{effect}/{joint}" for effect, joint, *_ in came]
+    words += [f"-{effect}/{joint}" for effect, joint, *_ in went]
+    return " ".join(words)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from elastic_arm.diagnosis.confirmation import Confirmation, Share, has_size, held_out
-from elastic_arm.evidence.model import Fit
+from elastic_arm.evidence.fit import Fit
 from tests.evidence.made_up import HARMONICS, model, term
 
 ROWS = 4 * HARMONICS

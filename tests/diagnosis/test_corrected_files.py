@@ -12,8 +12,8 @@ from elastic_arm.diagnosis import Diagnosis, Question, diagnose
 from elastic_arm.diagnosis.corrected_robot import deviations, repaired_robot
 from elastic_arm.dynamics import build_model
 from elastic_arm.effects import Catalogue, parse
+from elastic_arm.evidence.gauss_newton import again, linear_model
 from elastic_arm.evidence.linearisation import Linearisation
-from elastic_arm.evidence.relinearise import _again, linear_model
 from elastic_arm.excitation import MotionLimits, Shape, random_trajectories
 from elastic_arm.mujoco import Exported
 from elastic_arm.recording import Recording
@@ -129,7 +129,7 @@ def test_the_corrected_arm_has_the_numbers_of_the_answer(tmp_path: Path) -> None
         6.0 * ((one.what, one.joint) == ("link_mass", "j2")) for one in linear.problem.numbers
     ]
     there = Linearisation(linear.problem, linear.values + heavier, linear.acting)
-    best = linear_model(there, explanation.best.model.assumed).fit(_again(explanation.best, there))
+    best = linear_model(there, explanation.best.model.assumed).fit(again(explanation.best, there))
     beside = replace(
         context,
         explanation=replace(explanation, linear=there, best=best),

@@ -11,9 +11,9 @@ from elastic_arm.diagnosis import Question, diagnose
 from elastic_arm.diagnosis.far_numbers import beyond, bounds_of, gain_beyond, stated_beyond
 from elastic_arm.effects.text import parse
 from elastic_arm.equations.numbers import Number
-from elastic_arm.evidence.model import KINDS, Fit
+from elastic_arm.evidence.explanation import weighted
+from elastic_arm.evidence.fit import KINDS, Fit
 from elastic_arm.evidence.priors import WIDE, ZEROS, Assumed
-from elastic_arm.evidence.relinearise import weighted
 from elastic_arm.evidence.terms.known import KnownTerm
 from elastic_arm.evidence.terms.number import NumberTerm
 from tests.evidence.made_up import HARMONICS, model

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.evidence.fit import LinearModel
 from elastic_arm.evidence.grams import Bands
-from elastic_arm.evidence.model import LinearModel
 from elastic_arm.evidence.terms.term import Term
 
 Array = NDArray[np.float64]

@@ -11,10 +11,11 @@ import pytest
 
 from elastic_arm.arrays import Array
 from elastic_arm.effects.parameters import Parameter, Role
-from elastic_arm.evidence.model import LinearModel, Screen
+from elastic_arm.evidence.explanation import weighted
+from elastic_arm.evidence.fit import LinearModel
 from elastic_arm.evidence.nonlinear import refined
 from elastic_arm.evidence.priors import SIZES
-from elastic_arm.evidence.relinearise import weighted
+from elastic_arm.evidence.screen import Screen
 from elastic_arm.evidence.search import Search
 from elastic_arm.evidence.terms.effect import EffectTerm, moved, tangent_term
 from elastic_arm.evidence.terms.law import LawTerm

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from elastic_arm.evidence.model import Screen
+from elastic_arm.evidence.screen import Screen
 from elastic_arm.evidence.side_by_side import SideBySide, tail_of
 from elastic_arm.evidence.tails import Tail
 from elastic_arm.evidence.terms.law import LawTerm

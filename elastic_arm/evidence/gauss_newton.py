@@ -1,0 +1,147 @@
+"""Gauss–Newton steps: a set of terms linearised about its own numbers.
+
+    nu_{k+1} = nu_k + share E(nu - nu_k | y, S)        residuals and columns made anew at nu_{k+1}
+
+until each number moves by less than a share of its deviation. Numbers of the arm, nonlinear numbers
+of effects and the effects that act in the predicted torques move together.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.arrays import Array
+from elastic_arm.estimation.known_torques import ActingEffect
+from elastic_arm.evidence.fit import KINDS, Fit, Frame, LinearModel
+from elastic_arm.evidence.grams import Bands
+from elastic_arm.evidence.linearisation import Linearisation
+from elastic_arm.evidence.nonlinear import placed_anew
+from elastic_arm.evidence.priors import COMPARED, WORTH, Assumed
+from elastic_arm.evidence.problem import Problem
+from elastic_arm.evidence.terms.change import ChangeTerm
+from elastic_arm.evidence.terms.effect import EffectTerm
+from elastic_arm.evidence.terms.known import known_terms
+from elastic_arm.evidence.terms.share import shares_of
+from elastic_arm.evidence.terms.term import Term
+
+STEPS = 8  # of Gauss and Newton beside a set; numerical
+SHORTER = 0.3  # share of a step that was too long; numerical
+SETTLED = 0.02  # of their standard deviations: steps of numbers that are none; numerical
+
+
+def about_itself(
+    linear: Linearisation,
+    fit: Fit,
+    start: Frame,
+    least: float = -np.inf,
+    settled: float = SETTLED,
+) -> tuple[Linearisation, Fit]:
+    """Return a set linearised about its own numbers, from those that it has at another
+    linearisation.
+
+    Gauss and Newton: numbers of the arm and nonlinear numbers of effects move together. A step that
+    loses much was too long. A set that is further below a score than its last step moved it will
+    not reach it.
+
+    start: in which frame scores are; least: the score; settled: steps of numbers that are none, in
+    their deviations.
+    """
+    assumed = fit.model.assumed
+    before: Fit | None = None
+    share = 1.0
+    for _ in range(STEPS):
+        if share == 1.0 and _has_settled(linear, fit, settled):
+            break
+        there = moved(linear, fit, share)
+        own = linear_model(there, assumed).fit(again(fit, there)).compared_in(start)
+        gain = np.inf if before is None else own.score - before.score
+        if gain < -COMPARED and share == 1.0:
+            share = SHORTER
+            continue
+        # A score counts where the numbers lie, so that a lower one nearer to them is the better
+        # known.
+        linear = there
+        fit = own
+        share = 1.0
+        before = own
+        if abs(gain) < WORTH or own.score + abs(gain) < least:
+            break
+    return linear, fit.compared_in(start)
+
+
+def _has_settled(linear: Linearisation, fit: Fit, none: float) -> bool:
+    """Whether a fit moves nothing by which its linearisation would be another: effects that act in
+    its torques, numbers, nonlinear numbers.
+
+    none: steps of numbers that count as none, in their deviations.
+    """
+    acting = {one.feature.key for one in linear.acting}
+    acting_of_fit = {one.feature.key for one in _acting(fit)}
+    if acting_of_fit != acting:
+        return False
+    of_effects = [t.steps(fit) for t in fit.terms if isinstance(t, EffectTerm)]
+    moves = [_steps(fit), *of_effects]
+    return bool(np.max(np.concatenate(moves), initial=0.0) < none)
+
+
+def is_far(fit: Fit) -> bool:
+    """Whether one of a fit's numbers is further from the linearisation than its deviation."""
+    return bool(np.max(_steps(fit), initial=0.0) > 1.0)
+
+
+def _steps(fit: Fit) -> Array:
+    """Return how far a fit's numbers are from the linearisation, in their deviations."""
+    steps = np.abs(fit.numbers) / np.sqrt(np.diag(fit.number_covariance))
+    return np.asarray(steps[fit.model.moving])
+
+
+def moved(linear: Linearisation, fit: Fit, share: float = 1.0) -> Linearisation:
+    """Return the linearisation a share of the way to where a fit puts the numbers."""
+    limits = np.array([p.limit for p in linear.problem.numbers])
+    there = np.clip(linear.values + share * fit.numbers, -limits, limits)
+    return linear.moved(np.where(fit.model.moving, there, 0.0), _acting(fit))
+
+
+def moving_numbers(problem: Problem) -> NDArray[np.bool_]:
+    """Return at which numbers' values (K,) the residuals are made."""
+    return np.array([p.moves_model for p in problem.numbers], dtype=bool)
+
+
+def linear_model(linear: Linearisation, assumed: Assumed) -> LinearModel:
+    """Return the data at a linearisation; made once."""
+    if "model" not in linear.cache:
+        linear.cache["model"] = LinearModel(
+            linear.data.white,
+            linear.numbers,
+            Bands(linear.data),
+            -linear.values,
+            np.array([KINDS.index(p.kind) for p in linear.problem.numbers], dtype=int),
+            moving_numbers(linear.problem),
+            tuple(known_terms(linear)[0]),
+            shares_of(linear),
+            assumed,
+            linear.data.density,
+            linear.fitted_rows,
+            linear.problem.usual,
+        )
+    return linear.cache["model"].assuming(assumed)
+
+
+def _acting(fit: Fit) -> tuple[ActingEffect, ...]:
+    """Return the effects of a fit that act in the true torques."""
+    terms = [t for t in fit.terms if isinstance(t, EffectTerm) and t.acts]
+    return tuple(t.acting(fit, known=t in fit.model.always) for t in terms)
+
+
+def again(fit: Fit, linear: Linearisation) -> list[Term]:
+    """Return the terms of a fit at another linearisation."""
+    always = known_terms(linear)[0]
+    found: list[Term] = []
+    for t in sorted(fit.optional, key=lambda t: isinstance(t, ChangeTerm)):
+        found += t.again(linear, fit, [*always, *found])
+    for k, t in enumerate(found):
+        if isinstance(t, EffectTerm) and t.was_relaxed:
+            model = linear_model(linear, fit.model.assumed)
+            found[k] = placed_anew(linear, model, t, [*found[:k], *found[k + 1 :]])
+    return found

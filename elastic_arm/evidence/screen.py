@@ -1,0 +1,366 @@
+"""What each further term would gain beside a fit, from products of columns alone.
+
+    G = X'X - C S C',   b = X'(y - what the fit explains)
+    gain = 1/2 b^2 / (G + 1/s^2) - 1/2 ln(1 + G s^2)        for a column with the prior N(0, s^2)
+
+with X the columns (rows, k) of a term, each band divided by its noise power, C = X'A their products
+with the columns A of the fit, and S the covariance (p, p) of the fit's coefficients.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+from scipy.special import logsumexp
+
+from elastic_arm.arrays import Array
+from elastic_arm.evidence.fit import Fit, LinearModel
+from elastic_arm.evidence.grams import Grams, kept
+from elastic_arm.evidence.posterior import Posterior, mass
+from elastic_arm.evidence.priors import RELATED, SCALES, SIZES
+from elastic_arm.evidence.side_by_side import SideBySide, tail_of
+from elastic_arm.evidence.tails import Tail
+from elastic_arm.evidence.terms.law import LawTerm
+from elastic_arm.evidence.terms.term import Term
+
+# screens, and products with all terms, that are kept; memory
+SCREENS = 2
+PRODUCTS = 40
+LOOKED_AT = 30  # terms of which first-order gains are made well; numerical
+
+
+class Beside(NamedTuple):
+    """What columns of terms have in common with a fit."""
+
+    C: Array  # (c, p) products with its columns, at its noise
+    left: Array  # (c, B) products with what it leaves
+    needed: NDArray[np.intp]  # the stored columns of which they are made
+    # of each group of these, products (c', B', p') with the fit's columns in several pieces
+    pieces: list[list[Array]]
+
+
+class Screen:
+    """Products of many terms with the residual and the numbers, for what each would gain.
+
+    terms: one after the other, as all rows of all of them are large.
+    """
+
+    def __init__(self, grams: Grams, terms: Iterable[Term]) -> None:
+        self.grams = grams
+        self.terms: list[Term] = []  # without their rows
+        raw: list[int] = []  # in which of the tails the shapes of each term are
+        mixed: list[Array | None] = []
+
+        def tails() -> Iterator[Tail]:
+            before = None
+            count = 0
+            for t in terms:
+                shapes, combinations = t.made_of
+                if shapes is not before:
+                    before = shapes
+                    count += 1
+                    yield tail_of(grams.bands, shapes)
+                raw.append(count - 1)
+                mixed.append(combinations)
+                self.terms.append(t.without_rows())
+
+        self.columns = SideBySide(grams.bands, tails())
+        self._raw = [self.columns.slices[k] for k in raw]
+        self._mixed = mixed
+        self.sizes = np.array([t.count + (t.offset is not None) for t in self.terms], dtype=int)
+        self.at = np.concatenate([[0], np.cumsum(self.sizes)])
+        self._mix = self._combinations()
+        self.with_base = self.columns.products(grams.base)
+        # Terms of as many columns side by side.
+        own = [self._own(t) for t in range(len(self.terms))]
+        self.place = np.zeros(len(self.terms), dtype=int)
+        self.own: dict[int, Array] = {}
+        for k in np.unique(self.sizes):
+            alike = np.flatnonzero(self.sizes == k)
+            self.place[alike] = np.arange(len(alike))
+            self.own[int(k)] = np.stack([own[t] for t in alike])
+        self.squares = np.zeros((len(grams.bands.n), 0))
+        if own:
+            self.squares = np.concatenate([np.einsum("bii->bi", one) for one in own], axis=1)
+        self.chosen: dict[int, float] = {}
+        self._proposed: dict[int, Term] = {}
+        self._with: dict[object, list[Array]] = {}
+        self._screens: dict[object, Screen] = {}
+        self._whole: tuple[Posterior, Array, Array] | None = None  # of the last fit
+
+    def _combinations(self) -> csr_array:
+        """Return of what combinations (c, raw) of the stored columns those of the terms are."""
+        rows = [np.zeros(0, dtype=int)]
+        columns = [np.zeros(0, dtype=int)]
+        values = [np.zeros(0)]
+        for raw, mixed, at in zip(self._raw, self._mixed, self.at, strict=False):
+            own = np.eye(raw.stop - raw.start) if mixed is None else mixed
+            of, to = np.indices(own.shape)
+            rows.append(at + to.ravel())
+            columns.append(raw.start + of.ravel())
+            values.append(own.ravel())
+        places = np.concatenate(rows), np.concatenate(columns)
+        shape = int(self.at[-1]), self.columns.count
+        return csr_array((np.concatenate(values), places), shape=shape)
+
+    def _own(self, t: int) -> Array:
+        """Return the products (B, k, k) of the columns of a term with one another."""
+        found = self.columns.squares(self._raw[t])
+        mixed = self._mixed[t]
+        return found if mixed is None else mixed.T @ found @ mixed
+
+    def _apart(self, terms: tuple[Term, ...]) -> Screen:
+        """Return the screen of terms without some shares of their columns."""
+        return kept(
+            self._screens, tuple(t.ident for t in terms), lambda: Screen(self.grams, terms), SCREENS
+        )
+
+    def _with_term(self, term: Term) -> list[Array]:
+        return kept(
+            self._with,
+            term.ident,
+            lambda: self.columns.products(self.grams.columns(term)),
+            PRODUCTS,
+        )
+
+    def _beside(self, fit: Fit, among: NDArray[np.intp] | None = None) -> Beside:
+        """Return what the columns of terms have in common with a fit; among: of which; None for
+        all."""
+        mix = self._mix
+        needed = np.arange(self.columns.count)
+        if among is not None and len(among) < len(self.terms):
+            mix = mix[np.concatenate([np.arange(self.at[t], self.at[t + 1]) for t in among])]
+            needed = np.unique(mix.indices)
+            mix = mix[:, needed]
+        lacking = fit.model.lacking(fit.terms)
+        terms = [self.grams.less(t, lacking) for t in fit.terms]
+        w = 1.0 / fit.found.v
+        pieces: list[list[Array]] = []
+        left: list[Array] = []
+        for g, some in enumerate(self.columns.among(needed)):
+            base = self.with_base[g][some]
+            numbers, rest = base[:, :, 1:], base[:, :, 0]
+            for share in lacking:
+                numbers = numbers - self._with_term(share)[g][some] @ self.grams.basis[share.moved]
+            pieces.append([numbers])
+            for t in terms:
+                first = int(t.offset is not None)
+                with_term = self._with_term(t)[g][some]
+                pieces[g].append(with_term[:, :, first:])
+                if first:
+                    rest = rest - with_term[:, :, 0]
+            at = 0
+            for one in pieces[g]:
+                rest = rest - one @ fit.found.x[at : at + one.shape[2]]
+                at += one.shape[2]
+            left.append(np.pad(rest, ((0, 0), (self.columns.firsts[g], 0))))
+        C = [
+            np.hstack([w[first:] @ one for one in own])
+            for first, own in zip(self.columns.firsts, pieces, strict=True)
+        ]
+        return Beside(mix @ np.concatenate(C), mix @ np.concatenate(left), needed, pieces)
+
+    def _moving_with(self, beside: Beside, t: int, beta: Array) -> Array:
+        """Return the products (B, p) of what a term adds with the columns of a fit."""
+        raw, mixed = self._raw[t], self._mixed[t]
+        g = self.columns.group_of(raw)
+        first = self.columns.firsts[g]
+        begin, start = np.searchsorted(beside.needed, [raw.start, self.columns.begins[g]])
+        own = slice(int(begin - start), int(begin - start) + raw.stop - raw.start)
+        weights = beta if mixed is None else mixed @ beta
+        products = np.concatenate([one[own] for one in beside.pieces[g]], axis=2)
+        return np.pad(np.tensordot(weights, products, 1), ((first, 0), (0, 0)))
+
+    def beside(self, fit: Fit) -> tuple[Array, Array]:
+        """Return the products (c, c) of the columns of its only term and of these with the residual
+        (c,) beside a fit.
+
+        What the fit's coefficients can take is taken off (a Schur complement), at the noise of the
+        fit.
+        """
+        (own,) = self.own.values()
+        w = 1.0 / fit.found.v
+        found = self._beside(fit)
+        return np.tensordot(w, own[0], 1) - found.C @ fit.found.S @ found.C.T, found.left @ w
+
+    def related(self, fit: Fit, term: Term) -> set[int]:
+        """Return the terms that could stand for a term of a fit, by the correlation of their
+        coefficients."""
+        if not self.terms:
+            return set()
+        if self._whole is None or self._whole[0] is not fit.found:
+            w = 1.0 / fit.found.v
+            C = self._beside(fit).C
+            CS = C @ fit.found.S
+            left = w @ self.squares - np.einsum("ij,ij->i", C, CS)
+            self._whole = fit.found, CS, np.maximum(left, 0.0)
+        _, CS, G = self._whole
+        own = fit.slices[term.ident]
+        shared = CS[:, own].T ** 2
+        alike = shared >= RELATED**2 * (shared + np.outer(np.diag(fit.found.S)[own], G))
+        return set(np.repeat(np.arange(len(self.terms)), self.sizes)[alike.any(axis=0)].tolist())
+
+    def gains(self, fit: Fit, among: Iterable[int] | None = None) -> Array:
+        """Return what each term would gain beside a fit (T,) nats, its prior odds paid, and pick
+        sizes of laws.
+
+        What the noise gains that it makes smaller is counted of the terms that could gain most.
+
+        among: the terms that count; the others gain nothing. None for all.
+        """
+        gains = np.full(len(self.terms), -np.inf)
+        lacking = fit.model.lacking(fit.terms)
+        which = range(len(self.terms)) if among is None else sorted(among)
+        apart = {
+            t: self.grams.less(self._whole_term(t), lacking)
+            for t in which
+            if self.grams.lacks(self.terms[t], lacking)
+        }
+        if apart:
+            screen = self._apart(tuple(apart.values()))
+            gains[list(apart)] = screen.gains(fit)
+            self.chosen |= {t: screen.chosen[i] for i, t in enumerate(apart) if i in screen.chosen}
+        some = np.array([t for t in which if t not in apart], dtype=int)
+        if not len(some):
+            return gains
+        w = 1.0 / fit.found.v
+        S = fit.found.S
+        beside = self._beside(fit, some)
+        C = beside.C
+        left = beside.left
+        b = left @ w
+        CS = C @ S
+        at = np.concatenate([[0], np.cumsum(self.sizes[some])])
+        mean: dict[int, Array] = {}
+        less = np.zeros((len(w), len(some)))  # without what moves with it
+        for k, own in self.own.items():
+            here = np.flatnonzero(self.sizes[some] == k)
+            if not len(here):
+                continue
+            columns = at[here, None] + np.arange(k)
+            G = np.einsum("b,tbij->tij", w, own[self.place[some[here]]], optimize=True)
+            G -= C[columns] @ CS[columns].transpose(0, 2, 1)
+            terms = [self.terms[t] for t in some[here]]
+            gain, beta, sizes = (_first_order if k == 1 else _several)(
+                fit.model, terms, G, b[columns]
+            )
+            gains[some[here]] = gain
+            self.chosen |= {
+                int(t): size for t, size in zip(some[here], sizes, strict=True) if size is not None
+            }
+            mean |= dict(zip(here.tolist(), beta, strict=True))
+            less[:, here] = 2.0 * np.einsum("tib,ti->bt", left[columns], beta)
+            less[:, here] -= np.einsum(
+                "tbij,ti,tj->bt", own[self.place[some[here]]], beta, beta, optimize=True
+            )
+        first = gains[some]
+        rough = first + self._quieter(fit, less)
+        short = np.unique(
+            np.concatenate([np.argsort(-first)[:LOOKED_AT], np.argsort(-rough)[:LOOKED_AT]])
+        )
+        # What is there already moves with it.
+        of_fit = fit.model.assumed, fit.terms
+        H, own_left = kept(fit.model.spreads, of_fit, fit.spread, 1)
+        changes = [(slice(at[t], at[t + 1]), mean[int(t)]) for t in short]
+        back = -np.stack([beta @ CS[own] for own, beta in changes], axis=1)
+        X = np.stack([self._moving_with(beside, int(some[t]), mean[int(t)]) for t in short], axis=2)
+        moved = (
+            less[:, short]
+            + 2.0 * (own_left @ back)
+            - np.einsum("bps,ps->bs", H @ back + 2.0 * X, back)
+        )
+        gains[some[short]] += self._quieter(fit, moved)
+        return gains
+
+    @staticmethod
+    def _quieter(fit: Fit, less: Array) -> Array:
+        """Return what noise gains (T,) that is as much smaller as terms take off the squares of
+        each band (B, T)."""
+        n = fit.model.bands.n[:, None]
+        v = fit.found.v[:, None]
+        left = fit.found.left[:, None]
+        now = np.maximum(left - less, 1e-9)
+        quiet = np.maximum(np.where(v > 1.0, now / n, 1.0), 1.0)
+        # Beyond what the same noise makes of it, which is counted already.
+        return np.sum(
+            0.5 * (n * np.log(v / quiet) + left / v - now / quiet - (left - now) / v), axis=0
+        )
+
+    def term(self, t: int) -> Term:
+        """Return a term as :meth:`gains` found it best, with columns of its own: a set that holds
+        it outlives these."""
+        term = self._whole_term(t)
+        return term.at_size(self.chosen[t]) if t in self.chosen else term
+
+    def _whole_term(self, t: int) -> Term:
+        """Return a term with its rows."""
+        if t not in self._proposed:
+            shapes = self.columns.some(self._raw[t]).copy()
+            self._proposed[t] = self.terms[t].with_rows(shapes)
+        return self._proposed[t]
+
+
+Gains = tuple[Array, Array, list[float | None]]
+
+
+def _first_order(model: LinearModel, terms: Sequence[Term], G: Array, b: Array) -> Gains:
+    """Return what terms of one column gain (T,) with the scale that gains most, their sizes (T, 1),
+    and the scales."""
+    G = np.maximum(G[:, 0, 0], 0.0)
+    b = b[:, 0]
+    price = np.array([t.price + model.doubt(t) for t in terms])
+    fixed = np.array([t.offset is not None for t in terms])
+    std = np.array([1.0 if t.offset is not None else t.std[0] for t in terms])
+    low = np.array([-np.inf if t.offset is not None else t.low[0] for t in terms])
+    high = np.array([np.inf if t.offset is not None else t.high[0] for t in terms])
+    bounded = np.isfinite(low) | np.isfinite(high)
+    gained: list[Array] = []
+    means: list[Array] = []
+    for scale in SCALES:
+        prior = scale * std
+        variance = 1.0 / (G + prior**-2.0)
+        mean = variance * b
+        gain = 0.5 * mean * b + 0.5 * np.log(variance / prior**2)
+        gain[bounded] += mass(
+            mean[bounded], np.sqrt(variance[bounded]), low[bounded], high[bounded]
+        ) - mass(np.zeros(1), prior[bounded], low[bounded], high[bounded])
+        gained.append(gain)
+        means.append(mean)
+    best = np.argmax(gained, axis=0)
+    mean = np.where(fixed, 1.0, np.take_along_axis(np.array(means), best[None], axis=0)[0])
+    found = np.where(fixed, b - 0.5 * G, np.max(gained, axis=0) - np.log(len(SCALES))) - price
+    sizes = [None if one else float(scale) for one, scale in zip(fixed, SCALES[best], strict=True)]
+    return found, mean[:, None], sizes
+
+
+def _several(model: LinearModel, terms: Sequence[Term], G: Array, b: Array) -> Gains:
+    """Return the same of terms of as many columns each, laws without a form among them."""
+    laws = np.array([isinstance(t, LawTerm) for t in terms])
+    std = np.array([np.ones(b.shape[1]) if isinstance(t, LawTerm) else t.std for t in terms])
+    e, U = np.linalg.eigh(G * std[:, :, None] * std[:, None, :])
+    e = np.maximum(e, 0.0)
+    z = np.einsum("tij,ti->tj", U, b * std)
+
+    def at(size: float) -> Array:
+        return 0.5 * np.sum(z**2 / (e + size**-2.0) - np.log1p(e * size * size), axis=1)
+
+    # The size of a law is averaged over, as its prior is not stated; the scale of an effect is
+    # chosen.
+    of_laws = np.stack([at(a) for a in SIZES])
+    of_effects = np.stack([at(s) for s in SCALES])
+    size = np.where(laws, SIZES[np.argmax(of_laws, axis=0)], SCALES[np.argmax(of_effects, axis=0)])
+    gain = np.where(
+        laws,
+        logsumexp(of_laws, axis=0) - np.log(len(SIZES)),
+        of_effects.max(axis=0) - np.log(len(SCALES)),
+    )
+    mean = std * np.einsum("tij,tj->ti", U, z / (e + size[:, None] ** -2.0))
+    return (
+        gain - np.array([t.price + model.doubt(t) for t in terms]),
+        mean,
+        [float(s) for s in size],
+    )
