@@ -99,7 +99,7 @@ SUBCOMMANDS = {
     "history": Subcommand(
         "cli.history",
         "history_command",
-        "Track the numbers of one arm over several recordings, with time, size and"
+        "Track the parameters of one arm over several recordings, with time, size and"
         " probability of changes.",
     ),
     "export": Subcommand(

@@ -176,8 +176,8 @@ def _judged(result: Identification, written: Written) -> Identification:
         return result
     what = "the corrected file" if written.robot is not None else "no file"
     words = (
-        f"With all identified numbers, the errors of {listed(choice.worse)} under the recorded"
-        f" commands increase: the numbers of {listed(choice.taken_back)} stay as described, and"
+        f"With all identified parameters, the errors of {listed(choice.worse)} under the recorded"
+        f" commands increase: the parameters of {listed(choice.taken_back)} stay as described, and"
         f" {what} is written."
     )
     return result.with_(notes=(words, *result.notes))

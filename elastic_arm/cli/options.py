@@ -30,7 +30,9 @@ Channels = Annotated[
 Seed = Annotated[int, typer.Option(min=0, help="Seed of the random numbers.")]
 Refit = Annotated[
     bool,
-    typer.Option("--refit", help="Treat the numbers of the description as inexact, and fit them."),
+    typer.Option(
+        "--refit", help="Treat the parameters of the description as inexact, and fit them."
+    ),
 ]
 OutFolder = Annotated[Path, typer.Option("--out", help="Folder for the results.")]
 

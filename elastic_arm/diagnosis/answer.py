@@ -75,7 +75,7 @@ def diagnose(
             break
         watch.say(f"{len(events)} events excluded")
         parts = _explained(parts.prepared.without(events), question, watch)
-    watch.say("confirmation on the judging recordings")
+    watch.say("confirmation on the validation recordings")
     return diagnosis_of(confirmed(parts))
 
 

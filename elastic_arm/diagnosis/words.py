@@ -204,8 +204,8 @@ def law_note(joint: str, law: GeneralLaw) -> str:
 def unnamed_note(joint: str, effect: str) -> str:
     """Return the note on a number that is far off and has no cause in the catalogue."""
     return (
-        f"A number of {joint} is far from its description: it acts as {effect}, which is not in the"
-        " catalogue of this diagnosis."
+        f"A parameter of {joint} is far from its description: it acts as {effect}, which is not in"
+        " the catalogue of this diagnosis."
     )
 
 
@@ -359,7 +359,7 @@ def closed_loop_sentences(found: Diagnosis) -> list[str]:
     if len(found.taken_back) >= len(found.joints):
         written = "No correction by a cause is written"
         if any(one.corrected < one.described for one in found.closed_loop.values()):
-            written += "; the file has the numbers that were refined on the fitted motions"
+            written += "; the file has the parameters that were refined on the fitted motions"
     else:
         written = f"The correction of {listed(found.taken_back)} is not written"
     return [
@@ -458,8 +458,8 @@ def _ordinary_sentence(found: Diagnosis) -> str:
     joint, side = place = _worst_place(found)
     unit = found.units.at(joint, "Nm")
     return (
-        ", with only ordinary deviations of the numbers of arm and sensors. As described, the model"
-        f" errs by {found.before.rmse[place]:.3g} {unit} at {joint} ({side} side), with these"
+        ", with only ordinary deviations of the parameters of arm and sensors. As described, the"
+        f" model errs by {found.before.rmse[place]:.3g} {unit} at {joint} ({side} side), with these"
         f" deviations by {found.after.rmse[place]:.3g} {unit}"
     )
 

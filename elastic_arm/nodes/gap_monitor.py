@@ -40,7 +40,7 @@ PARAMETERS = {
     "effects_files": Setting(
         [], "Python files with your own effects, in addition to the catalogue"
     ),
-    "refit": Setting(False, "Treat the numbers of the description as inexact, and fit them"),
+    "refit": Setting(False, "Treat the parameters of the description as inexact, and fit them"),
     "channels": CHANNELS,
     "sides": SIDES,
     "window": Setting(

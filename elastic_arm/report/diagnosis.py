@@ -177,7 +177,7 @@ def _closed_loop(found: Diagnosis) -> Table:
     return Table(
         header,
         rows,
-        "Errors of angles in MuJoCo under the commands of the judging recordings, RMS",
+        "Errors of angles in MuJoCo under the commands of the validation recordings, RMS",
     )
 
 
@@ -198,8 +198,8 @@ def _where(found: Diagnosis) -> list[Block]:
         taken = f"reduce the gap by {share} (95 % interval {percent(low)} to {percent(high)})"
         taken = "increase the total gap" if share.startswith("-") else taken
         what = (
-            f"All causes together {taken}, measured as power above the sensor noise on the judging"
-            " recordings."
+            f"All causes together {taken}, measured as power above the sensor noise on the"
+            " validation recordings."
         )
         blocks.append(Text(what))
     return [

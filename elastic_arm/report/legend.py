@@ -1,7 +1,7 @@
 """What the columns of reports mean: one word for one thing, as in docs/glossary.md."""
 
 MEANINGS = {
-    "cause": "effect, or large deviation of a number, that the arm has and the model lacks",
+    "cause": "effect, or large deviation of a parameter, that the arm has and the model lacks",
     "where": "the joint of the cause",
     "visible on": "equations of the joint in which the cause is visible: link, drive or motor side",
     "size": "parameters of the cause with one standard deviation; from → to if the description"
@@ -16,12 +16,12 @@ MEANINGS = {
     "residual": "measured value minus the value of the model; symbols in docs/notation.md",
     "regime": "quantity on which the residual depends",
     "remaining": "root mean square of the residual with all causes",
-    "number": "a number of the arm or of a sensor",
+    "number": "parameter of the arm or of a sensor",
     "value": (
         "estimate: a ratio to the description without a unit, a difference from it with a unit"
     ),
     "± std": "one standard deviation",
-    "prior std": "usual deviation of such a number, one standard deviation",
+    "prior std": "usual deviation of such a parameter, one standard deviation",
     "usual": "whether the deviation is usual for an arm",
     "noise": "standard deviation of the sensor noise in the residual",
     "rmse": "root mean square of the residual",
@@ -40,10 +40,10 @@ MEANINGS = {
     "nominal": "value of the description",
     "determined": (
         "whether the standard deviation is small compared with the usual size of such a"
-        " number for this arm"
+        " parameter for this arm"
     ),
     "equation": "compared side of the joint, or compared torque",
-    "arm": "nominal, identified, or consistent (physically possible numbers)",
+    "arm": "nominal, identified, or consistent (physically possible parameters)",
     "recording": "held-out data",
 }
 

@@ -353,7 +353,7 @@ def test_the_summary_says_what_the_arm_has_and_how_right_the_model_is_then() -> 
         replace(diagnosis(), verdict="none", shrink_by_place={("joint_2", "motor"): 0.9})
     )
     assert off.endswith(
-        "of the sensors, with only ordinary deviations of the numbers of arm and sensors. As"
+        "of the sensors, with only ordinary deviations of the parameters of arm and sensors. As"
         " described, the model errs by 0.4 Nm at joint_2 (motor side), with these deviations by"
         " 0.4 Nm."
     )

@@ -240,7 +240,7 @@ def print_export(done: Exported, *, new: bool = False) -> None:
             table.add_row(*(escape(cell) for cell in cells))
         out.print(table)
     elif not new:
-        out.print("no number of the description changes")
+        out.print("no parameter of the description changes")
     for words in done.stand_ins:
         out.print(f"[bold yellow]approximation:[/] {escape(words)}", soft_wrap=True)
     for one in done.left:
