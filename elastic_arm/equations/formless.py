@@ -30,20 +30,26 @@ from elastic_arm.robot import Transmission
 
 Argument = Callable[[Signals], Array]
 
-# Numbers of cubic splines over the root of a speed, the recording, an angle (of friction, of a
-# torque) and a load: each coefficient has its price, so that too many cost a few nats and no truth.
-SPEEDS, TIMES, PLACES, ANGLES, LOADS = 10, 12, 16, 32, 12
+# Numbers of cubic splines: each coefficient has its price, so that too many cost a few nats and no
+# truth.
+SPEEDS = 10  # over the root of a speed
+TIMES = 12  # over the recording
+PLACES = 16  # over an angle, of friction
+ANGLES = 32  # over an angle, of a torque
+LOADS = 12  # over a load
 RELAXATIONS = (0.03, 0.1, 0.3, 1.0, 3.0)  # s; from a cycle of fast motion to a slow one
 SHARED = {"link": 1.0, "drive": 1.0, "motor": -1.0}
 WAVES = 6  # a turn
 DEGREE = 3  # of the splines
 MEAN = 30.0  # prior standard deviation of a law's mean over that of a spline; convention
-# of the second kernel of a smooth law: inverse of its length, and its size
-FINER, FINE_SHARE = 4.0, 0.03
+# Of the second kernel of a smooth law.
+FINER = 4.0  # inverse of its length
+FINE_SHARE = 0.03  # its size
 SMALL = (
     1e-8  # share of the largest eigenvalue of the kernel below which a shape is left out; numerical
 )
-ROUGH, SMOOTH = "rough", "smooth"
+ROUGH = "rough"
+SMOOTH = "smooth"
 
 
 @dataclass(frozen=True)
@@ -78,7 +84,8 @@ def general_laws(
     sets: of the recordings: they span the functions' arguments; gear: its transmission: some laws
     repeat with its turns.
     """
-    n, sides = sets[0].layout.n, sets[0].layout.sides
+    n = sets[0].layout.n
+    sides = sets[0].layout.sides
     found = _laws_over_a_range(sets, joint)
 
     def add(side: str, argument: str, shapes: Argument, count: int) -> None:
@@ -106,7 +113,8 @@ def general_laws(
 def _laws_over_a_range(sets: Sequence[WhitenedData], joint: int) -> list[GeneralLaw]:
     """Return the laws of a joint that are functions of one argument over its range, of each prior
     side by side."""
-    n, sides = sets[0].layout.n, sets[0].layout.sides
+    n = sets[0].layout.n
+    sides = sets[0].layout.sides
     load = _load(joint)
     found = []
 
@@ -122,7 +130,8 @@ def _laws_over_a_range(sets: Sequence[WhitenedData], joint: int) -> list[General
 
     for side in (side for side in ("link", "motor") if side in sides):
         first = n if side == "motor" and sets[0].parts[0].signals.values["x"].shape[1] > n else 0
-        angle, speed = _signal("x", first + joint), _signal("dx", first + joint)
+        angle = _signal("x", first + joint)
+        speed = _signal("dx", first + joint)
         sign = _signal(f"sign_{side}", joint)
         over_speed = _and_times(sign, over(_root(speed), SPEEDS))
         add(side, "its speed", over_speed, SPEEDS, SPEEDS, friction=True)
@@ -200,7 +209,8 @@ def _splines(sets: Sequence[WhitenedData], argument: Argument, count: int) -> Ar
     argument: signals -> (N,); count: number of splines.
     """
     values = np.concatenate([argument(part.signals) for data in sets for part in data.parts])
-    low, high = float(values.min()), float(values.max())
+    low = float(values.min())
+    high = float(values.max())
     high = max(high, low + 1e-9)
     step = (high - low) / (count - DEGREE)
     knots = low + step * np.arange(-DEGREE, count + 1)
@@ -263,8 +273,10 @@ def _relaxed(load: Argument, constants: Sequence[float]) -> Argument:
     """
 
     def shapes(signals: Signals) -> Array:
-        values, step = load(signals), float(np.median(np.diff(signals.t)))
-        start, found = values[0], []
+        values = load(signals)
+        step = float(np.median(np.diff(signals.t)))
+        start = values[0]
+        found = []
         for constant in constants:
             share = step / (constant + step)
             found.append(lfilter([share], [1.0, share - 1.0], values - start))

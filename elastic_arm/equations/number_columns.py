@@ -103,7 +103,9 @@ def shared_columns(
     data: whitened residuals, in whose predicted torques it acts; parameters, features: the numbers,
     and the effects that some of them are, as of :func:`features_at`.
     """
-    effect, found, numbers = data.acting[which], [list[Array]() for _ in data.parts], list[int]()
+    effect = data.acting[which]
+    found = [list[Array]() for _ in data.parts]
+    numbers = list[int]()
     for k, feature in features.items():
         parameter = parameters[k]
         j = feature.equations.robot.joint_names.index(str(parameter.joint))
@@ -144,7 +146,8 @@ def _transmitted(
     It scales with that torque. Without it a recording would seem to show the common scale of all
     torques and masses.
     """
-    j, n = equations.robot.joint_names.index(str(effect.feature.joint)), equations.robot.n
+    j = equations.robot.joint_names.index(str(effect.feature.joint))
+    n = equations.robot.n
     link, motor, *_ = effect.torques(part.signals)
     return _in_row(data, part, 2 * n + j, (motor - link)[:, j])
 
@@ -221,7 +224,9 @@ def _springs(model: Model) -> list[int]:
 
 def _regressor(model: Model, motion: CompletedMotion, directions: Array) -> Array:
     """Columns (N, 3 n, k) of directions (P, k) of Psi."""
-    n, N, elastic = model.n, len(motion), model.robot.elastic
+    n = model.n
+    N = len(motion)
+    elastic = model.robot.elastic
     along = directions.copy()
     along[_springs(model)] = 0.0
     spins = [spin.parameter for spin in model.bodies.spins]
@@ -233,11 +238,13 @@ def _regressor(model: Model, motion: CompletedMotion, directions: Array) -> Arra
         Phi = model.regressor(x[part], dx[part], ddx[part], out=memory[: min(BLOCK, N - first)])
         rows = (Phi.reshape(-1, len(along)) @ along).reshape(*Phi.shape[:2], -1)
         if elastic:
-            columns[part, :n], columns[part, 2 * n :] = rows[:, :n], rows[:, n : 2 * n]
+            columns[part, :n] = rows[:, :n]
+            columns[part, 2 * n :] = rows[:, n : 2 * n]
         else:
             # The armature stands in the motor's row, as in the residuals.
             motor = Phi[:, :, spins] @ along[spins]
-            columns[part, :n], columns[part, 2 * n :] = rows - motor, motor
+            columns[part, :n] = rows - motor
+            columns[part, 2 * n :] = motor
     return columns
 
 
@@ -252,7 +259,10 @@ def _drive_entries(
 ) -> Entries:
     """Columns (N, 3 n, k): stiffness by predicted torque, damping by that of the spring, presliding
     by speed."""
-    n, elastic, motion, signals = model.n, model.robot.elastic, part.stretch.quiet, part.signals
+    n = model.n
+    elastic = model.robot.elastic
+    motion = part.stretch.quiet
+    signals = part.signals
     K, D = drive_constants(model) if elastic else (np.ones(n), np.zeros(n))
     load = rates = _wound(model, part, acting) if elastic else np.zeros((len(motion), n))
     clear = load - _load_noise(part) if sensed else load
@@ -306,7 +316,8 @@ def _of_gain(model: Model, parameter: Number, part: Part, acting: Sequence[Actin
     Laws without a linear size are left out, as they are of the columns of masses: else they would
     tell the scale that both have.
     """
-    motion, signals = part.stretch.quiet, part.signals
+    motion = part.stretch.quiet
+    signals = part.signals
     j = model.robot.joint_names.index(parameter.joint)
     joint = model.robot.joints[j]
     controller = joint.controller

@@ -109,13 +109,16 @@ def allowed_values(feature: Feature, parameter: Parameter, data: WhitenedData) -
             (part.signals.model_torques["tau_m"], part.stretch.quiet.tau_m) for part in data.parts
         ]
         needed, made = (np.concatenate(one)[:, joint] for one in zip(*torques, strict=True))
-        low, high = float(np.sqrt(np.mean(needed**2))), float(np.abs(made).max())
+        low = float(np.sqrt(np.mean(needed**2)))
+        high = float(np.abs(made).max())
     elif parameter.bounded_by == "error":
         errors = [part.signals.values["r"] - part.stretch.quiet.theta for part in data.parts]
-        low, high = parameter.low, float(np.median(np.abs(np.concatenate(errors)[:, joint])))
+        low = parameter.low
+        high = float(np.median(np.abs(np.concatenate(errors)[:, joint])))
     else:  # As the load winds it: what encoders read has their noise.
         wound = np.concatenate([part.signals.values["wound"][:, joint] for part in data.parts])
-        low, high = parameter.low, WOUND * float(np.median(np.abs(wound)))
+        low = parameter.low
+        high = WOUND * float(np.median(np.abs(wound)))
     low = max(low, parameter.low)
     return replace(
         parameter, low=low, high=max(min(high, parameter.high), low + 1e-6 * (parameter.high - low))

@@ -63,7 +63,8 @@ def _changed(joint: Joint, deviation: dict[str, float]) -> Joint:
             stiffness=gear.stiffness * max(LEAST, 1.0 + deviation["stiffness"]),
             damping=gear.damping * max(0.01, 1.0 + deviation["damping"]),
         )
-    controller, armature = joint.controller, joint.armature
+    controller = joint.controller
+    armature = joint.armature
     if controller is not None:
         scale, ratio = (1.0 + deviation.get(what, 0.0) for what in (SCALE, RATIO))
         controller = controller.scaled(scale, scale * ratio)

@@ -49,7 +49,9 @@ class Attachment:
         instances: Sequence[EffectInstance],
         stated: Sequence[EffectInstance] = (),
     ) -> None:
-        self.model, self.robot, self.instances = model, robot, tuple(instances)
+        self.model = model
+        self.robot = robot
+        self.instances = tuple(instances)
         self._theta, self._wound = _addresses(model, robot)
         equations = ArmEquations(robot)
         # What all of them do, less what the model does of itself: a law may scale friction, or
@@ -95,7 +97,8 @@ class Attachment:
 
     def _take_stand_ins_away(self) -> None:
         """Take the friction from the model that stands for laws which act from now on."""
-        model, robot = self.model, self.robot
+        model = self.model
+        robot = self.robot
         laws = [one for one in self.instances if one.effect.friction]
         if robot.elastic or not laws:
             return
@@ -112,11 +115,13 @@ class Attachment:
 
     def act(self, data: Any) -> None:
         """Add the laws' forces to the passive forces of a state."""
-        time, z = float(data.time), self._state(data)
+        time = float(data.time)
+        z = self._state(data)
         rows, rates = self._evaluate(data, z)
         if self._states:
             self._memory[data._address] = (time, z, rates)
-        dofs, n = self._theta[1], self.robot.n
+        dofs = self._theta[1]
+        n = self.robot.n
         if not self.robot.elastic:
             data.qfrc_passive[dofs] -= rows
             return
@@ -125,7 +130,8 @@ class Attachment:
         data.qfrc_passive[self._wound[1]] -= rows[:n]
 
     def _evaluate(self, data: Any, z: Array) -> tuple[Array, Array]:
-        (positions, dofs), (wound, wound_dofs) = self._theta, self._wound
+        positions, dofs = self._theta
+        wound, wound_dofs = self._wound
         values = [
             np.array(data.qpos[positions]),
             np.array(data.qvel[dofs]),
@@ -137,11 +143,14 @@ class Attachment:
                 np.concatenate([own + more, own]) for own, more in zip(values, apart, strict=True)
             ]
         torque = self._torque(data)
-        rows, rates, first = np.zeros(self.robot.n * (2 if self.robot.elastic else 1)), [], 0
+        rows = np.zeros(self.robot.n * (2 if self.robot.elastic else 1))
+        rates = []
+        first = 0
         for sign, effects, (law, numbers) in zip((1.0, -1.0), self._sets, self._laws, strict=False):
             last = first + int(effects.z.numel())
             added, changing = law(*values, z[first:last], torque, *numbers, self._speed)
-            rows, first = rows + sign * np.array(added).ravel(), last
+            rows = rows + sign * np.array(added).ravel()
+            first = last
             rates.append(np.array(changing).ravel())
         return rows, np.concatenate(rates)
 
@@ -167,7 +176,9 @@ class Attachment:
 
     def _followable(self) -> Array:
         """Return the speeds (2n,) over which signs turn over: `friction step / inertia` or more."""
-        mj, model, n = engine(), self.model, self.robot.n
+        mj = engine()
+        model = self.model
+        n = self.robot.n
         data = mj.MjData(model)
         mj.mj_forward(model, data)
         full = np.zeros((model.nv, model.nv))
@@ -175,7 +186,8 @@ class Attachment:
         least = np.diag(full)
         found = self._speed.copy()
         for k in range(2 * n):
-            i, side = k % n, "link" if k < n else "motor"
+            i = k % n
+            side = "link" if k < n else "motor"
             mass = least[
                 (self._wound if side == "link" and self.robot.elastic else self._theta)[1][i]
             ]

@@ -143,7 +143,8 @@ def with_controllers(arm: MjcfArm, robot: Robot) -> MjcfArm:
     """
     own = arm.robot
     for joint, stated in zip(arm.robot.joints, robot.joints, strict=True):
-        drive, wanted = joint.controller, stated.controller
+        drive = joint.controller
+        wanted = stated.controller
         if drive is None or wanted is None or wanted.mode != "position":
             continue
         names = ("dead_band", "ki", "between", "stall", "sag", "firmware_gain")
@@ -197,16 +198,20 @@ def servo_motion(
     if arm.laws:
         # Friction by step is the model's friction loss, which the next motion begins without.
         arm = replace(arm, model=copy.copy(arm.model))
-    mj, model = engine(), arm.model
+    mj = engine()
+    model = arm.model
     before = commands[:1] if before is None or not len(before) else before
     data = _started(arm, start, before)
     given = _inputs(arm)
     with _punctual(model):
         if not plays_by_step(arm):
             return _rolled_out(arm, data, given, commands)
-        integral, step = start.integrals.copy(), float(model.opt.timestep)
-        hold, found = held(arm), np.empty_like(commands)
-        rub, set_points = acting_by_step(arm, arm.laws), _set_points(arm)
+        integral = start.integrals.copy()
+        step = float(model.opt.timestep)
+        hold = held(arm)
+        found = np.empty_like(commands)
+        rub = acting_by_step(arm, arm.laws)
+        set_points = _set_points(arm)
         positions = arm.positions
         for k, command in enumerate(commands):
             angles = data.qpos[positions]
@@ -226,7 +231,8 @@ def _set_points(arm: MjcfArm) -> Callable[[Array, Array, Array], Array]:
     They hold what an actuator has not: a dead band, an integral, a supply that sags.
     """
     drives = [joint.controller or JointController() for joint in arm.robot.joints]
-    dead_band, integrating = _dead_bands(arm), _beside(arm)
+    dead_band = _dead_bands(arm)
+    integrating = _beside(arm)
     kp = np.array([drive.kp or 1.0 for drive in drives])
     limited = [drive.stall is not None for drive in drives]
 
@@ -264,7 +270,8 @@ def held(arm: MjcfArm) -> Callable[[Any], None]:
 
     def hold(data: Any) -> None:
         if len(other_v):
-            data.qpos[other_q], data.qvel[other_v] = arm.qpos[other_q], 0.0
+            data.qpos[other_q] = arm.qpos[other_q]
+            data.qvel[other_v] = 0.0
 
     return hold
 
@@ -272,7 +279,8 @@ def held(arm: MjcfArm) -> Callable[[Any], None]:
 def _rolled_out(arm: MjcfArm, data: Any, given: NDArray[np.intp], commands: Array) -> Array:
     from mujoco import rollout
 
-    mj, model = engine(), arm.model
+    mj = engine()
+    model = arm.model
     kind = mj.mjtState.mjSTATE_FULLPHYSICS
     state = np.empty(mj.mj_stateSize(model, kind))
     mj.mj_getState(model, data, state, kind)
@@ -291,10 +299,12 @@ def _inputs(arm: MjcfArm) -> NDArray[np.intp]:
 
 def _started(arm: MjcfArm, start: StartState, before: Array) -> Any:
     """Return MuJoCo's data in a state, with commands (H, n) on their way to late actuators."""
-    mj, model = engine(), arm.model
+    mj = engine()
+    model = arm.model
     data = mj.MjData(model)
     data.qpos[:] = arm.qpos
-    data.qpos[arm.positions], data.qvel[arm.dofs] = start.angles, start.rates
+    data.qpos[arm.positions] = start.angles
+    data.qvel[arm.dofs] = start.rates
     step = float(model.opt.timestep)
     for i, joint in enumerate(arm.chain.joints):
         (actuator,) = drives_of(model, joint)
@@ -317,7 +327,8 @@ def _started(arm: MjcfArm, start: StartState, before: Array) -> Any:
 def _activation(arm: MjcfArm, i: int, actuator: int, start: StartState, before: Array) -> float:
     """Return what an actuator holds at the start: an integral of the error, an angle, or a filtered
     command."""
-    mj, model = engine(), arm.model
+    mj = engine()
+    model = arm.model
     if int(model.actuator_gaintype[actuator]) == int(mj.mjtGain.mjGAIN_PID):
         return float(start.integrals[i])
     if int(model.actuator_dyntype[actuator]) == int(mj.mjtDyn.mjDYN_INTEGRATOR):
@@ -346,7 +357,8 @@ def _sagging(arm: MjcfArm) -> NDArray[np.bool_]:
     duty that the actuator has not."""
     found = np.zeros(arm.robot.n, dtype=bool)
     for i, (joint, place) in enumerate(zip(arm.robot.joints, arm.chain.joints, strict=True)):
-        drive, own = joint.controller, controller_of(arm.model, place)
+        drive = joint.controller
+        own = controller_of(arm.model, place)
         if drive is not None and drive.stall is not None:
             found[i] = bool(drive.sag) or own is None or own.stall is None
     return found
@@ -423,7 +435,8 @@ def _settled(
     first = commands[: max(1, round(SETTLED / step))]
     times = np.asarray(at + step * np.arange(1, len(first) + 1), dtype=np.float64)
     wanted = interpolated(times, *known)
-    found, which = state.integrals.copy(), np.flatnonzero(_integrating(arm))
+    found = state.integrals.copy()
+    which = np.flatnonzero(_integrating(arm))
     size = 0.01  # rad s: the motion is linear in an integral, but for limits
     for _ in range(2):
         here = servo_motion(arm, replace(state, integrals=found), first, before)

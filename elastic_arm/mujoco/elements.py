@@ -74,7 +74,8 @@ def servo(controller: JointController | None) -> JointController | None:
 def motor_attributes(drive: JointController, gear: float) -> dict[str, str]:
     """Return the attributes of the <dcmotor> that a servo with a limit of its duty is."""
     motor = MotorConstants.of(drive, gear)
-    kp, kd = drive.kp / gear**2, drive.kd / gear**2
+    kp = drive.kp / gear**2
+    kd = drive.kd / gear**2
     return {
         "motorconst": text_of(motor.constant, motor.constant),
         "resistance": text_of(motor.resistance),
@@ -87,7 +88,8 @@ class Elements:
     not."""
 
     def __init__(self, robot: Robot, arm: StatedArm, timestep: float) -> None:
-        self.robot, self.timestep = robot, timestep
+        self.robot = robot
+        self.timestep = timestep
         gears = [joint.transmission for joint in robot.joints]
         # (n, 3) a, b, c
         self.springs = np.array([(gear.stiffness if gear else 0.0, 0.0, 0.0) for gear in gears])
@@ -184,14 +186,16 @@ def _ripple(elements: Elements, i: int, instance: EffectInstance) -> None:
 
 
 def _wrist(elements: Elements, i: int, instance: EffectInstance) -> None:
-    names, turns = elements.robot.joint_names, TURNS[str(instance.parameters["turns"])]
+    names = elements.robot.joint_names
+    turns = TURNS[str(instance.parameters["turns"])]
     own = {"armature": "inertia", "damping": "viscous", "frictionloss": "dry"}
     numbers = {attribute: number(instance, name) for attribute, name in own.items()}
     elements.add(i, "wrist", numbers, {names[i - 1]: turns, names[i]: 1.0})
 
 
 def _spring(elements: Elements, i: int, instance: EffectInstance) -> None:
-    stiffness, rest = number(instance, "stiffness"), number(instance, "rest")
+    stiffness = number(instance, "stiffness")
+    rest = number(instance, "rest")
     elements.add(i, "spring", {"stiffness": stiffness, "springlength": rest}, elements.link(i))
 
 
@@ -213,7 +217,8 @@ def _cubic(elements: Elements, i: int, instance: EffectInstance) -> None:
 
 def _play(elements: Elements, i: int, instance: EffectInstance) -> None:
     """The spring moves to a tendon, whose dead band is the play; damping acts throughout."""
-    gear, half = elements.robot.joints[i].transmission, number(instance, "half_gap")
+    gear = elements.robot.joints[i].transmission
+    half = number(instance, "half_gap")
     assert gear is not None
     elements.springs[i, 0] -= gear.stiffness
     band = f"{-half:.10g} {half:.10g}"

@@ -19,7 +19,8 @@ from elastic_arm.mujoco.servo_numbers import within_prior
 from elastic_arm.robot import Robot
 from elastic_arm.robot.mjcf import MjcfArm
 
-DRY, VISCOUS = "coulomb_friction", "viscous_friction"
+DRY = "coulomb_friction"
+VISCOUS = "viscous_friction"
 # Numbers of a controller that set-points have to hold, in words.
 BESIDE = {"dead_band": "dead band", "ki": "integral", "sag": "sag of the supply"}
 

@@ -105,7 +105,8 @@ def acting_by_step(arm: MjcfArm, laws: Sequence[EffectInstance]) -> Callable[[An
     if not laws:
         return lambda data: None
     level = FrictionLevel(arm.robot, laws)
-    positions, dofs = arm.positions, arm.dofs
+    positions = arm.positions
+    dofs = arm.dofs
     own = np.array(arm.model.dof_frictionloss[arm.dofs])
 
     def act(data: Any) -> None:

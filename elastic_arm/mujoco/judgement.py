@@ -100,7 +100,8 @@ def closed_loop(arm: MjcfArm, judging: Sequence[Judging], late: float = 0.0) -> 
     found = [one for one in plays if one is not None]
     if not found:
         return None
-    halves, samples = list[Array](), list[int]()
+    halves = list[Array]()
+    samples = list[int]()
     for one in found:
         for half in np.array_split(one.errors, 2):
             square = np.mean(half**2, axis=0)
@@ -198,7 +199,9 @@ class _Search:
     def __init__(
         self, described: MjcfArm, build: Build, judging: Sequence[Judging], watch: Watch
     ) -> None:
-        self._build, self._judging, self._watch = build, judging, watch
+        self._build = build
+        self._judging = judging
+        self._watch = watch
         self._met: dict[frozenset[str], ClosedLoop | None] = {}
         self._models: dict[frozenset[str], MjcfArm] = {}
         self.reasons: dict[frozenset[str], str] = {}

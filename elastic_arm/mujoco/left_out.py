@@ -21,7 +21,9 @@ from elastic_arm.robot import JointController, Robot
 from elastic_arm.simulation.assembly import law_rows
 from elastic_arm.simulation.simulator import SIGN_SPEED
 
-SWING, SPEED = 0.5, 2.0  # rad or m, rad/s: rates and accelerations as those of an excitation
+# Rates and accelerations as those of an excitation.
+SWING = 0.5  # rad or m
+SPEED = 2.0  # rad/s
 SAMPLES = 200
 Motion = tuple[Array, Array, Array]  # angles, rates and accelerations (N, n), rad and s
 
@@ -75,7 +77,8 @@ def left_numbers(
     """Yield numbers that a file does not hold."""
     state = Swing(robot)
     for i, joint in enumerate(robot.joints):
-        gear, unit = joint.transmission, joint.unit
+        gear = joint.transmission
+        unit = joint.unit
         if len(armatures) and armatures[i]:
             missing = state.only(i, float(armatures[i]) * state.ddq[:, i])
             inertia = {"armature": "kg" if joint.prismatic else "kg m²"}
@@ -160,7 +163,8 @@ class Swing:
             law = law_rows(equations, effects)
         except EffectError:
             return none
-        z, speed = np.zeros(int(effects.z.numel())), np.full(2 * self.robot.n, SIGN_SPEED)
+        z = np.zeros(int(effects.z.numel()))
+        speed = np.full(2 * self.robot.n, SIGN_SPEED)
         given = (equations.nominal, effects.numbers(), speed)
         samples = zip(*self.motion, self.tau_m, strict=True)
         return np.array(
@@ -190,5 +194,6 @@ def _swinging(robot: Robot) -> Motion:
         [SWING if span is None else min(SWING, 0.5 * (span[1] - span[0])) for span in spans]
     )
     middle = np.array([0.0 if span is None else 0.5 * (span[0] + span[1]) for span in spans])
-    q, dq = middle + size * np.sin(phases), size * SPEED * np.cos(phases)
+    q = middle + size * np.sin(phases)
+    dq = size * SPEED * np.cos(phases)
     return q, dq, -size * SPEED**2 * np.sin(phases)

@@ -181,7 +181,10 @@ class _Document:
     """One pass over the trees of a file."""
 
     def __init__(self, arm: MjcfArm, file: ShapedMjcf, before: StatedArm, after: StatedArm) -> None:
-        self.arm, self.file, self.before, self.after = arm, file, before, after
+        self.arm = arm
+        self.file = file
+        self.before = before
+        self.after = after
         self.left: list[tuple[EffectInstance, str]] = []
         elements = _carriers(file, arm)
         if elements is None:
@@ -204,7 +207,8 @@ class _Document:
         return changes
 
     def _joints(self, deviations: Deviations | None) -> list[Change]:
-        robot, changes = self.arm.robot, []
+        robot = self.arm.robot
+        changes = []
         for (i, field), change in joint_changes(robot, self.before, self.after, deviations).items():
             if field == "delay":
                 if self._delay(i):
@@ -251,7 +255,8 @@ class _Document:
         """Change gains, delays and limits of <position> elements; other actuators stay as they
         are."""
         for old, new in zip(self.arm.robot.joints, robot.joints, strict=True):
-            before, after = old.controller, new.controller
+            before = old.controller
+            after = new.controller
             if before is not None and after is not None and before.stall is not None:
                 yield from self._motor(old, before, after)
                 continue
@@ -294,7 +299,8 @@ class _Document:
         gear = float(self.arm.model.actuator_gear[drive, 0])
         self.file.set(elements[0], nominal=None, **motor_attributes(after, gear))
         for number, unit in (("kp", "Nm/rad"), ("kd", "Nm s/rad"), ("stall", "Nm")):
-            own, wanted = getattr(before, number), getattr(after, number)
+            own = getattr(before, number)
+            wanted = getattr(after, number)
             if not np.isclose(own, wanted, rtol=READ_BACK, atol=0.0):
                 yield Change(joint.name, number, joint.unit(unit), (own,), (wanted,))
         if after.torque is not None and after.torque != before.torque:
@@ -336,7 +342,8 @@ class _Document:
         return self.arm.chain.joints[self.arm.robot.joint_names.index(joint)]
 
     def _from_actuator(self, i: int, field: str) -> float:
-        model, joint = self.arm.model, self.arm.chain.joints[i]
+        model = self.arm.model
+        joint = self.arm.chain.joints[i]
         dof = int(model.jnt_dofadr[joint])
         armature, damping = motor_inertia_and_damping(model, joint)
         own = {
@@ -347,7 +354,8 @@ class _Document:
         return own.get(field, 0.0)
 
     def _joint_element(self, i: int) -> Any:
-        joint, body = self.arm.chain.joints[i], self._carriers[i]
+        joint = self.arm.chain.joints[i]
+        body = self._carriers[i]
         elements = self.file.children(self._elements[i], "joint")
         k = joint - int(self.arm.model.body_jntadr[body])
         if k >= len(elements) or elements[k].get("name") not in (
@@ -362,7 +370,8 @@ class _Document:
 
     def _delay(self, i: int) -> bool:
         """Delay the sensor of a joint's motor torque; without one the recording alone is late."""
-        delay, name = self.after.joints[i].delay, self.arm.robot.joint_names[i]
+        delay = self.after.joints[i].delay
+        name = self.arm.robot.joint_names[i]
         for element in self.file.elements("jointactuatorfrc"):
             if element.get("joint") == name:
                 self.file.set(element, **delayed(delay, float(self.arm.model.opt.timestep)))
@@ -370,7 +379,8 @@ class _Document:
         return False
 
     def _inertial(self, i: int) -> list[Change]:
-        model, body = self.arm.model, self._carriers[i]
+        model = self.arm.model
+        body = self._carriers[i]
         name = self.arm.robot.joints[i].link_name
         if self._carriers[i + 1 : i + 2] == [body]:
             raise RobotError(

@@ -81,7 +81,8 @@ class ShapedMjcf:
         return self._write(self._path, out, out, elsewhere)
 
     def _write(self, source: Path, target: Path, main: Path, elsewhere: bool) -> list[Path]:
-        tree, written = self._trees[source], []
+        tree = self._trees[source]
+        written = []
         for include in tree.root.iter("include"):
             file = self._included(include)
             if self._needs_copy(file, elsewhere):

@@ -104,7 +104,9 @@ def _written(
     bodies = _bodies(robot, arm)
     if bodies[0].mass > 0.0:
         _inertial(base, bodies[0])
-    parent, place, radius = base, np.eye(4), link_radius(robot)
+    parent = base
+    place = np.eye(4)
+    radius = link_radius(robot)
     waiting: list[
         tuple[int, Array]
     ] = []  # joints of massless links, which MuJoCo has on the next body
@@ -121,7 +123,8 @@ def _written(
         onward = robot.joints[i + 1].before[:3, 3] if i + 1 < robot.n else np.zeros(3)
         start = np.linalg.inv(joint.after)[:3, 3]
         _capsule(body, start, onward, radius)
-        parent, place = body, np.eye(4)
+        parent = body
+        place = np.eye(4)
     _drives(root, arm, robot, timestep)
     _elements(root, elements)
     numerics = [*(one.numeric for one in stand_ins), *_firmware_gains(robot)]
@@ -165,7 +168,8 @@ def _joints(
 ) -> None:
     """Add joint i, whose frame stands at `frame` in the body's, and the joint that its drive winds
     by."""
-    joint, numbers = robot.joints[i], arm.joints[i]
+    joint = robot.joints[i]
+    numbers = arm.joints[i]
     where = {"pos": words_of(frame[:3, 3]), "axis": words_of(frame[:3, 2])}
     limits = joint.limits
     ranged = {}
@@ -194,9 +198,11 @@ def _joints(
 
 
 def _drives(root: ET.Element, arm: StatedArm, robot: Robot, timestep: float) -> None:
-    actuators, sensors = ET.SubElement(root, "actuator"), ET.SubElement(root, "sensor")
+    actuators = ET.SubElement(root, "actuator")
+    sensors = ET.SubElement(root, "sensor")
     for joint, numbers in zip(robot.joints, arm.joints, strict=True):
-        motor, torque = f"{joint.name}_motor", joint.limits.torque
+        motor = f"{joint.name}_motor"
+        torque = joint.limits.torque
         drive = servo(joint.controller)
         if drive is None:
             limit = {} if torque is None else {"ctrlrange": text_of(-torque, torque)}
@@ -248,7 +254,8 @@ def _elements(root: ET.Element, elements: Elements) -> None:
 
 def _inertial(body: ET.Element, inertia: Inertia) -> None:
     if inertia.mass > 0.0:
-        mass, moments = words_of([inertia.mass]), words_of(six(inertia))
+        mass = words_of([inertia.mass])
+        moments = words_of(six(inertia))
         ET.SubElement(body, "inertial", pos=words_of(inertia.com), mass=mass, fullinertia=moments)
 
 

@@ -87,7 +87,8 @@ def record_commands(
     """
     if not has_servos(arm):
         raise SimulationError("the model has no servos", "Give each joint one position actuator.")
-    step, recorded = float(arm.model.opt.timestep), recorded or rate
+    step = float(arm.model.opt.timestep)
+    recorded = recorded or rate
     every, kept = (max(1, round(1.0 / (one * step))) for one in (rate, recorded))
     angles = servo_motion(arm, StartState.at_rest(commands[0]), np.repeat(commands, every, axis=0))
     if not np.isfinite(angles).all():
@@ -113,14 +114,18 @@ def _followed(
     arm: MjcfArm, controller: Controller, reference: tuple[Array, Array, Array], rate: float
 ) -> tuple[Array, Array, Array]:
     """Return angles, velocities and held torques (N, n) of the arm on its way along a reference."""
-    mj, model = engine(), arm.model
+    mj = engine()
+    model = arm.model
     q_ref, dq_ref, _ = reference
     forward = controller.feedforward(*reference)
     step = _step(arm, rate)
     substeps = round(1.0 / rate / step)
-    data, positions, dofs = mj.MjData(model), arm.positions, arm.dofs
+    data = mj.MjData(model)
+    positions = arm.positions
+    dofs = arm.dofs
     data.qpos[:] = arm.qpos
-    data.qpos[positions], data.qvel[dofs] = q_ref[0], dq_ref[0]
+    data.qpos[positions] = q_ref[0]
+    data.qvel[dofs] = dq_ref[0]
     q, dq, command = np.empty((3, len(q_ref), arm.robot.n))
     with without(model, "ACTUATION", timestep=step):
         for k in range(len(q_ref)):

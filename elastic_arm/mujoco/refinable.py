@@ -110,10 +110,12 @@ def _of_description(found: Diagnosis) -> Iterator[Refinable]:
         if not told or one.std <= 0.0:
             continue
         if one.what in RATIOS and one.unit == "1" and one.value > 0.0:
-            what, std = RATIOS[one.what], one.std / one.value
+            what = RATIOS[one.what]
+            std = one.std / one.value
             stated = float(np.log(one.neutral / one.value))
         elif one.what.startswith("link_com_"):
-            what, std = one.what.removeprefix("link_"), one.std
+            what = one.what.removeprefix("link_")
+            std = one.std
             stated = -one.value
         else:
             continue
@@ -146,7 +148,8 @@ def _of_friction(found: Diagnosis, robot: Robot) -> Iterator[Refinable]:
         if not std:
             continue
         before = float(described.get((effect, joint), {}).get(parameter, 0.0))
-        stated, least = before - float(value), -float(value)
+        stated = before - float(value)
+        least = -float(value)
         if before and (effect, joint) not in causes:
             yield Refinable(effect, joint, float(std), least, stated, STATED * before)
         else:
@@ -156,7 +159,8 @@ def _of_friction(found: Diagnosis, robot: Robot) -> Iterator[Refinable]:
 def _of_masses(found: Diagnosis) -> Iterator[Refinable]:
     for cause in found.causes:
         if cause.effect in MASSES:
-            mass, position = cause.parameters["mass"], cause.parameters["position"]
+            mass = cause.parameters["mass"]
+            position = cause.parameters["position"]
             joint = cause.joint or found.joints[-1]
             least = -float(mass.value)
             yield Refinable.of_cause(f"{cause.effect}.mass", joint, float(mass.std), least, least)
@@ -171,7 +175,8 @@ def _of_controllers(found: Diagnosis, robot: Robot) -> Iterator[Refinable]:
             continue
         what, parameter = CONTROLLERS[cause.effect]
         size = cause.parameters[parameter]
-        least, stated = -float(size.value), -float(size.value)
+        least = -float(size.value)
+        stated = -float(size.value)
         if what == "limit":  # a size of none is the limit that is stated, if any is
             drive = robot.joints[robot.joint_names.index(cause.joint)].controller
             limit = None if drive is None else drive.torque
@@ -182,7 +187,8 @@ def _of_controllers(found: Diagnosis, robot: Robot) -> Iterator[Refinable]:
 
 def by_words(one: Moved) -> str:
     """Return by how much a number was refined, in words."""
-    number, by = one.number, one.by
+    number = one.number
+    by = one.by
     what = {"scale": "kp and kd", "limit": "limit of torque"}.get(
         number.what, number.what.replace("_", " ")
     )
@@ -237,7 +243,8 @@ def robot_at(robot: Robot, numbers: Sequence[Refinable], x: Array) -> Robot:
 def _changed(robot: Robot, name: str, what: str, by: float) -> Robot:
     joint = robot.joints[robot.joint_names.index(name)]
     ratio = float(np.exp(by))
-    drive, link = joint.controller, joint.link
+    drive = joint.controller
+    link = joint.link
     if what == ZERO or what in FRICTION or what.partition(".")[0] in MASSES:
         effects = tuple(_moved(effect, name, what, by) for effect in robot.effects)
         return robot.with_(effects=effects)

@@ -44,7 +44,8 @@ from elastic_arm.robot import Robot
 from elastic_arm.robot.mjcf import MjcfArm, engine
 from elastic_arm.robot.mjcf.drives import drives_of, set_controller
 
-LONGEST, TOGETHER = 10.0, 30.0  # s that are simulated of a recording, and of all of them
+LONGEST = 10.0  # s that are simulated of a recording
+TOGETHER = 30.0  # s that are simulated of all of them
 FORGOTTEN = 0.5  # s, in which a servo forgets the rate with which it began, known badly
 ROUNDS = 30
 BY_DIFFERENCES = (
@@ -150,7 +151,10 @@ class _Search:
         spans: Sequence[Judging],
         watch: Watch,
     ) -> None:
-        self.arm, self.robot, self.numbers, self.spans = arm, robot, numbers, spans
+        self.arm = arm
+        self.robot = robot
+        self.numbers = numbers
+        self.spans = spans
         self.watch = watch
         self.stds = np.array([one.std for one in numbers])
         self.least = np.array([one.least for one in numbers])
@@ -272,14 +276,16 @@ class _Search:
 
     def model_at(self, robot: Robot) -> MjcfArm:
         """Return the model with the numbers of another arm of the same shape."""
-        mj, after = engine(), stated_arm(robot)
+        mj = engine()
+        after = stated_arm(robot)
         model = copy.copy(self.arm.model)
         held = self.arm.robot
         for i, (joint, own, new) in enumerate(
             zip(self.arm.chain.joints, self.robot.joints, robot.joints, strict=True)
         ):
             dof = int(model.jnt_dofadr[joint])
-            old, numbers = self.before.joints[i], after.joints[i]
+            old = self.before.joints[i]
+            numbers = after.joints[i]
             model.dof_armature[dof] += numbers.armature - old.armature
             model.dof_damping[dof] = max(
                 0.0, model.dof_damping[dof] + numbers.damping - old.damping
@@ -310,5 +316,7 @@ class _Search:
         axes[:, 2] *= np.sign(np.linalg.det(axes))
         quaternion = np.empty(4)
         engine().mju_mat2Quat(quaternion, axes.ravel())
-        model.body_mass[body], model.body_ipos[body] = new.mass, new.com
-        model.body_inertia[body], model.body_iquat[body] = moments, quaternion
+        model.body_mass[body] = new.mass
+        model.body_ipos[body] = new.com
+        model.body_inertia[body] = moments
+        model.body_iquat[body] = quaternion

@@ -176,23 +176,27 @@ def _present(values: Array | None) -> Array:
 def _open_loop(arm: MjcfArm, piece: Motion, steps: int, period: float) -> tuple[Array, Array]:
     """Return positions and velocities (N, n) replayed; NaN at the starts of windows and after the
     last."""
-    mj, model = engine(), arm.model
+    mj = engine()
+    model = arm.model
     q, dq, ddq, torque = (
         _present(values) for values in (piece.q, piece.dq, piece.ddq, piece.tau_m)
     )
-    data, substeps = mj.MjData(model), max(1, int(np.ceil(period / model.opt.timestep - 1e-9)))
+    data = mj.MjData(model)
+    substeps = max(1, int(np.ceil(period / model.opt.timestep - 1e-9)))
     behind = lead(model, period / substeps)
     # Acts between two samples, as much earlier as velocities are.
     between = 0.5 - behind / period
     mean = (1.0 - between) * torque[:-1] + between * torque[1:]
     found = np.full((2, *q.shape), np.nan)
-    positions, dofs = arm.positions, arm.dofs
+    positions = arm.positions
+    dofs = arm.dofs
     hold = held(arm)
     with without(model, "ACTUATION", timestep=period / substeps):
         for start in range(0, len(q) - steps, steps):
             mj.mj_resetData(model, data)
             data.qpos[:] = arm.qpos
-            data.qpos[positions], data.qvel[dofs] = q[start], dq[start] - behind * ddq[start]
+            data.qpos[positions] = q[start]
+            data.qvel[dofs] = dq[start] - behind * ddq[start]
             for k in range(start, start + steps):
                 data.qfrc_applied[dofs] = mean[k]
                 for _ in range(substeps):
@@ -207,7 +211,8 @@ def _open_loop(arm: MjcfArm, piece: Motion, steps: int, period: float) -> tuple[
 def without(model: Any, *parts: str, timestep: float | None = None) -> Iterator[None]:
     """Take parts of a model out for a while, by the names of their `mjtDisableBit`, and set its
     time step, s."""
-    option, bits = model.opt, engine().mjtDisableBit
+    option = model.opt
+    bits = engine().mjtDisableBit
     own = float(option.timestep), int(option.disableflags)
     option.timestep = own[0] if timestep is None else timestep
     for part in parts:
@@ -220,7 +225,8 @@ def without(model: Any, *parts: str, timestep: float | None = None) -> Iterator[
 
 def _inverse(arm: MjcfArm, piece: Motion) -> Array:
     """Return the torque (N, n) that the model needs for the motion."""
-    mj, model = engine(), arm.model
+    mj = engine()
+    model = arm.model
     data = mj.MjData(model)
     q, dq, ddq = (_present(values) for values in (piece.q, piece.dq, piece.ddq))
     found = np.empty_like(q)
@@ -228,8 +234,12 @@ def _inverse(arm: MjcfArm, piece: Motion) -> Array:
     # keep.
     with without(model, "EQUALITY", "LIMIT", "CONTACT"):
         for k in range(len(q)):
-            data.qpos[:], data.qvel[:], data.qacc[:] = arm.qpos, 0.0, 0.0
-            data.qpos[arm.positions], data.qvel[arm.dofs], data.qacc[arm.dofs] = q[k], dq[k], ddq[k]
+            data.qpos[:] = arm.qpos
+            data.qvel[:] = 0.0
+            data.qacc[:] = 0.0
+            data.qpos[arm.positions] = q[k]
+            data.qvel[arm.dofs] = dq[k]
+            data.qacc[arm.dofs] = ddq[k]
             mj.mj_inverse(model, data)
             found[k] = data.qfrc_inverse[arm.dofs]
     return found
@@ -247,7 +257,8 @@ def _errors(
     apart_v = np.concatenate(
         [run[1] - _present(piece.dq) for piece, run in zip(pieces, runs, strict=True)]
     )
-    torque, model = np.concatenate([_present(p.tau_m) for p in pieces]), np.concatenate(needed)
+    torque = np.concatenate([_present(p.tau_m) for p in pieces])
+    model = np.concatenate(needed)
     lags = [
         _lag(_present(piece.tau_m), own, rate) for piece, own in zip(pieces, needed, strict=True)
     ]
@@ -262,7 +273,8 @@ def _errors(
 
 
 def _correlation(a: Array, b: Array) -> float:
-    a, b = a - a.mean(), b - b.mean()
+    a = a - a.mean()
+    b = b - b.mean()
     size = np.sqrt((a @ a) * (b @ b))
     return float(a @ b / size) if size > 0 else float("nan")
 

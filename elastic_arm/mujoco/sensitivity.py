@@ -73,11 +73,16 @@ class _Equation:
     """The equation of the derivatives along one motion."""
 
     def __init__(self, robot: Robot, motion: Motion, sampled: _Sampled) -> None:
-        self.robot, self.motion, self.sampled = robot, motion, sampled
+        self.robot = robot
+        self.motion = motion
+        self.sampled = sampled
         self.arm = stated_arm(robot)
         self.model = _model(robot, self.arm)
         self.step = float(sampled.t[1] - sampled.t[0])
-        n, q, dq, ddq = robot.n, sampled.q, sampled.dq, sampled.ddq
+        n = robot.n
+        q = sampled.q
+        dq = sampled.dq
+        ddq = sampled.ddq
         self.share = np.zeros_like(q)
         left = self._residual(robot, q, dq, ddq)
         limit = self._dry(robot, self.arm, q, dq, self._carried(self.model, self.arm, q, dq, ddq))
@@ -86,7 +91,8 @@ class _Equation:
         self.share = np.clip(share, -1.0, 1.0)
         sticks = (np.abs(self.share) < SLIDING) & (self.share * dq > 0.0)
         stuck = np.where(sticks, limit * self.share / np.where(sticks, dq, 1.0), 0.0)
-        here, unit = self._residual(robot, q, dq, ddq), SHIFT * np.eye(n)
+        here = self._residual(robot, q, dq, ddq)
+        unit = SHIFT * np.eye(n)
         by_angle = [self._residual(robot, q + e, dq, ddq) - here for e in unit]
         by_rate = [self._residual(robot, q, dq + e, ddq) - here for e in unit]
         by_rate_2 = [self._residual(robot, q, dq, ddq + e) - here for e in unit]
@@ -118,9 +124,12 @@ class _Equation:
             held = (4.0 * z - z_before) / 3.0 + b * angle
             known = right[i] - self.C[i] @ rate - self.K[i] @ angle - ki * held
             acceleration = inverse[i] @ known
-            v_before, v = v, rate + b * acceleration
-            q_before, q = q, angle + b**2 * acceleration
-            z_before, z = z, held + b**3 * acceleration
+            v_before = v
+            v = rate + b * acceleration
+            q_before = q
+            q = angle + b**2 * acceleration
+            z_before = z
+            z = held + b**3 * acceleration
             angles[i] = q
         return angles
 
@@ -155,7 +164,8 @@ class _Equation:
 
     def _driven(self, controller: JointController | None, i: int, q: Array, dq: Array) -> Array:
         """Return the torque (N,) of a joint's drive."""
-        drive, t = _controller(controller), self.sampled.t
+        drive = _controller(controller)
+        t = self.sampled.t
         given = np.interp(t - drive.delay, self.motion.t[:-1], self.motion.commands[:, i])
         error = given - q
         acting = error - np.clip(error, -drive.dead_band, drive.dead_band)

@@ -18,7 +18,9 @@ from elastic_arm.evidence.priors import STATED, Priors
 from elastic_arm.mujoco.refinable import FRICTION, ZERO, Refinable
 from elastic_arm.robot import Joint, Robot
 
-DRY, LOADED, SAG = "coulomb_friction", "load_dependent_friction", "supply_sag"
+DRY = "coulomb_friction"
+LOADED = "load_dependent_friction"
+SAG = "supply_sag"
 START = 0.05  # share of an effect's largest size at which it begins where none is stated
 MOUNTED = 0.02  # rad, to which a horn is put on its splines, and a zero is set by eye
 SCALED = 0.3  # of its prior, in which a number's steps are measured

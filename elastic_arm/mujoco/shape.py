@@ -36,7 +36,8 @@ class ShapedXml:
         elements = [k for k, token in enumerate(before) if token[0] == "<" and token[1] not in "?!"]
         # What stands around the root element is the original's.
         body = before[elements[0] : elements[-1] + 1]
-        lead, trail = before[: elements[0]], before[elements[-1] + 1 :]
+        lead = before[: elements[0]]
+        trail = before[elements[-1] + 1 :]
         if len(body) != len(plain):
             # Spellings that lxml does not keep, such as <a></a>: the whole is as lxml writes it.
             return "".join([*lead, *after, *trail])
@@ -66,5 +67,6 @@ def append_last(parent: Any, tag: str, namespaces: Mapping[str, str] | None = No
     element = etree.SubElement(parent, tag, nsmap=dict(namespaces or {}))
     if len(parent) > 1:
         previous = parent[-2]
-        element.tail, previous.tail = previous.tail, parent.text
+        element.tail = previous.tail
+        previous.tail = parent.text
     return element

@@ -50,7 +50,8 @@ class StandIn:
     def words(self, robot: Robot) -> str:
         """Return in a sentence what stands for what."""
         units = robot.units
-        torque, rate = units.at(self.joint, "Nm"), units.at(self.joint, "Nm s/rad")
+        torque = units.at(self.joint, "Nm")
+        rate = units.at(self.joint, "Nm s/rad")
         laws = " and ".join(_named(law, torque) for law in self.laws)
         added = (
             f"{self.friction_loss:+.3g} {torque} of friction loss and {self.damping:+.3g} {rate} of"

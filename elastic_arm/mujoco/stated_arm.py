@@ -144,7 +144,8 @@ def _friction(field: str, parameter: str) -> Rule:
 def _spring(arm: StatedArm, robot: Robot, i: int, instance: EffectInstance) -> StatedArm:
     if _on_elastic_link(robot, instance):
         return arm.without(instance)
-    added, own = number(instance, "stiffness"), arm.joints[i]
+    added = number(instance, "stiffness")
+    own = arm.joints[i]
     whole = own.stiffness + added
     rest = (own.stiffness * own.rest + added * number(instance, "rest")) / whole if whole else 0.0
     return arm.with_joint(i, stiffness=added, rest=rest - own.rest)
@@ -170,8 +171,11 @@ def _payload(arm: StatedArm, robot: Robot, i: int, instance: EffectInstance) -> 
 
 def _link(arm: StatedArm, robot: Robot, i: int, instance: EffectInstance) -> StatedArm:
     """The effect's law refers to the nominal link; what else was joined to it stays."""
-    nominal, whole, mass = robot.joints[i].link, arm.links[i], number(instance, "mass")
-    com, shape = nominal.com + np.array(instance.parameters["com"]), number(instance, "inertia")
+    nominal = robot.joints[i].link
+    whole = arm.links[i]
+    mass = number(instance, "mass")
+    com = nominal.com + np.array(instance.parameters["com"])
+    shape = number(instance, "inertia")
     link = Inertia(mass * nominal.mass, com, mass * shape * nominal.inertia)
     return arm.with_link(i, link if whole is nominal else exchanged(whole, nominal, link))
 

@@ -90,10 +90,12 @@ def torque_functions(robot: Robot, instances: Sequence[EffectInstance]) -> dict[
 
     Inputs are q, dq and ddq (n,), of gravity q alone, and sign_speed; the output is tau (n,).
     """
-    n, equations = robot.n, ArmEquations(robot)
+    n = robot.n
+    equations = ArmEquations(robot)
     x, dx, ddx = (SX.sym(name, equations.dof) for name in ("x", "dx", "ddx"))
     loads = SX.sym("tau_J", n), SX.sym("tau_m", n)
-    speed, unused = SX.sym(SIGN.name), SX.zeros(n)
+    speed = SX.sym(SIGN.name)
+    unused = SX.zeros(n)
     signs = {"link": ca.tanh(dx[:n] / speed), "motor": ca.tanh(dx[-n:] / speed)}
     motion = SymbolicMotion(
         equations,
@@ -125,7 +127,8 @@ def torque_functions(robot: Robot, instances: Sequence[EffectInstance]) -> dict[
         at_loads = ca.substitute([expression], list(loads), loaded)
         return ca.substitute(at_loads, known, values)[0]
 
-    smooth, rough = finished(inverse_dynamics), finished(friction)
+    smooth = finished(inverse_dynamics)
+    rough = finished(friction)
     still = [SX.zeros(n), SX.zeros(n)]
     held = ca.substitute([smooth], [symbols["dq"], symbols["ddq"]], still)[0]
     motions = {**symbols, SIGN.name: speed}
@@ -186,7 +189,8 @@ def _sorted(
     robot: Robot, catalogue: Catalogue | None
 ) -> tuple[list[EffectInstance], list[tuple[EffectInstance, str]]]:
     """Return the effects of an arm that its torque function holds, and the others with reasons."""
-    held, left = [], []
+    held = []
+    left = []
     for instance in robot_effects(robot, catalogue):
         reason = _reason(instance)
         if reason:

@@ -74,7 +74,8 @@ def export_urdf(
         if base is not None:
             require_same_joints(robot, arm, base)
         numbers = robot if base is not None else arm.with_(effects=robot.effects)
-        whole, ratios = stated_arm(robot, catalogue), motors(root)
+        whole = stated_arm(robot, catalogue)
+        ratios = motors(root)
         after = _with_rotors(
             stated_arm(numbers, catalogue, base=arm.base_placement), arm, whole, ratios
         )
@@ -146,7 +147,8 @@ def _joints(
     after: StatedArm,
     deviations: Deviations | None,
 ) -> list[Change]:
-    changes, ratios = [], motors(root)
+    changes = []
+    ratios = motors(root)
     for (i, field), change in joint_changes(arm, before, after, deviations).items():
         attribute = _ATTRIBUTES.get(field)
         joint = next(e for e in root.findall("joint") if e.get("name") == change.element)
@@ -170,15 +172,21 @@ def _joints(
 
 def _turned(joint: Any, by: float) -> Change:
     """Turn, or slide, where a joint stands about its axis, rad or m: the change of its zero."""
-    (xyz, rpy), axis = _origin(joint), joint.find("axis")
+    xyz, rpy = _origin(joint)
+    axis = joint.find("axis")
     direction = vector("1 0 0" if axis is None else axis.get("xyz", "1 0 0"), "axis")
     direction = direction / np.linalg.norm(direction)
     stands = rotation(*rpy)
     if joint.get("type") == "prismatic":
-        number, unit, before, xyz = "origin xyz", "m", xyz, xyz + by * stands @ direction
+        number = "origin xyz"
+        unit = "m"
+        before = xyz
+        xyz = xyz + by * stands @ direction
         after = xyz
     else:
-        number, unit, before = "origin rpy", "rad", rpy
+        number = "origin rpy"
+        unit = "rad"
+        before = rpy
         after = rpy = np.array(rpy_of(stands @ Rotation.from_rotvec(by * direction).as_matrix()))
     _child(joint, "origin", xyz=text_of(*xyz), rpy=text_of(*rpy))
     return Change(
@@ -210,7 +218,8 @@ def _own(link: Any) -> Inertia:
     inertial = link.find("inertial")
     if inertial is None:
         return Inertia(0.0)
-    mass, values = float(inertial.find("mass").get("value")), inertial.find("inertia")
+    mass = float(inertial.find("mass").get("value"))
+    values = inertial.find("inertia")
     tensor = tensor_of(float(values.get(key)) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
     xyz, rpy = _origin(inertial)
     return moved(Inertia(mass, inertia=nearest_tensor(tensor)[0]), placed(rotation(*rpy), xyz))

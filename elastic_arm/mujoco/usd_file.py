@@ -70,13 +70,15 @@ def _stage(robot: Robot, stated: StatedArm) -> str:
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
     UsdGeom.SetStageMetersPerUnit(stage, 1.0)
     UsdPhysics.SetStageKilogramsPerUnit(stage, 1.0)
-    scene, size = UsdPhysics.Scene.Define(stage, "/physics"), float(np.linalg.norm(stated.gravity))
+    scene = UsdPhysics.Scene.Define(stage, "/physics")
+    size = float(np.linalg.norm(stated.gravity))
     scene.CreateGravityMagnitudeAttr(size)
     scene.CreateGravityDirectionAttr(Gf.Vec3f(*(stated.gravity / (size or 1.0)).tolist()))
     root = UsdGeom.Xform.Define(stage, f"/{_name(robot.name)}").GetPrim()
     stage.SetDefaultPrim(root)
     UsdPhysics.ArticulationRootAPI.Apply(root)
-    place, paths = robot.base_placement, []
+    place = robot.base_placement
+    paths = []
     for i, (name, body) in enumerate(
         zip(("base", *robot.link_names), _bodies(robot, stated), strict=True)
     ):
@@ -127,11 +129,14 @@ def _numbers(made: Any, joint: Joint, numbers: StatedJoint) -> None:
     kind = "linear" if joint.prismatic else "angular"
     # degrees in what the arm counts angles by
     turn = 1.0 if joint.prismatic else float(np.rad2deg(1.0))
-    prim, limits, own = made.GetPrim(), joint.limits, f"physxJointAxis:{kind}:"
+    prim = made.GetPrim()
+    limits = joint.limits
+    own = f"physxJointAxis:{kind}:"
     if limits.position_min is not None and limits.position_max is not None:
         made.CreateLowerLimitAttr(turn * limits.position_min)
         made.CreateUpperLimitAttr(turn * limits.position_max)
-    viscous, dry = numbers.damping / turn, numbers.friction_loss
+    viscous = numbers.damping / turn
+    dry = numbers.friction_loss
     values = {
         "newton:armature": numbers.armature,
         "newton:damping": viscous,
@@ -148,7 +153,8 @@ def _numbers(made: Any, joint: Joint, numbers: StatedJoint) -> None:
         prim.AddAppliedSchema(schema)
     for name, value in values.items():
         prim.CreateAttribute(name, Sdf.ValueTypeNames.Float, custom=False).Set(value)
-    drive, controller = UsdPhysics.DriveAPI.Apply(prim, kind), _drive(joint)
+    drive = UsdPhysics.DriveAPI.Apply(prim, kind)
+    controller = _drive(joint)
     drive.CreateTypeAttr("force")
     drive.CreateStiffnessAttr(controller.kp / turn if controller else 0.0)
     drive.CreateDampingAttr(controller.kd / turn if controller else 0.0)
@@ -179,7 +185,8 @@ def _capsule(stage: Any, path: str, start: Array, end: Array, radius: float) -> 
     """Draw a link from joint to joint; for the eye, not for collisions."""
     from pxr import Gf, UsdGeom
 
-    along, length = end - start, float(np.linalg.norm(end - start))
+    along = end - start
+    length = float(np.linalg.norm(end - start))
     if length <= 1e-6:  # m, as in the URDF
         return
     shape = UsdGeom.Capsule.Define(stage, path)

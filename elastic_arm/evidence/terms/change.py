@@ -86,7 +86,8 @@ def change_of(linear: Linearisation, term: Term) -> ChangeTerm:
 
     Where a size is not the same in all recordings, it is another one in those that judge, too.
     """
-    data, problem = linear.data, linear.problem
+    data = linear.data
+    problem = linear.problem
     count = len(problem.sources)
     numbered = problem.numbered(linear.which)
     of_stretches = data.of_stretches([numbered[part.recording] for part in data.parts])

@@ -25,7 +25,8 @@ from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.priors import ODDS, SCALES, USUAL
 from elastic_arm.evidence.terms.term import Coefficients, Term, odds_among
 
-COARSE, ORDERS = 5, 12  # values tried of each of several nonlinear numbers, and of an order
+COARSE = 5  # values tried of each of several nonlinear numbers
+ORDERS = 12  # values tried of an order
 # where bounds are looked for
 COEFFICIENTS = np.concatenate([s * np.geomspace(1e-8, 1e8, 2001) for s in (-1.0, 1.0)])
 STEP = 1e-3  # of derivatives, in the coordinates of the numbers over their ranges; numerical
@@ -309,7 +310,8 @@ def _middle(feature: Feature) -> tuple[float, ...] | None:
 
 
 def _spread(parameter: Parameter, count: int) -> list[float]:
-    low, high = parameter.low, parameter.high
+    low = parameter.low
+    high = parameter.high
     if parameter.integer:
         first = int(np.ceil(low))
         return [float(k) for k in range(first, min(first + ORDERS - 1, int(high)) + 1)]
