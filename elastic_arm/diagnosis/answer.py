@@ -61,7 +61,8 @@ def diagnose(
     RecordingError
         If a recording lacks a joint, has another type, or contains implausible numbers.
     """
-    recordings, validate = recordings_of(recordings), recordings_of(validate, "validate")
+    recordings = recordings_of(recordings)
+    validate = recordings_of(validate, "validate")
     require_kind(question, Question, "question", DiagnosisError, "Give Question(robot).")
     robot = at_common_gain(question.robot, [*recordings, *validate])
     question = replace(question, robot=robot)

@@ -143,7 +143,8 @@ class Causes:
 
     def _cause(self, name: Name, probability: float) -> tuple[Cause, list[Array]]:
         """Return an effect as a cause, with the residuals (N', R) that it leaves alone."""
-        problem, beliefs = self.parts.problem, self.beliefs
+        problem = self.parts.problem
+        beliefs = self.beliefs
         confidence = self._confidence(name, probability)
         best = self.parts.explanation.best
         holding = [(p, fit, t) for p, fit in beliefs.sets for t in beliefs.terms_of(fit, name)]
@@ -179,7 +180,8 @@ class Causes:
     def _sizes(self, holding: list[Holding], confidence: float) -> dict[str, ParameterEstimate]:
         """Return the parameters of a cause over the sets in which it is the same kind of term as in
         the first."""
-        numbers, values = self.parts.problem.numbers, self.parts.explanation.linear.values
+        numbers = self.parts.problem.numbers
+        values = self.parts.explanation.linear.values
         first = holding[0][2]
         each: list[tuple[float, dict[str, ParameterEstimate]]] = []
         for p, fit, term in holding:
@@ -201,7 +203,8 @@ class Causes:
     def _mounted(self, found: list[tuple[Cause, list[Array]]]) -> tuple[Cause, list[Array]]:
         """Return the tilt of an arm that is mounted otherwise than described, with what was found
         beside it."""
-        mounting, effect = self.parts.prepared.mounting, EFFECTS[TILT]
+        mounting = self.parts.prepared.mounting
+        effect = EFFECTS[TILT]
         assert mounting is not None
         rest = next((one for one in found if one[0].effect == TILT), None)
         small = {axis: ParameterEstimate(0.0, MOUNTED, "rad") for axis in "xy"}

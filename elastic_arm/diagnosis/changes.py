@@ -51,15 +51,18 @@ def sizes_of(explanation: Explanation, problem: Problem, fit: Fit, term: ChangeT
     """Return the sizes of what changes by a term of a fit."""
     common = term.common(fit.terms)
     assert common is not None
-    base, own = fit.slices[common.ident].start, fit.slices[term.ident].start
+    base = fit.slices[common.ident].start
+    own = fit.slices[term.ident].start
     size = term.count // len(problem.sources)
     parameters, _ = estimated(fit, common, problem.numbers, explanation.linear.values)
     name, first = next(iter(parameters.items()))
-    scale, at = 1.0, 0.0
+    scale = 1.0
+    at = 0.0
     if isinstance(common, NumberTerm):
         k = int(np.flatnonzero(common.along[:, 0])[0])
         ordinary = float(explanation.linear.values[k] + (fit.numbers - fit.far_off)[k])
-        at, scale = problem.numbers[k].value(ordinary), problem.numbers[k].slope(ordinary)
+        at = problem.numbers[k].value(ordinary)
+        scale = problem.numbers[k].slope(ordinary)
     elif isinstance(common, EffectTerm) and common.bends:
         at = common.theta[0]
     elif isinstance(common, EffectTerm):
@@ -71,10 +74,8 @@ def sizes_of(explanation: Explanation, problem: Problem, fit: Fit, term: ChangeT
             together[:, fit.slices[more.ident].start] = 1.0
     for k in range(len(together)):
         together[k, own + k * size] = 1.0
-    values, covariance = (
-        at + scale * (together @ fit.found.x),
-        scale**2 * (together @ fit.found.S @ together.T),
-    )
+    values = at + scale * (together @ fit.found.x)
+    covariance = scale**2 * (together @ fit.found.S @ together.T)
     return SizedTerm(common.key[0], common.key[1], name, first.unit, values, covariance)
 
 

@@ -31,9 +31,12 @@ def common_equations(observations: Sequence[Observation], model: Model) -> tuple
             "Diagnose recordings with the same channels together",
         )
     rate = min(o.rate for o in observations)
-    longest = min(
-        max(len(piece) / o.rate - 2.0 * o.margin for piece in o.pieces) for o in observations
-    )
+    # s of the longest piece of each recording, without what the smoother loses at its ends
+    lengths = []
+    for one in observations:
+        samples = max(len(piece) for piece in one.pieces)
+        lengths.append(samples / one.rate - 2.0 * one.margin)
+    longest = min(lengths)
     torque_band = max(min(o.torque_band for o in observations), NARROW / max(longest, 1e-3))
     return layouts[0], common_band(layouts[0], model, rate, torque_band)
 

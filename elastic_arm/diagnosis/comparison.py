@@ -17,6 +17,7 @@ from elastic_arm.diagnosis.question import Question
 from elastic_arm.diagnosis.result import Diagnosis, plain_parameters
 from elastic_arm.diagnosis.words import estimates_text, probability_text
 from elastic_arm.errors import DiagnosisError
+from elastic_arm.evidence.fit import Fit
 from elastic_arm.evidence.priors import LISTED
 from elastic_arm.recording import Recording
 from elastic_arm.recording.inspection.differences import RecordingDifference
@@ -61,13 +62,9 @@ class ComparedEffect:
     @property
     def where(self) -> str:
         """In which recording it is: "real", "simulated" or "both"."""
-        return (
-            "both"
-            if self.real.there and self.simulated.there
-            else "real"
-            if self.real.there
-            else "simulated"
-        )
+        if self.real.there and self.simulated.there:
+            return "both"
+        return "real" if self.real.there else "simulated"
 
     @property
     def agrees(self) -> bool | None:
@@ -165,9 +162,10 @@ def _finding(found: Diagnosis, name: Name) -> SizeFound:
             return SizeFound(cause.confidence, cause.parameters)
     assert found.context is not None
     explanation = found.context.explanation
-    sets = [
-        fit for keys, fit in explanation.search.met.items() if any(key[:2] == name for key in keys)
-    ]
+    sets: list[Fit] = []
+    for keys, fit in explanation.search.met.items():
+        if any(key[:2] == name for key in keys):
+            sets.append(fit)
     if not sets:
         return SizeFound(0.0, {})
     fit = max(sets, key=lambda one: one.score)
@@ -183,8 +181,6 @@ def _apart(one: ParameterEstimate, other: ParameterEstimate) -> float:
     is not known."""
     if one.std is None or other.std is None:
         return 0.0
-    values, stds = (
-        [np.atleast_1d(np.asarray(v, dtype=float)) for v in pair]
-        for pair in ((one.value, other.value), (one.std, other.std))
-    )
-    return float(np.nanmax(np.abs(values[0] - values[1]) / np.hypot(*stds), initial=0.0))
+    difference = np.subtract(one.value, other.value)
+    std = np.hypot(np.asarray(one.std, dtype=float), np.asarray(other.std, dtype=float))
+    return float(np.nanmax(np.abs(difference) / std, initial=0.0))

@@ -71,9 +71,11 @@ class Confirmed:
     @cached_property
     def _of_numbers(self) -> dict[Name, NumberConfirmation]:
         """What the judging recordings gain by the numbers that are far off and have no term."""
-        explanation, beliefs = self.parts.explanation, self.beliefs
+        explanation = self.parts.explanation
+        beliefs = self.beliefs
         with_term = {name_of(term.key) for term in explanation.best.optional}
-        values, numbers = explanation.linear.values, self.parts.problem.numbers
+        values = explanation.linear.values
+        numbers = self.parts.problem.numbers
         nats = gain_beyond(explanation.best, explanation.sized, values, numbers)
         found = {}
         for name, own in beliefs.named.items():
@@ -156,7 +158,8 @@ def _share_of_numbers(parts: Decomposition, which: list[int]) -> float | None:
     Each is at its nearest ordinary value, and the rest is refitted. The gap is that of the numbers
     as they are, without any term, or what is left then, where that is larger.
     """
-    numbers, sized = parts.problem.numbers, parts.explanation.sized
+    numbers = parts.problem.numbers
+    sized = parts.explanation.sized
     values = parts.explanation.linear.values[which]
     bounds = bounds_of(numbers, sized.model.assumed.zeros)[which]
     at = np.clip(values + sized.numbers[which], -bounds, bounds) - values

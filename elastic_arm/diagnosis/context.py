@@ -46,11 +46,9 @@ class DiagnosisContext:
         before and after."""
         own = [k for k, part in enumerate(self.validate.parts) if part.recording == recording]
         t = np.concatenate([self.validate.parts[k].stretch.t for k in own])
-        return (
-            t,
-            np.concatenate([self.before[k] for k in own]),
-            np.concatenate([self.after[k] for k in own]),
-        )
+        before = np.concatenate([self.before[k] for k in own])
+        after = np.concatenate([self.after[k] for k in own])
+        return t, before, after
 
     @cached_property
     def found(self) -> Linearisation:
@@ -73,8 +71,7 @@ class DiagnosisContext:
         that judge, rad, s."""
         quiet = [part.stretch.quiet for part in self.validate.parts]
         every = max(1, sum(len(one.t) for one in quiet) // samples)
-        q, dq, ddq = (
-            np.concatenate([getattr(one, name)[::every] for one in quiet])
-            for name in ("q", "dq", "ddq")
-        )
+        q = np.concatenate([one.q[::every] for one in quiet])
+        dq = np.concatenate([one.dq[::every] for one in quiet])
+        ddq = np.concatenate([one.ddq[::every] for one in quiet])
         return q, dq, ddq

@@ -65,7 +65,8 @@ class Decomposition:
     @cached_property
     def linear(self) -> Linearisation:
         """The last linearisation, of this part of the recordings."""
-        linear, problem = self.explanation.linear, self.problem
+        linear = self.explanation.linear
+        problem = self.problem
         if self.which == JUDGING and problem is linear.problem:
             return linear.judging
         return linear.part(self.which, problem)
@@ -122,7 +123,8 @@ class Decomposition:
         with r what all else leaves of the whitened residuals, N the columns of these numbers, and p
         the mean square of r, at least that of the sensors' noise.
         """
-        data, plain = self.linear.data, self.linear.plain_numbers
+        data = self.linear.data
+        plain = self.linear.plain_numbers
         difference = total - self.explanation.linear.values
         moved = [(N @ difference)[:, :, None] for N in plain]
         left = data.white - data.whiten(moved)[:, 0] - self._white_causes()

@@ -59,14 +59,17 @@ def estimated(
         for k, p in enumerate(parameters)
         if scaled and (p.what, p.joint) == (SCALE, term.feature.joint)
     ]
-    rows, n = np.vstack([rows, fit.moves[scale]]), term.count
-    x, covariance = rows @ fit.found.x, rows @ fit.found.S @ rows.T
+    rows = np.vstack([rows, fit.moves[scale]])
+    n = term.count
+    x = rows @ fit.found.x
+    covariance = rows @ fit.found.S @ rows.T
     x[n:], covariance[n:, n:] = fit.numbers[scale], fit.number_covariance[np.ix_(scale, scale)]
     if not is_stated:
         x, covariance = within(x, covariance, term.low, term.high)
 
     def found(x: Array) -> dict[str, Any]:
-        own, there = _effect_values(effect, x[:n]), zip(scale, x[n:], strict=True)
+        own = _effect_values(effect, x[:n])
+        there = zip(scale, x[n:], strict=True)
         ratio = np.prod(
             [parameters[k].value(values[k] + d) / parameters[k].value(values[k]) for k, d in there]
         )
@@ -97,7 +100,8 @@ def _effect_values(term: EffectTerm, beta: Array) -> dict[str, Any]:
 
 def _number_values(term: NumberTerm, parameters: Sequence[Number], x: Array) -> dict[str, Any]:
     """Return the effect's parameters for numbers at x (m,) standard deviations."""
-    effect, first = term.feature.effect, parameters[0]
+    effect = term.feature.effect
+    first = parameters[0]
     found: dict[str, Any] = {p.name: p.default for p in effect.parameters if p.default is not None}
     found[effect.parameters[0].name] = first.value(x[0])
     by_name = {p.what: float(v) * p.prior_std for p, v in zip(parameters, x, strict=True)}
@@ -115,7 +119,8 @@ def _of(
     x: Array,
     covariance: Array,
 ) -> tuple[dict[str, ParameterEstimate], EffectInstance]:
-    feature, names = term.feature, term.feature.effect.parameters
+    feature = term.feature
+    names = term.feature.effect.parameters
 
     def flat(found: dict[str, Any]) -> Array:
         return np.concatenate([np.atleast_1d(np.asarray(found[p.name], float)) for p in names])
@@ -124,33 +129,24 @@ def _of(
     if not names:
         return {}, EffectInstance(feature.effect, feature.joint, dict(feature.choices))
     std = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-    slopes = (
-        np.stack(
-            [
-                (flat(values(x + STEP * s * e)) - flat(values(x - STEP * s * e))) / (2 * STEP * s)
-                for s, e in zip(std, np.eye(len(x)), strict=True)
-            ],
-            axis=1,
-        )
-        if len(x)
-        else np.zeros((len(flat(here)), 0))
-    )
+    slopes = np.zeros((len(flat(here)), len(x)))
+    for k, step in enumerate(STEP * std):
+        by = np.zeros(len(x))
+        by[k] = step
+        slopes[:, k] = (flat(values(x + by)) - flat(values(x - by))) / (2.0 * step)
     deviations = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slopes, covariance, slopes), 0.0))
-    found, at = {}, 0
+    found = {}
+    at = 0
     for p in names:
         own = deviations[at : at + p.size]
         at += p.size
-        value = list(here[p.name]) if p.size > 1 else float(here[p.name])
-        known = (
-            None
-            if p.integer or not own.any()
-            else ([float(v) for v in own] if p.size > 1 else float(own[0]))
-        )
-        found[p.name] = ParameterEstimate(
-            value,
-            known if known is not None else ([None] * p.size if p.size > 1 else None),
-            feature.unit(p),
-        )
+        stds = own.tolist()
+        if p.integer or not own.any():
+            stds = [None] * p.size
+        if p.size > 1:
+            found[p.name] = ParameterEstimate(list(here[p.name]), stds, feature.unit(p))
+        else:
+            found[p.name] = ParameterEstimate(float(here[p.name]), stds[0], feature.unit(p))
     bounded = {p.name: _physical(p, here[p.name]) for p in names}
     return found, EffectInstance(feature.effect, feature.joint, {**bounded, **feature.choices})
 
@@ -160,11 +156,9 @@ def _physical(parameter: Any, value: Any) -> Any:
     if not np.isfinite(parameter.above):
         return value
     least = parameter.above + 1e-12 * max(1.0, abs(parameter.high))
-    return (
-        tuple(max(v, least) for v in value)
-        if isinstance(value, list | tuple)
-        else max(float(value), least)
-    )
+    if isinstance(value, list | tuple):
+        return tuple(max(v, least) for v in value)
+    return max(float(value), least)
 
 
 def averaged(
@@ -172,11 +166,11 @@ def averaged(
 ) -> dict[str, ParameterEstimate]:
     """Return mean and deviation of parameters over sets, (probability, parameters) each, the most
     probable first."""
-    weights, result = np.array([w for w, _ in found]), dict(found[0][1])
+    weights = np.array([w for w, _ in found])
+    result = dict(found[0][1])
     for name, first in found[0][1].items():
-        values, stds = (
-            np.array([getattr(one[name], x) for _, one in found], float) for x in ("value", "std")
-        )
+        values = np.array([one[name].value for _, one in found], float)
+        stds = np.array([one[name].std for _, one in found], float)
         known = np.isfinite(stds.reshape(len(found), -1)).all(axis=1)
         if known[0]:
             mean = np.average(values[known], axis=0, weights=weights[known])

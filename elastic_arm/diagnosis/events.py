@@ -72,13 +72,15 @@ def blocks_of(
         if part.recording != recording:
             continue
         band = part.stretch.band
-        f, inner = np.fft.rfftfreq(len(own), 1 / band.kept_rate), slice(EDGE, len(own) - EDGE)
+        f = np.fft.rfftfreq(len(own), 1 / band.kept_rate)
+        inner = slice(EDGE, len(own) - EDGE)
         noise = np.real(np.einsum("frr->fr", part.noise.covariance)) / band.step
         gain = np.stack([np.interp(f, part.noise.f, one**-0.5) for one in noise.T], axis=1)
         white = irfft(rfft(own, axis=0) * gain * (f <= band.cutoff)[:, None], len(own), axis=0)[
             inner
         ]
-        t, own = part.stretch.t[inner] + offset, own[inner]
+        t = part.stretch.t[inner] + offset
+        own = own[inner]
         edges = np.linspace(0, len(t), max(1, round((t[-1] - t[0]) / BLOCK)) + 1).astype(int)
         sums = [
             np.add.reduceat(one, edges[:-1], axis=0) for one in (share[inner], white**2, own**2)
@@ -99,10 +101,12 @@ def events_of(
     row."""
     if not stretches:
         return []
-    blocks, found = Blocks(*map(np.concatenate, zip(*stretches, strict=True))), []
+    blocks = Blocks(*map(np.concatenate, zip(*stretches, strict=True)))
+    found = []
     for row in np.flatnonzero(live).tolist():
         told = blocks.values[:, row] > 1.0
-        begin, end = blocks.begin[told], blocks.end[told]
+        begin = blocks.begin[told]
+        end = blocks.end[told]
         n, white, square = (one[told, row] for one in (blocks.values, blocks.white, blocks.square))
         for i, j in runs_of(n, white, len(places)) if told.any() else ():
             rmse = float(np.sqrt(np.mean(square[i:j])))
@@ -122,7 +126,8 @@ def runs_of(n: Array, s: Array, places: int) -> Runs:
             runs = _most_probable(n, s, a, b, price)
             score, (a, b) = _score(n, s, runs, price)
             if score > most:
-                best, most = runs, score
+                best = runs
+                most = score
             if runs == before:
                 break
             before = runs
@@ -136,7 +141,9 @@ def _score(n: Array, s: Array, runs: Runs, price: float) -> tuple[float, tuple[f
         rest[i:j] = False
     if not rest.any():
         return -np.inf, NOISE
-    a, h, x = SPREADS, n[rest] / 2, s[rest] / 2
+    a = SPREADS
+    h = n[rest] / 2
+    x = s[rest] / 2
     b = a * np.median(x / h)
     for _ in range(STEPS):
         b = np.maximum(a, a * len(h) / np.sum((h + a) / (b + x), axis=1, keepdims=True))
@@ -153,12 +160,14 @@ def _score(n: Array, s: Array, runs: Runs, price: float) -> tuple[float, tuple[f
 
 
 def _ordinary(n: Array, s: Array, a: Array | float, b: Array | float) -> Array:
-    h, x = n / 2, s / 2
+    h = n / 2
+    x = s / 2
     return np.asarray(gammaln(h + a) - gammaln(a) + a * np.log(b) - (h + a) * np.log(b + x))
 
 
 def _event(n: Array, s: Array, least: float) -> Array:
-    h, x = n / 2, s / 2
+    h = n / 2
+    x = s / 2
     larger = np.log(np.maximum(gammainc(h, x / least), 1e-300))
     return np.asarray(gammaln(h) + larger - h * np.log(x) - np.log(np.log(LARGER)))
 
@@ -207,7 +216,8 @@ def _most_probable(n: Array, s: Array, a: float, b: float, price: float) -> Runs
     to = np.full((len(n) + 1, len(n) + 1), -np.inf)
     to[first, end] = _runs(_events(*_sums(n, s), b / a), first, end) - price
     rest = _ordinary(n, s, a, b)
-    best, came = np.zeros(len(n) + 1), np.zeros(len(n) + 1, int)
+    best = np.zeros(len(n) + 1)
+    came = np.zeros(len(n) + 1, int)
     for j in range(1, len(n) + 1):
         runs = best[:j] + to[:j, j]
         i = int(np.argmax(runs))

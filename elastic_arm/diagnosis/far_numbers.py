@@ -105,7 +105,8 @@ def stated_beyond(fit: Fit) -> dict[Name, float]:
         along = term.stated @ rows / float(term.stated @ term.stated)
         ratio = float(along @ fit.found.x)
         std = float(np.sqrt(along @ fit.found.S @ along))
-        low, high = np.exp(-bound), np.exp(bound)
+        low = np.exp(-bound)
+        high = np.exp(bound)
         p = norm.cdf((low - ratio) / std) + norm.sf((high - ratio) / std)
         found[term.key[0], term.key[1]] = float(p)
     return found

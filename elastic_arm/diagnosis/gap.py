@@ -42,13 +42,15 @@ class Gap:
     @staticmethod
     def of(data: WhitenedData, residuals: Sequence[Array]) -> Gap:
         """Measure residuals (N', R) of each stretch of recordings."""
-        octaves, rows = len(OCTAVES) + 1, data.layout.rows
+        octaves = len(OCTAVES) + 1
+        rows = data.layout.rows
         power, noise, count = (np.zeros((rows, octaves)) for _ in range(3))
         for own, part, pure, left in zip(
             residuals, data.parts, data.pure, data.shares(), strict=True
         ):
             rate = part.stretch.band.kept_rate
-            share, told = len(own) / rate / data.seconds, left.mean(axis=0)
+            share = len(own) / rate / data.seconds
+            told = left.mean(axis=0)
             f, density = periodogram(own, rate, window="hann", detrend=False, axis=0)
             octave = np.searchsorted(OCTAVES, f, side="right")
             step = f[1] - f[0]
@@ -118,7 +120,8 @@ class Shrink:
 def shrink(before: Gap, after: Gap) -> Shrink:
     """Compare the gap without and with something added; nothing where there is none before."""
     where = before.significant
-    first, left = before.place(where), after.place(where)
+    first = before.place(where)
+    left = after.place(where)
     with np.errstate(invalid="ignore", divide="ignore"):
         by_row = np.where(first > 0.0, 1.0 - left / first, np.nan)
     total = float(first.sum())

@@ -34,6 +34,7 @@ search leaves out: z s with z² / 2 = ln(R / s) - ln ODDS.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -95,7 +96,8 @@ class Course:
 
     def to_dict(self, recordings: tuple[str, ...]) -> dict[str, Any]:
         """Return it as in `history.json`."""
-        one, step = self.sized, self.step
+        one = self.sized
+        step = self.step
         return {
             "effect": one.effect,
             "joint": one.joint,
@@ -127,7 +129,8 @@ def together(
         raise DiagnosisError(
             "; ".join((FEW, *refused[:1])), "Give them, or the folder that contains them."
         )
-    recordings, followed = tuple(one.identify[0] for one in found), courses_of_each(found)
+    recordings = tuple(one.identify[0] for one in found)
+    followed = courses_of_each(found)
     verdicts = {one.verdict for one in found}
     doubtful = [
         f"{one.identify[0]} is unknown: its sizes have little weight"
@@ -144,12 +147,10 @@ def together(
     whole = replace(
         found[0],
         identify=recordings,
-        verdict=next(
-            verdict for verdict in ("unknown", "explained", "none") if verdict in verdicts
-        ),
-        causes=tuple(cause for one in found for cause in one.causes),
-        unexplained=tuple(place for one in found for place in one.unexplained),
-        notes=(*refused, *doubtful, *lacking, *(note for one in found for note in one.notes)),
+        verdict=next(v for v in ("unknown", "explained", "none") if v in verdicts),
+        causes=tuple(chain.from_iterable(one.causes for one in found)),
+        unexplained=tuple(chain.from_iterable(one.unexplained for one in found)),
+        notes=(*refused, *doubtful, *lacking, *chain.from_iterable(one.notes for one in found)),
     )
     return with_steps(whole, followed), followed
 
@@ -176,7 +177,8 @@ def courses_of_each(found: Sequence[Diagnosis]) -> tuple[Course, ...]:
                         size["value"],
                         size["std"],
                     )
-    result, places = [], [set(one.noise) for one in found]
+    result = []
+    places = [set(one.noise) for one in found]
     for key, own in sizes.items():
         values, stds = np.full((2, len(found)), np.nan)
         values[list(own)], stds[list(own)] = np.array(list(own.values())).T
@@ -185,10 +187,10 @@ def courses_of_each(found: Sequence[Diagnosis]) -> tuple[Course, ...]:
             relative = max(1.0, float(np.nanmax(np.abs(values - absent))) / std)
             hidden = std * np.sqrt(2.0 * np.log(relative / ODDS))
             # What lacks a channel at which the others show it may have it all the same.
-            seen = [any(places[j] <= there for j in own) for there in places]
-            values, stds = (
-                np.where(np.isnan(v) & seen, to, v) for v, to in ((values, absent), (stds, hidden))
-            )
+            shown = [places[j] for j in own]
+            seen = [any(one <= there for one in shown) for there in places]
+            values = np.where(np.isnan(values) & seen, absent, values)
+            stds = np.where(np.isnan(stds) & seen, hidden, stds)
         result.append(SizedTerm(*key, values, np.diag(stds**2)))
     wrong = np.array(
         [UNSURE if one.verdict == "unknown" else ODDS / max(1, len(result)) for one in found]
@@ -202,7 +204,9 @@ def courses(found: Diagnosis) -> tuple[Course, ...]:
     if found.context is None or len(found.identify) < 2:
         raise DiagnosisError(FEW, "Give them, or the folder that contains them.")
     explanation = found.context.explanation
-    best, linear, model = explanation.best, explanation.linear, explanation.search.model
+    best = explanation.best
+    linear = explanation.linear
+    model = explanation.search.model
     result = []
     for term in best.terms:
         if not term.says_cause or isinstance(term, StatedTerm) or not term.linear:
@@ -231,14 +235,13 @@ def course_of(sized: SizedTerm, wrong: Array, by: float, odds: float) -> Course:
     """Return where a number steps most probably: `wrong`, q (n,), `by` w; `odds`, that it steps at
     all."""
     shown = np.flatnonzero(np.isfinite(sized.values))
-    n, absent = len(shown), _absent(sized.effect, sized.parameter) or 0.0
+    n = len(shown)
+    absent = _absent(sized.effect, sized.parameter) or 0.0
     if n < 2:
         return Course(sized, odds / (1.0 + odds), None)
-    x, C, q = (
-        sized.values[shown] - absent,
-        sized.covariance[np.ix_(shown, shown)],
-        wrong[shown, None],
-    )
+    x = sized.values[shown] - absent
+    C = sized.covariance[np.ix_(shown, shown)]
+    q = wrong[shown, None]
     S = np.diag(C)
     common = float(np.clip((C.sum() - S.sum()) / (n * (n - 1)), 0.0, 0.999 * S.min()))
     S = (S - common)[:, None]
@@ -251,12 +254,14 @@ def course_of(sized: SizedTerm, wrong: Array, by: float, odds: float) -> Course:
     prior = _log_normal(grid, R**2) + np.log(np.gradient(grid))
     none, before, after = -np.inf, *np.full((2, n - 1, len(grid)), -np.inf)
     for t, width in zip(TIMES, np.gradient(TIMES), strict=True):
-        v, left = S + t**2 * (S + (SCATTER * R) ** 2), x[:, None] - grid
+        v = S + t**2 * (S + (SCATTER * R) ** 2)
+        left = x[:, None] - grid
         each = np.logaddexp(
             np.log1p(-q) + _log_normal(left, v), np.log(q) + _log_normal(left, v + (by * R) ** 2)
         )
         until = np.cumsum(each, axis=0)
-        first, second = until[:-1] + prior, until[-1] - until[:-1] + prior
+        first = until[:-1] + prior
+        second = until[-1] - until[:-1] + prior
         weight = np.log(width) - t
         none = np.logaddexp(none, weight + logsumexp(until[-1] + prior))
         before = np.logaddexp(before, weight + first + logsumexp(second, axis=1)[:, None])
@@ -266,12 +271,15 @@ def course_of(sized: SizedTerm, wrong: Array, by: float, odds: float) -> Course:
     if changed <= 0.5:
         return Course(sized, changed, None)
     m = int(np.argmax(steps))
-    a, b = (
-        (absent + level, float(np.sqrt(var + common)))
-        for level, var in (_moments(grid, w[m]) for w in (before, after))
-    )
+    level, variance = _moments(grid, before[m])
+    first = absent + level
+    first_std = float(np.sqrt(variance + common))
+    level, variance = _moments(grid, after[m])
+    second = absent + level
+    second_std = float(np.sqrt(variance + common))
     probability = float(np.exp(steps[m] - logsumexp(steps)))
-    return Course(sized, changed, Step(int(shown[m]), int(shown[m + 1]), *a, *b, probability))
+    step = Step(int(shown[m]), int(shown[m + 1]), first, first_std, second, second_std, probability)
+    return Course(sized, changed, step)
 
 
 def _log_normal(x: Array, variance: Array | float) -> Array:

@@ -42,12 +42,10 @@ class Window:
         source: str = "live",
         currents: Sequence[str] = (),
     ) -> None:
-        self.joints, self.length, self.source, self.currents = (
-            tuple(joints),
-            length,
-            source,
-            tuple(currents),
-        )
+        self.joints = tuple(joints)
+        self.length = length
+        self.source = source
+        self.currents = tuple(currents)
         self._batches: deque[Samples] = deque()
 
     def add(self, samples: Samples) -> None:
@@ -121,7 +119,8 @@ class Level:
         if self.count:
             # Values spread as those before, or as this one's deviation where there are few:
             # Student's t, by a prior variance std² that counts for two values.
-            a, b = 0.5 * (self.count + 1), std**2 + 0.5 * self.squares
+            a = 0.5 * (self.count + 1)
+            b = std**2 + 0.5 * self.squares
             same = t.logpdf(value, 2 * a, self.mean, np.sqrt(b / a * (1 + 1 / self.count)))
             other = norm.logpdf(value, self.mean, abs(self.mean) + std)
             if np.log(CHANGED) + other > same:
@@ -145,7 +144,8 @@ class Sizes:
         said = []
         for one in (*found["causes"], *found["known"]):
             for name, size in one["parameters"].items():
-                value, std = size["value"], size["std"]
+                value = size["value"]
+                std = size["std"]
                 if not isinstance(value, float) or not isinstance(std, float) or std <= 0.0:
                     continue
                 level = self._levels.setdefault((one["effect"], one["joint"], name), Level())
@@ -175,7 +175,8 @@ def answering(
 
     Raises a RobotError or an EffectError if there is no such arm or effect.
     """
-    arm, catalogue = load_robot(robot), Catalogue.default().with_files(effects_files)
+    arm = load_robot(robot)
+    catalogue = Catalogue.default().with_files(effects_files)
     given = known_effects(known, arm, catalogue)
     question = Question(arm, model, refit=refit, given=given, catalogue=catalogue)
     return lambda recording: diagnose([recording], question).to_dict()

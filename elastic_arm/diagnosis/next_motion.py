@@ -36,9 +36,11 @@ DECISIVE = 12.0  # nats from which a recording is expected to decide: odds of 16
 MOST_PAIRS = 6  # of effects between which a motion shall discriminate; bounds the time
 SECONDS = 20.0  # length of the motion
 KINDS = ((2, 1), (5, 1), (5, 2), (4, 4))  # harmonics, periods: slow to fast
-DRAWN, STEPS = 16, 60  # motions of each kind, and random steps from the best; bounds the time
+DRAWN = 16  # motions of each kind; bounds the time
+STEPS = 60  # random steps from the best; bounds the time
 AMPLITUDES = (1.0, 0.3)  # friction shows near standstill, inertia at full speed
-STRIDE, CENTRE_STRIDE = 0.25, 0.1  # of the amplitudes, and of the joints' half ranges, in a step
+STRIDE = 0.25  # of the amplitudes, in a step
+CENTRE_STRIDE = 0.1  # of the joints' half ranges, in a step
 LIMIT_USE = 0.98  # of the limits
 # of a nonlinear number's range: how far off its neighbours are that span what a refit can do
 NEIGHBOUR = 0.1
@@ -115,7 +117,8 @@ def separation(pair: AmbiguousPair, columns: Columns) -> float:
     always = [effect.refit_columns(columns) for effect in beside]
     found = []
     for true, wrong in ((one, other), (other, one)):
-        target, reach = true.signal(columns), wrong.refit_columns(columns)
+        target = true.signal(columns)
+        reach = wrong.refit_columns(columns)
         if not reach.shape[1]:
             target = target - wrong.signal(columns)
         found.append(0.5 * _unexplained(target, np.hstack([reach, *always])))
@@ -154,7 +157,8 @@ def _search(
     rng: np.random.Generator,
 ) -> tuple[FourierTrajectory, list[float], int]:
     """Return the best motion, how it separates each pair, and how many were judged."""
-    drawn, ramp = [], SECONDS / 10.0
+    drawn = []
+    ramp = SECONDS / 10.0
     for harmonics, periods in KINDS:
         shape = Shape(harmonics, (SECONDS - 2 * ramp) / periods, ramp, periods)
         drawn += random_trajectories(model, limits, DRAWN, rng=rng, shape=shape)
@@ -167,7 +171,8 @@ def _search(
             continue
         now = judge(moved)
         if _criterion(now) > _criterion(values):
-            values, best = now, moved
+            values = now
+            best = moved
     return best, values, len(tried) + STEPS
 
 

@@ -63,7 +63,8 @@ class _Outcome:
 
     def diagnosis(self) -> Diagnosis:
         """Return the result."""
-        prepared, problem = self.parts.prepared, self.parts.problem
+        prepared = self.parts.prepared
+        problem = self.parts.problem
         before, after = self.parts.gaps
         share, interval = self._shrink()
         by_place = self._by_place(self.parts.shrink.by_row)
@@ -153,7 +154,8 @@ class _Outcome:
 
     def _imperfections(self) -> tuple[Imperfection, ...]:
         """Return what the recordings say of each number."""
-        problem, fit = self.parts.problem, self.parts.fit
+        problem = self.parts.problem
+        fit = self.parts.fit
         stds = np.sqrt(np.maximum(np.diag(fit.number_covariance), 0.0))
         off = beyond(fit, self.parts.explanation.linear.values, problem.numbers) > 0.5
         sources = problem.sources
@@ -179,7 +181,8 @@ class _Outcome:
     @cached_property
     def _known(self) -> list[Known]:
         """The known effects with their sizes."""
-        values, numbers = self.parts.explanation.linear.values, self.parts.problem.numbers
+        values = self.parts.explanation.linear.values
+        numbers = self.parts.problem.numbers
         found = []
         for term in self.parts.known_terms:
             parameters, instance = estimated(self.parts.fit, term, numbers, values)
@@ -191,7 +194,8 @@ class _Outcome:
     def _notes(self) -> Iterator[str]:
         """Yield what the reader should know besides: of the search, of laws, of residuals that are
         open, of events, of joints that keep much, of the data."""
-        prepared, unknown = self.parts.prepared, self.causes.unknown
+        prepared = self.parts.prepared
+        unknown = self.causes.unknown
         if not self.parts.explanation.is_whole:
             yield UNFINISHED
         yield from (self._unknown_note(term) for _, term in unknown.laws)
@@ -210,7 +214,8 @@ class _Outcome:
 
     def _ringing_notes(self) -> Iterator[str]:
         """Yield the notes on joints of a rigid arm whose residuals ring."""
-        problem, left = self.parts.problem, self._joints_left()
+        problem = self.parts.problem
+        left = self._joints_left()
         if not left or problem.robot.elastic:
             return
         pieces = [observation.pieces for observation in problem.observed[0]]
@@ -220,13 +225,15 @@ class _Outcome:
 
     def _joints_left(self) -> Set[str]:
         """Return the joints whose residuals are well above their noise after the correction."""
-        noise, left = self._noise(), self._by_place(self.parts.gaps[1].rmse)
+        noise = self._noise()
+        left = self._by_place(self.parts.gaps[1].rmse)
         return {place[0] for place, size in left.items() if size > SURE * noise[place]}
 
     def _context(self) -> DiagnosisContext:
         """Return what predictions, figures and proposals of motions need."""
         parts = self.parts
-        data, before = parts.linear.data, parts.before
+        data = parts.linear.data
+        before = parts.before
         rows = range(len(parts.places))
         return DiagnosisContext(
             explanation=parts.explanation,

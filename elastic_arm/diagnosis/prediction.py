@@ -247,14 +247,14 @@ def taken_out(context: DiagnosisContext, sensors: Sensors) -> dict[str, tuple[Ar
 
     sensors: with all causes: of what is ordinary, nothing is a cause, and it stays taken out.
     """
-    n, found = len(context.model.robot.joints), {}
+    n = len(context.model.robot.joints)
+    found = {}
     for channel in ("joint_torque", "motor_torque", "link_encoder"):
         own = getattr(sensors, channel)
-        delayed, scaled = own.row("delay", n) != 0.0, getattr(own, "gain", 1.0) != np.ones(n)
-        gain, late = (
-            context.seen[0].gains.get(SENSED[channel], 1.0),
-            context.judging.late.get(channel, 0.0),
-        )
+        delayed = own.row("delay", n) != 0.0
+        scaled = getattr(own, "gain", 1.0) != np.ones(n)
+        gain = context.seen[0].gains.get(SENSED[channel], 1.0)
+        late = context.judging.late.get(channel, 0.0)
         found[channel] = np.where(scaled, gain, 1.0), np.where(delayed, late, 0.0)
     return found
 
@@ -302,7 +302,8 @@ def corrected(
 
     taken: gains and lags, s, by channel, that are out of them already.
     """
-    n, taken = motion.q.shape[1], taken or {}
+    n = motion.q.shape[1]
+    taken = taken or {}
 
     def early(values: Array, delay: Array) -> Array:
         if not delay.any():
@@ -322,7 +323,8 @@ def corrected(
 
     encoder = sensors.link_encoder
     delay = encoder.row("delay", n) - taken.get("link_encoder", (1.0, 0.0))[1]
-    amplitude, phase = encoder.row("eccentricity", n), encoder.row("phase", n)
+    amplitude = encoder.row("eccentricity", n)
+    phase = encoder.row("phase", n)
     q = motion.q - encoder.row("offset", n)
     q = q - amplitude * np.sin(q + phase)
     return replace(

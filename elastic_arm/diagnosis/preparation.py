@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from elastic_arm.diagnosis.question import Question
 from elastic_arm.diagnosis.split import HELD_BACK, SHORTEST, independent, split
 from elastic_arm.diagnosis.words import LOW_PASSED, bare_note, standing_note, unseen_notes
 from elastic_arm.dynamics import build_model
-from elastic_arm.effects import EffectInstance, robot_effects
+from elastic_arm.effects import Effect, EffectInstance, robot_effects
 from elastic_arm.effects.arm_equations import ArmEquations
 from elastic_arm.effects.effect import Scope
 from elastic_arm.effects.library.base_tilt import TILT
@@ -32,6 +33,7 @@ from elastic_arm.estimation.equation_sets import SIDES, EquationSet
 from elastic_arm.estimation.observation import Observation, continued, observe
 from elastic_arm.estimation.segments import of_one_rate
 from elastic_arm.evidence.keys import Key
+from elastic_arm.evidence.priors import Priors
 from elastic_arm.evidence.problem import Problem, uncertain_numbers
 from elastic_arm.identification.batch.mounting import Mounting, other_mounting
 from elastic_arm.identification.batch.selection import turning_speeds
@@ -45,7 +47,8 @@ from elastic_arm.robot import Robot
 
 # Bytes of products of columns for each joint cubed, and of columns for each joint and whitened row;
 # measured with three and six joints of which all sides are recorded.
-OF_JOINTS, OF_ROW = 13e6, 11e3
+OF_JOINTS = 13e6
+OF_ROW = 11e3
 
 
 @dataclass(frozen=True)
@@ -54,13 +57,11 @@ class Prepared:
 
     problem: Problem  # recordings, equations, numbers, effects
     unseen: tuple[EffectInstance, ...]  # known effects that act in no recorded equation
-    sources: tuple[
-        tuple[str, ...], tuple[str, ...]
-    ]  # where the recordings of either part come from
-    # recording -> where each part that is fitted or judges begins in it, s, and from when to when
-    # it judges
+    # where the recordings that are fitted, and those that judge, come from
+    sources: tuple[tuple[str, ...], tuple[str, ...]]
+    # recording -> where each part that is fitted, and that judges, begins in it, s
     begins: tuple[dict[str, float], dict[str, float]]
-    judged: dict[str, tuple[float, float]]
+    judged: dict[str, tuple[float, float]]  # recording -> from when to when it judges, s
     independent_motion: bool  # whether the motion that judges is another one
     notes: tuple[str, ...]  # on the data
     mounting: Mounting | None  # how the arm is mounted, where that is not as described
@@ -71,25 +72,25 @@ class Prepared:
         """Return it with these events, and no others, left out."""
         if tuple(events) == self.events:
             return self
-        names = self.problem.robot.joint_names
-
-        def lacking(which: int, one: Observation) -> Observation:
-            first, there = (
-                self.begins[which][one.source],
-                (e for e in events if e.recording == one.source),
-            )
-            at = (
-                (SIDES.index(e.side), names.index(e.joint), e.begin - first, e.end - first)
-                for e in there
-            )
-            return replace(one, events=tuple(at))
-
         first, rest = (
-            tuple(lacking(k, one) for one in part) for k, part in enumerate(self.problem.observed)
+            tuple(self._lacking(events, begins, one) for one in part)
+            for begins, part in zip(self.begins, self.problem.observed, strict=True)
         )
-        return replace(
-            self, problem=replace(self.problem, observed=(first, rest)), events=tuple(events)
-        )
+        problem = replace(self.problem, observed=(first, rest))
+        return replace(self, problem=problem, events=tuple(events))
+
+    def _lacking(
+        self, events: Sequence[Event], begins: Mapping[str, float], one: Observation
+    ) -> Observation:
+        """Return an observation with the events of its recording left out."""
+        names = self.problem.robot.joint_names
+        first = begins[one.source]
+        at = []
+        for event in events:
+            if event.recording == one.source:
+                place = SIDES.index(event.side), names.index(event.joint)
+                at.append((*place, event.begin - first, event.end - first))
+        return replace(one, events=tuple(at))
 
 
 def prepare(
@@ -102,74 +103,33 @@ def prepare(
     Raises a DiagnosisError if the recordings allow no diagnosis: no torque, no motion, too short,
     validation equal to identification data; a RecordingError if a recording lacks a joint.
     """
-    names, held_back = question.robot.joint_names, not validate
-    least = SHORTEST / HELD_BACK if held_back else SHORTEST
-    moving = [
-        [
-            (part, r.start_ns)
-            for r in some
-            for part in of_one_rate(without_standstill(r.select(names)), least)
-        ]
-        for some in (recordings, validate)
-    ]
-    chosen = [by_motor_encoders(r, question.robot) for r, _ in chain.from_iterable(moving)]
-    alike = with_common_zeros(share_out(usable, chosen), question.robot)
-    alike = [with_made_torque(one, question.robot) for one in alike]
-    parts = split(alike[: len(moving[0])], alike[len(moving[0]) :])
-    starts = (
-        [start for _, start in moving[0]],
-        [start for _, start in moving[0 if held_back else 1]],
-    )
-    begins = [
-        {r.source: (r.start_ns - start) * 1e-9 for r, start in zip(part, own, strict=True)}
-        for part, own in zip(parts, starts, strict=True)
-    ]
-    observed = _observed(parts, held_back=held_back)
+    split_up = _split_up(recordings, validate, question.robot)
+    fitted, judging = split_up.parts
+    observed = _observed(split_up.parts, held_back=split_up.held_back)
     robot, mounting = _mounted(question, observed[0])
     motored = all(piece.tau_m is not None for one in observed[0] for piece in one.pieces)
     robot = robot.with_armatures() if motored else robot
-    observed = _turning_over(robot, parts[0], observed)
-    currents = sorted(
-        {channel for part in parts for recording in part for channel in recording.currents}
-    )
-    made = tuple(name for name in names if name in parts[0][0].made_by)
-    priors = question.priors.of_currents(currents)
-    layout, band = common_equations(
-        [*observed[0], *observed[1]], build_model(robot, question.model)
-    )
+    observed = _turning_over(robot, fitted, observed)
+    model = build_model(robot, question.model)
+    layout, band = common_equations([*observed[0], *observed[1]], model)
     _check_memory(observed[0], layout, band)
-    still = [joint for joint in names if all(joint in standing(r) for r in parts[0])]
-    equations = ArmEquations(robot, question.model)
-    own = {(instance.effect.id, instance.joint) for instance in question.known}
-    stated = [
-        i for i in robot_effects(robot, question.catalogue) if (i.effect.id, i.joint) not in own
-    ]
-    acting = [
-        [i for i in part if feature_of(i, equations).acts] for part in (stated, question.known)
-    ]
-    seen = [tuple(i for i in part if _is_seen(feature_of(i, equations), layout)) for part in acting]
-    unseen = tuple(
-        i for part, kept in zip(acting, seen, strict=True) for i in part if i not in kept
-    )
+    names = robot.joint_names
+    still = [joint for joint in names if all(joint in standing(r) for r in fitted)]
+    acting = _acting(question, robot, layout)
     largest = _largest_torques(observed[0], robot.n)
-    given = {i.effect.id for i in question.known}
-    uncertain = [
-        e
-        for e in question.catalogue.values()
-        if (e.prior is not None or e.number) and e.id not in given
-    ]
+    priors = question.priors.of_currents(split_up.currents)
     numbers, directions = uncertain_numbers(
         robot,
         question.model,
         observed,
         layout,
-        uncertain,
-        [*seen[0], *seen[1]],
+        _uncertain(question),
+        acting.seen,
         largest,
         priors,
-        held_back,
+        split_up.held_back,
     )
-    candidates = _candidates(question, equations, still, layout, numbers, observed[0][0], seen)
+    candidates = _candidates(question, robot, still, layout, numbers, observed[0][0], acting.seen)
     problem = Problem(
         robot=robot,
         model=question.model,
@@ -178,39 +138,153 @@ def prepare(
         band=band,
         numbers=numbers,
         directions=directions,
-        stated=seen[0],
-        given=seen[1],
+        stated=acting.stated,
+        given=acting.given,
         candidates=tuple(candidates),
-        usual=_usual(candidates, equations, seen),
+        usual=_usual(candidates, acting.seen),
         largest=largest,
         far=frozenset(effect.id for effect in question.candidates),
-        held_back=held_back,
+        held_back=split_up.held_back,
     )
-    notes = list(dict.fromkeys(note for part in observed for o in part for note in o.notes))
-    notes += [*_low_passed(parts), *(standing_note(joint) for joint in still)]
-    bare = [names[j] for j in layout.without_rows]
-    notes += [*([bare_note(bare)] if bare else []), *unseen_notes(unseen, bare)]
-    gains = ", ".join(
-        f"{100 * priors.sensors[f'{channel}_gain']:.2g} % of {channel}" for channel in currents
-    )
-    notes += (
-        [f"Torques are currents times a torque constant, with an assumed accuracy of {gains}."]
-        if currents
-        else []
-    )
+    notes = dict.fromkeys(note for part in observed for one in part for note in one.notes)
     return Prepared(
         problem=problem,
-        unseen=unseen,
-        sources=(tuple(r.source for r in parts[0]), tuple(r.source for r in parts[1])),
-        begins=(begins[0], begins[1]),
-        judged={
-            r.source: (begins[1][r.source], begins[1][r.source] + r.duration) for r in parts[1]
-        },
-        independent_motion=independent(*parts),
-        notes=tuple(notes),
+        unseen=acting.unseen,
+        sources=(tuple(r.source for r in fitted), tuple(r.source for r in judging)),
+        begins=split_up.begins,
+        judged=split_up.judged,
+        independent_motion=independent(fitted, judging),
+        notes=(*notes, *_notes(split_up, still, layout, acting.unseen, priors)),
         mounting=mounting,
-        made=made,
+        made=tuple(name for name in names if name in fitted[0].made_by),
     )
+
+
+Parts = tuple[Sequence[Recording], Sequence[Recording]]  # fitted, judging
+
+
+class _SplitUp(NamedTuple):
+    """Recordings without standstill, at one rate each."""
+
+    parts: Parts
+    begins: tuple[dict[str, float], dict[str, float]]  # as in :class:`Prepared`
+    held_back: bool  # whether the recordings that judge are the last parts of the fitted ones
+
+    @property
+    def judged(self) -> dict[str, tuple[float, float]]:
+        """Recording -> from when to when it judges, s."""
+        begins = self.begins[1]
+        found = {}
+        for recording in self.parts[1]:
+            begin = begins[recording.source]
+            found[recording.source] = begin, begin + recording.duration
+        return found
+
+    @property
+    def currents(self) -> list[str]:
+        """The torque channels that are currents times a constant."""
+        found: set[str] = set()
+        for recording in chain.from_iterable(self.parts):
+            found.update(recording.currents)
+        return sorted(found)
+
+
+def _split_up(
+    recordings: Sequence[Recording], validate: Sequence[Recording], robot: Robot
+) -> _SplitUp:
+    """Cut recordings at standstill and changes of rate, clear them, and split them."""
+    held_back = not validate
+    least = SHORTEST / HELD_BACK if held_back else SHORTEST
+    first = _moving(recordings, robot, least)
+    second = _moving(validate, robot, least)
+    chosen = [by_motor_encoders(part, robot) for part, _ in (*first, *second)]
+    alike = with_common_zeros(share_out(usable, chosen), robot)
+    alike = [with_made_torque(one, robot) for one in alike]
+    fitted, judging = split(alike[: len(first)], alike[len(first) :])
+    begins = _begins(fitted, first), _begins(judging, first if held_back else second)
+    return _SplitUp((fitted, judging), begins, held_back)
+
+
+def _moving(
+    recordings: Sequence[Recording], robot: Robot, least: float
+) -> list[tuple[Recording, int]]:
+    """Return the parts of recordings that move, each with the start of its recording, ns.
+
+    least: s, of a part.
+    """
+    found = []
+    for recording in recordings:
+        moving = without_standstill(recording.select(robot.joint_names))
+        found += [(part, recording.start_ns) for part in of_one_rate(moving, least)]
+    return found
+
+
+def _begins(
+    parts: Sequence[Recording], moving: Sequence[tuple[Recording, int]]
+) -> dict[str, float]:
+    """Return where each part begins in its recording, s."""
+    pairs = zip(parts, moving, strict=True)
+    return {part.source: (part.start_ns - start) * 1e-9 for part, (_, start) in pairs}
+
+
+class _Acting(NamedTuple):
+    """The stated and given effects that act in a recorded equation, and those that act in none."""
+
+    stated: tuple[EffectInstance, ...]
+    given: tuple[EffectInstance, ...]
+    unseen: tuple[EffectInstance, ...]
+
+    @property
+    def seen(self) -> list[EffectInstance]:
+        """All that act in a recorded equation."""
+        return [*self.stated, *self.given]
+
+
+def _acting(question: Question, robot: Robot, layout: EquationSet) -> _Acting:
+    """Return which known effects act where; what the user gives replaces what is stated."""
+    equations = ArmEquations(robot, question.model)
+    given = {(instance.effect.id, instance.joint) for instance in question.known}
+    stated = [
+        instance
+        for instance in robot_effects(robot, question.catalogue)
+        if (instance.effect.id, instance.joint) not in given
+    ]
+    seen: list[tuple[EffectInstance, ...]] = []
+    unseen: list[EffectInstance] = []
+    for part in (stated, question.known):
+        acting = [i for i in part if feature_of(i, equations).acts]
+        own = tuple(i for i in acting if _is_seen(feature_of(i, equations), layout))
+        seen.append(own)
+        unseen += [i for i in acting if i not in own]
+    return _Acting(seen[0], seen[1], tuple(unseen))
+
+
+def _uncertain(question: Question) -> list[Effect]:
+    """Return the effects of sensors and of the arm's numbers that are not given."""
+    given = {instance.effect.id for instance in question.known}
+    effects = [e for e in question.catalogue.values() if e.prior is not None or e.number]
+    return [e for e in effects if e.id not in given]
+
+
+def _notes(
+    split_up: _SplitUp,
+    still: Sequence[str],
+    layout: EquationSet,
+    unseen: Sequence[EffectInstance],
+    priors: Priors,
+) -> Iterator[str]:
+    """Yield what the reader should know of the data, beside the notes on the observations."""
+    fitted, judging = split_up.parts
+    yield from _low_passed((fitted, judging))
+    yield from (standing_note(joint) for joint in still)
+    bare = [fitted[0].joints[j] for j in layout.without_rows]
+    if bare:
+        yield bare_note(bare)
+    yield from unseen_notes(unseen, bare)
+    shares = [(channel, priors.sensors[f"{channel}_gain"]) for channel in split_up.currents]
+    if shares:
+        gains = ", ".join(f"{100 * share:.2g} % of {channel}" for channel, share in shares)
+        yield f"Torques are currents times a torque constant, with an assumed accuracy of {gains}."
 
 
 def _check_memory(observed: Sequence[Observation], layout: EquationSet, band: Band) -> None:
@@ -229,9 +303,8 @@ def _largest_torques(observed: Sequence[Observation], n: int) -> Array:
     """Return the largest torque (n,) Nm that each joint carries."""
     pieces = [piece for one in observed for piece in one.pieces]
     torques = [t for piece in pieces for t in (piece.tau_m, piece.tau_J) if t is not None]
-    found = np.nanmax(
-        [np.nanmax(np.abs(t), axis=0, initial=0.0) for t in torques] or [np.ones(n)], axis=0
-    )
+    each = [np.nanmax(np.abs(torque), axis=0, initial=0.0) for torque in torques]
+    found = np.nanmax(each or [np.ones(n)], axis=0)
     return np.maximum(found, 1e-3 * max(float(found.max()), 1e-9))
 
 
@@ -241,7 +314,8 @@ def _observed(
     """Return the motion of both parts; where the second was held back from the first, it continues
     it."""
     together = share_out(observe, chain.from_iterable(parts))
-    first, rest = together[: len(parts[0])], together[len(parts[0]) :]
+    first = together[: len(parts[0])]
+    rest = together[len(parts[0]) :]
     if not held_back:
         return tuple(first), tuple(rest)
     cuts = [(b.start_ns - a.start_ns) * 1e-9 for a, b in zip(*parts, strict=True)]
@@ -282,8 +356,10 @@ def _turning_over(
 def _low_passed(parts: Sequence[Sequence[Recording]]) -> list[str]:
     """Return a note where torques hold not even noise at high frequencies; that on the first
     recording is enough."""
-    found = [words for part in parts for recording in part for words in smoothed_torques(recording)]
-    return [f"{words}: {LOW_PASSED}." for words in found[:1]]
+    for recording in chain.from_iterable(parts):
+        for words in smoothed_torques(recording):
+            return [f"{words}: {LOW_PASSED}."]
+    return []
 
 
 def _is_seen(feature: Feature, layout: EquationSet) -> bool:
@@ -298,12 +374,10 @@ def _is_seen(feature: Feature, layout: EquationSet) -> bool:
     return whole or bool(layout.transform[:, feature.rows].any())
 
 
-def _usual(
-    candidates: Sequence[Feature], equations: ArmEquations, seen: Sequence[Sequence[EffectInstance]]
-) -> frozenset[Key]:
+def _usual(candidates: Sequence[Feature], seen: Sequence[EffectInstance]) -> frozenset[Key]:
     """Return the friction of motors at joints for which none is stated or known: every real drive
     has some."""
-    stated = {(i.effect.id, i.joint) for part in seen for i in part}
+    stated = {(i.effect.id, i.joint) for i in seen}
     found = set()
     for feature in candidates:
         plain = feature.effect.id in PLAIN and feature.choices.get("side") == "motor"
@@ -314,20 +388,21 @@ def _usual(
 
 def _candidates(
     question: Question,
-    equations: ArmEquations,
+    robot: Robot,
     still: Sequence[str],
     layout: EquationSet,
     numbers: Sequence[Number],
     observed: Observation,
-    seen: Sequence[Sequence[EffectInstance]],
+    seen: Sequence[EffectInstance],
 ) -> list[Feature]:
     """Return every effect at every place where motion and channels can show it.
 
     What numbers hold is a number that is far off, and what is known is there already.
     """
+    equations = ArmEquations(robot, question.model)
     held = {(p.cause.effect.id, p.joint) for p in numbers if p.cause is not None}
     wholly = {effect for effect, _ in held}
-    known = {feature_of(i, equations).key for part in seen for i in part}
+    known = {feature_of(i, equations).key for i in seen}
     shown = recorded_features(features(equations, question.candidates), observed.pieces[0])
     if question.robot.n == 1:  # its one joint is the whole arm
         shown = [f for f in shown if f.joint is not None or f.effect.scope is not Scope.EACH_OR_ARM]

@@ -67,7 +67,8 @@ def _live(recording: Recording) -> Recording:
     """Leave out torque channels that are constant."""
     where = recording.source or "the recording"
     sides: dict[str, Side | None] = {"link": recording.link, "motor": recording.motor}
-    notes, dead = [], []
+    notes = []
+    dead = []
     for name, side in sides.items():
         if side is None or side.effort is None or not len(side):
             continue
@@ -124,7 +125,8 @@ def _without_differences(recording: Recording) -> Recording:
 
 def _one_clock(recording: Recording) -> Recording:
     """Stamp the link side by the motor side's clock where the two drift apart."""
-    link, motor = recording.link, recording.motor
+    link = recording.link
+    motor = recording.motor
     if link is None or motor is None or link.position is None or motor.position is None:
         return recording
     total = clock_drift(recording.samples())

@@ -14,12 +14,8 @@ ORDERS = (1, 2, 3, 4)  # of the angles of rotor and wave generator
 SLOW = (0.1, 0.3)  # of the typical speed: widths of the two low-speed shapes
 MOTION = 3.0  # Hz; spectral lines are looked for above the motion's own frequencies
 START = 1.0  # s that count as the start
-WEAK, ALIKE = (
-    0.1,
-    0.9,
-    # share of the power below which a regime describes nothing; of the best, up to which simpler is
-    # named
-)
+WEAK = 0.1  # share of the power below which a regime describes nothing
+ALIKE = 0.9  # share of the best regime's, from which a simpler one is named
 
 REGIMES = (
     "always",
@@ -46,7 +42,8 @@ def shares(
     from the layout.
     """
     n = data.layout.n
-    side, joint = data.layout.sides[row // n], row % n
+    side = data.layout.sides[row // n]
+    joint = row % n
     r = np.concatenate([v[:, row] for v in values])
     parts = [bases(part.signals, side, joint, n, ratios) for part in data.parts]
     found: dict[str, float] = {}
@@ -86,9 +83,12 @@ def bases(
     # Without transmissions the motor turns with the link.
     motor = n if v["x"].shape[1] > n else 0
     offset = 0 if side == "link" else motor
-    w, a = v["dx"][:, offset + i], v["ddx"][:, offset + i]
+    w = v["dx"][:, offset + i]
+    a = v["ddx"][:, offset + i]
     sign = v["sign_link" if side == "link" else "sign_motor"][:, i]
-    theta, q, load = v["x"][:, motor + i], v["x"][:, i], v["tau_J"][:, i]
+    theta = v["x"][:, motor + i]
+    q = v["x"][:, i]
+    load = v["tau_J"][:, i]
     # Of the load clear of noise: that of the encoders is in the residuals, too, and differentiating
     # raises it. The load itself is the one of which the columns of nuisance parameters are made, so
     # that these hold what is theirs.

@@ -634,11 +634,9 @@ def from_dict(data: Mapping[str, Any], folder: Path, catalogue: Catalogue) -> Di
         )
 
     noise = {place: v for place, v in places(data["noise"]).items() if v is not None}
-    recordings, interval, prediction = (
-        data["recordings"],
-        data["shrink_interval"],
-        data["prediction"],
-    )
+    recordings = data["recordings"]
+    interval = data["shrink_interval"]
+    prediction = data["prediction"]
     changes = [
         {**one, "values": tuple(map(_change_value, one["values"]))} for one in data["changes"]
     ]
@@ -680,7 +678,8 @@ def from_dict(data: Mapping[str, Any], folder: Path, catalogue: Catalogue) -> Di
 
 
 def _cause(one: Mapping[str, Any], catalogue: Catalogue) -> Cause:
-    effect, given = catalogue.find(one["effect"]), one["parameters"]
+    effect = catalogue.find(one["effect"])
+    given = one["parameters"]
     values = {
         name: tuple(v) if isinstance(v := p["value"], list) else v for name, p in given.items()
     }

@@ -12,7 +12,9 @@ from elastic_arm.evidence.keys import Key
 from elastic_arm.evidence.relinearise import pool_of
 from elastic_arm.evidence.screen import Screen
 
-SETS, TERMS = 5, 8  # that are listed
+# that are listed
+SETS = 5
+TERMS = 8
 NOTHING = "no term"
 
 

@@ -70,7 +70,8 @@ def _course_of_time(recording: Recording) -> tuple[Array, Array]:
 def independent(identify: Sequence[Recording], validate: Sequence[Recording]) -> bool:
     """Whether the judging motion is another one than the fitted ones, not a repetition at another
     time."""
-    rate, alike = RATE, REPEATED
+    rate = RATE
+    alike = REPEATED
     return not any(
         _repeats(_course(v, rate), _course(r, rate), alike) for v in validate for r in identify
     )
@@ -93,7 +94,8 @@ def _repeats(part: Array, whole: Array, alike: float) -> bool:
     if len(part) > len(whole):
         part, whole = whole, part
     middle = part.mean(axis=0)
-    part, whole = part - middle, whole - middle
+    part = part - middle
+    whole = whole - middle
     spread = float(np.mean(part**2))
     if spread == 0.0 or len(part) < 2:
         return True
@@ -126,7 +128,8 @@ def _shares(whole: Array, own: Array) -> bool:
     if whole.shape[1] != own.shape[1] or len(own) < RUN:
         return False
     # A joint that lacks the channel holds no numbers.
-    whole, own = np.nan_to_num(whole), np.nan_to_num(own)
+    whole = np.nan_to_num(whole)
+    own = np.nan_to_num(own)
     changed = np.any(own[1:] != own[:-1], axis=1)
     changes = np.convolve(changed, np.ones(RUN - 1), mode="valid")
     lively = np.flatnonzero(changes >= max(1.0, 0.5 * float(changes.max())))

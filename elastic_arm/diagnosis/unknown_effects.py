@@ -57,8 +57,10 @@ class UnknownEffects:
         Either in the recordings that were fitted, where what is left follows a motion; or in those
         that judge, where causes act and more is left than the noise that the fit has found.
         """
-        model, data = self.parts.fit.model, self.parts.linear.data
-        fitted, judging = model.bands, Bands(data)
+        model = self.parts.fit.model
+        data = self.parts.linear.data
+        fitted = model.bands
+        judging = Bands(data)
         none = [np.zeros_like(y) for y in self.parts.before]
         acting = without_parts(none, self.parts.causes_added)
         of_fitted = [fitted.n * fit.found.v for fit in (model.fit(()), self.parts.fit)]
@@ -68,7 +70,8 @@ class UnknownEffects:
             of_judging.append(judging.powers(white))
         found = []
         for row in range(judging.places):
-            own, other = _slow(fitted, row), _slow(judging, row)
+            own = _slow(fitted, row)
+            other = _slow(judging, row)
             n = float(fitted.n[own].sum())
             m = float(judging.n[other].sum())
             if not n or not m:

@@ -49,7 +49,8 @@ def estimates_text(parameters: Mapping[str, ParameterEstimate], between: str = "
 
 def instance_text(instance: EffectInstance, units: JointUnits) -> str:
     """Return all that an effect was given, with the units at its joint."""
-    given, joint = instance.parameters, instance.joint
+    given = instance.parameters
+    joint = instance.joint
     numbers = [
         f"{p.name} {size_text(given[p.name], 0.0, units.at(joint, p.unit))}"
         for p in instance.effect.parameters
@@ -289,7 +290,8 @@ def unknown_sentences(found: Diagnosis) -> list[str]:
         return []
     first, *others = found.unexplained
     place = (first.joint, first.side)
-    unit, noise = found.units.at(first.joint, "Nm"), found.noise.get(place)
+    unit = found.units.at(first.joint, "Nm")
+    noise = found.noise.get(place)
     before = found.before.rmse.get(place)
     beside = [
         *([f"noise {noise:.2g}"] if noise else []),
@@ -300,7 +302,7 @@ def unknown_sentences(found: Diagnosis) -> list[str]:
         f"The verdict is unknown because of {first.rmse:.2g} {unit}{sizes} at {first.joint},"
         f" {first.side} side: no cause explains this residual, which {regime_text(first.regime)}"
     )
-    joints = [joint for joint in dict.fromkeys(p.joint for p in others) if joint != first.joint]
+    joints = [*dict.fromkeys(place.joint for place in others if place.joint != first.joint)]
     rest = listed(joints[:NAMED], len(joints) - NAMED) if joints else ""
     less = f"; smaller unexplained residuals remain at {rest}" if rest else ""
     sentences = [f"{left}{less}."]
@@ -428,8 +430,11 @@ def _verdict_sentence(found: Diagnosis, beside: str) -> str:
     causes = "it" if len(found.causes) == 1 else f"these {len(found.causes)} causes"
     motion = "on another motion" if found.independent_motion else "on a repetition of the motion"
     joint, side = place = _worst_place(found)
-    before, after, noise = found.before.rmse[place], found.after.rmse[place], found.noise.get(place)
-    unit, verb = found.units.at(joint, "Nm"), "falls" if after < before else "rises"
+    before = found.before.rmse[place]
+    after = found.after.rmse[place]
+    noise = found.noise.get(place)
+    unit = found.units.at(joint, "Nm")
+    verb = "falls" if after < before else "rises"
     where = f"at {joint} ({side} side{f', noise {noise:.3g} {unit}' if noise else ''})"
     added = f"{causes} and {beside}" if beside else causes
     share = percent(found.shrink)
@@ -472,7 +477,9 @@ def cause_name(cause: Cause) -> str:
 def cause_sentence(cause: Cause, model: str) -> str:
     """Return in plain words what the arm or its recording has that the model lacks, and what it may
     be instead."""
-    effect, values, told = cause.instance.effect, cause.instance.parameters, _told(cause)
+    effect = cause.instance.effect
+    values = cause.instance.parameters
+    told = _told(cause)
     texts = {
         n: (size_text(e.value, e.std, e.unit), _short(e.value, e.unit))
         for n, e in cause.parameters.items()
@@ -621,7 +628,8 @@ def share_at(found: Diagnosis, joint: str, side: str) -> str:
 def prediction_sentence(found: Diagnosis, prediction: Prediction) -> str:
     """Return in a sentence how far the prediction error of the worst angle falls, or why that is
     not known."""
-    before, after = prediction.before or {}, prediction.after or {}
+    before = prediction.before or {}
+    after = prediction.after or {}
     if prediction.reason:
         return f"{prediction.reason[0].upper()}{prediction.reason[1:]}."
     joint, side = max(before, key=lambda place: before[place][-1])
@@ -658,7 +666,8 @@ def change_text(change: Change) -> str:
 
 def step_text(one: Course, recordings: Sequence[str]) -> str:
     """Return in a sentence what changed, when and by how much."""
-    step, sized = one.step, one.sized
+    step = one.step
+    sized = one.sized
     assert step is not None
     way = "rose" if step.after_value > step.before_value else "fell"
     before, after = (

@@ -237,10 +237,8 @@ class ChannelMap(Strict):
         """Fill in the defaults of all joints and the omitted entries of channels."""
         if not isinstance(data, dict):
             return data
-        defaults, rest = (
-            data.get("defaults") or {},
-            {key: value for key, value in data.items() if key != "defaults"},
-        )
+        defaults = data.get("defaults") or {}
+        rest = {key: value for key, value in data.items() if key != "defaults"}
         if isinstance(joints := rest.get("joints"), dict):
             rest["joints"] = {
                 name: _filled(str(name), _merged(defaults, own or {}))
