@@ -77,6 +77,9 @@ OFFSET_SHARE = 0.02  # its zero
 PRESLIDING_SHARE = 0.1  # its friction below the least speed
 # of the share of dry friction that turns over within one distance, standard deviation; convention
 TURNOVER = 0.5
+# of the friction curve of a real joint about Coulomb and viscous friction, relative to its dry
+# friction, standard deviation: by speed, direction, load and time
+CURVE = 0.1
 EVENT = 1e-6  # prior odds of an event in a recording: as of an effect
 # range of the power of an event over the ordinary one of a residual: from noise to all that an arm
 # carries
@@ -107,7 +110,7 @@ WORTH = 1.0  # nats of a move that is taken: less is an alternative
 # nats up to which scores at different linearisations compare, as those of one set at several show
 COMPARED = 100.0
 RELATED = 0.1  # correlation of two terms from which one may stand for both
-MOST = 24  # terms of a set
+MOST = 48  # terms of a set; ordinary friction of seven joints takes 21
 FIRST = 4  # effects of an arm that is exactly as described, at the first look
 # nats behind the best up to which a set is expanded as well: what one more term is often worth
 OPEN = 10.0

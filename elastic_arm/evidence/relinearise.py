@@ -39,12 +39,12 @@ from elastic_arm.evidence.priors import (
 from elastic_arm.evidence.problem import Problem
 from elastic_arm.evidence.screen import Screen
 from elastic_arm.evidence.search import ADDED, ALL, SIMPLE, Search, Thetas, words_of
+from elastic_arm.evidence.terms.dry_friction import dry_friction_terms
 from elastic_arm.evidence.terms.effect import effect_terms
 from elastic_arm.evidence.terms.known import coefficients_of, known_terms, theta_of
 from elastic_arm.evidence.terms.law import law_terms
 from elastic_arm.evidence.terms.number import number_terms
 from elastic_arm.evidence.terms.term import Term, odds_among
-from elastic_arm.evidence.terms.turnover import turnover_terms
 from elastic_arm.evidence.terms.unnamed import unnamed_terms
 from elastic_arm.evidence.watch import Watch
 
@@ -212,7 +212,7 @@ def _begun(problem: Problem, refit: bool, shared: Shared) -> list[Explanation]:
     usual = linear_model(described, AS_BUILT).fit(_usual_terms(described))
     built, fitted = about_itself(described, usual, usual.frame, settled=1.0)
     # Each is dropped again where the recordings do not show it.
-    terms = [*fitted.optional, *turnover_terms(built)]
+    terms = [*fitted.optional, *dry_friction_terms(built)]
     starts = [_explained(built, terms, AS_BUILT, refit, shared, moves=ADDED)]
     if refit:
         return starts
@@ -327,7 +327,7 @@ def pool_of(linear: Linearisation) -> Iterator[Term]:
         number_terms(problem.numbers, linear.numbers, problem.far),
         unnamed_terms(problem.numbers, linear.numbers, problem.far),
         known_terms(linear)[1],
-        list(turnover_terms(linear)),
+        list(dry_friction_terms(linear)),
     )
     for terms in others:
         odds = odds_among((t.key for t in terms), problem.usual)

@@ -291,9 +291,12 @@ class Search:
         return [(t, self._keep(self._without(fit, t))) for t in fit.optional]
 
     def _without(self, fit: Fit, *terms: Term) -> Fit:
-        """Return the fit of a set without some of its terms; laws without a form take the size they
-        then have."""
-        return self._resized(self._keep(self.model.fit(without(fit, *terms), fit)))
+        """Return the fit of a set without some of its terms; the others are of the size that is
+        most probable then."""
+        less = self._keep(self.model.fit(without(fit, *terms), fit))
+        for t in less.optional:
+            less = self._scaled(less, t.key)
+        return self._resized(less)
 
 
 def without(fit: Fit, *terms: Term) -> list[Term]:

@@ -1,4 +1,5 @@
-"""Dry friction that turns over within a distance, as that of real drives."""
+"""Dry friction that turns over within a distance and bends by some percent, as that of real
+drives."""
 
 from pathlib import Path
 
@@ -10,6 +11,8 @@ from elastic_arm.robot import load_robot
 
 MASS, LENGTH, INERTIA, GRAVITY = 2.0, 0.15, 0.02, 9.81
 DRY, VISCOUS, DISTANCE = 0.5, 0.2, 0.02  # Nm, Nm s/rad, rad
+STRIBECK_SPEED, WARM_AFTER = 0.2, 12.0  # rad/s, s
+ORDINARY = {"coulomb_friction", "viscous_friction", "rotor_inertia_mismatch"}
 URDF = f"""<robot name="pendulum"><link name="base"/><joint name="joint_1" type="revolute">
 <parent link="base"/><child link="arm"/><axis xyz="0 1 0"/>
 <limit lower="-3" upper="3" effort="10" velocity="5"/></joint>
@@ -18,8 +21,12 @@ URDF = f"""<robot name="pendulum"><link name="base"/><joint name="joint_1" type=
 </inertial></link></robot>"""
 
 
-def recording(seed: int) -> Recording:
-    """A pendulum swung for 20 s, its torque by the equations of motion and Dahl's equation."""
+def recording(seed: int, stribeck: float = 0.0, warmth: float = 0.0) -> Recording:
+    """A pendulum swung for 20 s, its torque by the equations of motion and Dahl's equation.
+
+    stribeck, warmth: shares of the dry friction that are there at rest only, and that are lost
+    while the joint warms up.
+    """
     rng = np.random.default_rng(seed)
     t = np.arange(4000) / 200.0
     rates = 2.0 * np.pi * 0.15 * np.arange(1, 5)
@@ -34,9 +41,11 @@ def recording(seed: int) -> Recording:
         step = dq[k] / 200.0
         z[k] = np.sign(step) + (z[k - 1] - np.sign(step)) * np.exp(-abs(step) / DISTANCE)
     inertia = INERTIA + MASS * LENGTH**2
-    tau = inertia * ddq + MASS * GRAVITY * LENGTH * np.sin(q) + DRY * z + VISCOUS * dq
+    dry = DRY * (1.0 + stribeck * np.exp(-((dq / STRIBECK_SPEED) ** 2)))
+    dry *= 1.0 - warmth * (1.0 - np.exp(-t / WARM_AFTER))
+    tau = inertia * ddq + MASS * GRAVITY * LENGTH * np.sin(q) + dry * z + VISCOUS * dq
     seen = q + 1e-5 * rng.normal(size=len(q))
-    read = tau + 0.02 * rng.normal(size=len(q))
+    read = tau + 0.05 * rng.normal(size=len(q))
     stamps = (t * 1e9).astype(np.int64)
     return Recording(("joint_1",), None, Side(stamps, seen[:, None], None, read[:, None]))
 
@@ -49,6 +58,27 @@ def test_friction_that_turns_over_late_is_no_delay_of_the_torque(tmp_path: Path)
     found = diagnose([recording(1)], Question(robot), [recording(2)])
     sizes = {cause.effect: cause.parameters for cause in found.causes}
     assert found.verdict == "explained"
-    assert set(sizes) <= {"coulomb_friction", "viscous_friction", "rotor_inertia_mismatch"}
+    assert set(sizes) <= ORDINARY
     assert abs(sizes["coulomb_friction"]["torque"].value - DRY) < 0.02
     assert abs(sizes["viscous_friction"]["coefficient"].value - VISCOUS) < 0.02
+
+
+def test_friction_that_bends_by_some_percent_has_no_cause_for_each_bend(tmp_path: Path) -> None:
+    """A tenth more at rest and a tenth less when warm is ordinary: only friction is named."""
+    (tmp_path / "pendulum.urdf").write_text(URDF)
+    robot = load_robot(tmp_path / "pendulum.urdf")
+    fitted, other = (recording(seed, stribeck=0.1, warmth=0.1) for seed in (13, 14))
+    found = diagnose([fitted], Question(robot), [other])
+    assert found.verdict == "explained"
+    assert {cause.effect for cause in found.causes} <= ORDINARY
+
+
+def test_friction_twice_as_large_at_rest_is_named(tmp_path: Path) -> None:
+    """What goes far beyond the ordinary bend is a cause, with its size."""
+    (tmp_path / "pendulum.urdf").write_text(URDF)
+    robot = load_robot(tmp_path / "pendulum.urdf")
+    fitted, other = (recording(seed, stribeck=1.0) for seed in (5, 6))
+    found = diagnose([fitted], Question(robot), [other])
+    sizes = {cause.effect: cause.parameters for cause in found.causes}
+    assert set(sizes) <= {"stribeck_friction", *ORDINARY}
+    assert abs(sizes["stribeck_friction"]["speed"].value - STRIBECK_SPEED) < 0.02

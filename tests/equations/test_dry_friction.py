@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from elastic_arm.equations.presliding import over_distance
+from elastic_arm.equations.dry_friction import functions_of_speed, over_distance
 
 T = np.linspace(0.0, 4.0, 2001)
 ANGLE = 0.3 * np.sin(2.0 * T) + 0.02 * np.sin(11.0 * T)
@@ -31,3 +31,17 @@ def test_an_angle_that_stays_keeps_its_friction() -> None:
     angle = np.concatenate([np.linspace(0.0, 0.004, 50), np.full(50, 0.004)])
     found = over_distance(angle, np.ones(100), 0.01)
     np.testing.assert_array_equal(found[50:], found[49])
+
+
+def test_curves_of_friction_bend_where_stribeck_friction_falls() -> None:
+    """The functions together have a variance of about one at all speeds, and a sum of them beside
+    dry and viscous friction follows a law that falls within a third of a decade."""
+    w = np.geomspace(0.015, 1.5, 200)
+    phi = functions_of_speed(w, 1.5)
+    variance = (phi**2).sum(axis=0)
+    assert variance.min() > 0.8
+    assert variance.max() < 1.05
+    laws = np.vstack([phi, np.ones_like(w), w]).T
+    stribeck = np.exp(-((w / 0.12) ** 2))
+    size = np.linalg.lstsq(laws, stribeck)[0]
+    assert np.sqrt(np.mean((laws @ size - stribeck) ** 2)) < 0.05

@@ -1,0 +1,195 @@
+"""Dry friction of a real joint: it turns over within a distance, and its curve bends.
+
+    F' = F + F_d [sum_k c_k (z_k - s) + z S + A]
+    dz_k/dq = (1 - z_k sign(dq)) / d_k                                             (Dahl 1968)
+    z = s + sum_k c_k (z_k - s)
+    S = sum_i s_i f_i(|w|) + s_load l + s_time x + s_bend (3 x² - 1) / 2
+    A = sum_i a_i g_i(|w|)
+
+F is what the laws of friction make at a side of a joint, F_d the magnitude of its part with the
+sign s of the velocity w, and c_k >= 0 the share of F_d that turns over within the distance d_k.
+Without c_k, friction that turns over late is taken for a delay or a low pass of the torque.
+
+z is the sign as far as it has turned over. The curve S bends with the speed, with the joint's
+torque l = |tau_J| / max |tau_J| less its mean, and with the time x, -1 at the begin of a recording
+and 1 at its end; A is how the curve differs in either direction. f_i and g_i are the first
+eigenfunctions of a Gaussian process over the logarithm of the speed (Matern 5/2): f_i less what is
+dry and viscous friction, g_i less its mean, which is a zero of the torque. Lubricant, seals,
+bearings and warmth bend the curve; without S and A, each bend would be a law of friction of its
+own.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import lru_cache
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from elastic_arm.arrays import Array
+from elastic_arm.estimation.known_torques import ActingEffect
+from elastic_arm.estimation.regressors import Entries, Signals
+from elastic_arm.estimation.whitening import WhitenedData
+from elastic_arm.robot import Robot
+
+# rad: between two of them, a sum of both is as good
+DISTANCES = tuple(5e-4 * 2.0**k for k in range(7))
+DECADES = 2.0  # of speed below the fastest, over which the curve bends
+LENGTH = 1.5  # of the kernel, in natural logarithms of the speed
+FUNCTIONS = 5  # of S; further ones have a hundredth of the variance together
+OF_DIRECTION = 2  # of A
+GRID = 64  # speeds at which the kernel is evaluated; numerical
+SHAPES = FUNCTIONS + 3 + OF_DIRECTION  # coefficients of S and A
+
+
+class FrictionPlace(NamedTuple):
+    """Where friction acts."""
+
+    joint: str
+    side: str  # "link" or "motor"
+
+
+def places_of_friction(acting: Sequence[ActingEffect]) -> list[FrictionPlace]:
+    """Return the places at which effects make friction."""
+    features = [effect.feature for effect in acting if effect.feature.effect.friction]
+    places = (FrictionPlace(str(one.joint), side) for one in features for side in one.sides)
+    return list(dict.fromkeys(places))
+
+
+def dry_friction_columns(
+    data: WhitenedData,
+    robot: Robot,
+    acting: Sequence[ActingEffect],
+    place: FrictionPlace,
+    turned: Array,
+) -> list[Array]:
+    """Return the columns (N', R, K + SHAPES) Nm of each stretch: one for each c_k, then for S and
+    A. None at all where no friction has the sign of the velocity.
+
+    acting: effects that act, of which the friction at the place is meant; turned: c_k (K,) by which
+    z is made.
+    """
+    n = robot.n
+    j = robot.joint_names.index(place.joint)
+    of_motor = robot.elastic and place.side == "motor"
+    dry = [
+        np.sum([_dry(effect, part.signals, place) for effect in acting], axis=0)
+        for part in data.parts
+    ]
+    if not any(one.any() for one in dry):
+        return []
+    k = n + j if of_motor else j
+    speeds = [np.abs(part.signals.values["dx"][:, k]) for part in data.parts]
+    loads = [np.abs(part.signals.values["tau_J"][:, j]) for part in data.parts]
+    curve = Curve.over(np.concatenate(speeds), np.concatenate(loads))
+    count = len(DISTANCES) + SHAPES
+    rows = np.full(count, 2 * n + j if of_motor else j)
+    found = []
+    for part, size, w, load in zip(data.parts, dry, speeds, loads, strict=True):
+        motion = part.stretch.quiet
+        angle = (motion.theta if of_motor else motion.q)[:, j]
+        sign = part.signals.values[f"sign_{place.side}"][:, j]
+        late = np.array([over_distance(angle, sign, distance) - sign for distance in DISTANCES])
+        z = sign + turned @ late
+        x = 2.0 * part.signals.values["progress"][:, 0]
+        values = np.vstack([late, z * curve.bends(w, load, x), curve.sides(w)]) * size
+        columns = Entries(values.T, rows, np.arange(count), (3 * n, count))
+        found.append(data.in_band(part, columns))
+    return data.weighted(found, in_place=True)
+
+
+class Curve(NamedTuple):
+    """What the curve of a joint may be over the speeds and loads of its recordings."""
+
+    fastest: float  # rad/s
+    heaviest: float  # Nm
+    plain: Array  # (FUNCTIONS, 2) dry and viscous friction in each function of the speed
+    means: Array  # (FUNCTIONS, 1) of these functions
+    load: float  # mean of |tau_J| / max |tau_J|
+
+    @staticmethod
+    def over(w: Array, load: Array) -> "Curve":
+        """Return that of samples of all recordings: speeds (N,) rad/s and loads (N,) Nm, >= 0."""
+        fastest = float(w.max())
+        heaviest = float(load.max()) or 1.0
+        phi = functions_of_speed(w, fastest)
+        laws = np.array([np.ones_like(w), w])
+        plain = np.linalg.lstsq(laws.T, phi.T)[0].T
+        means = phi.mean(axis=1, keepdims=True)
+        return Curve(fastest, heaviest, plain, means, float(load.mean()) / heaviest)
+
+    def bends(self, w: Array, load: Array, x: Array) -> Array:
+        """Return the shapes (FUNCTIONS + 3, N) of S at speeds (N,) rad/s, loads (N,) Nm and times
+        (N,)."""
+        laws = np.array([np.ones_like(w), w])
+        f = functions_of_speed(w, self.fastest) - self.plain @ laws
+        return np.array([*f, load / self.heaviest - self.load, x, 1.5 * x**2 - 0.5])
+
+    def sides(self, w: Array) -> Array:
+        """Return the shapes (OF_DIRECTION, N) of A at speeds (N,) rad/s."""
+        g = functions_of_speed(w, self.fastest) - self.means
+        return g[:OF_DIRECTION]
+
+
+def over_distance(angle: Array, sign: Array, distance: float) -> Array:
+    """Return the course (N,) of dry friction of 1 that turns over within a distance.
+
+    While the angle (N,) rad goes one way, s, the difference z - s falls by exp(-|way| / d). sign:
+    (N,) of the velocity, with the first of which it begins.
+    """
+    steps = np.diff(angle)
+    ways = np.sign(steps)
+    turns = np.flatnonzero(np.diff(ways)) + 1
+    state = np.empty_like(angle)
+    z = float(sign[0])
+    state[0] = z
+    for first, last in pairwise([0, *turns.tolist(), len(steps)]):
+        way = ways[first]
+        if way == 0.0:  # at rest it stays
+            state[first + 1 : last + 1] = z
+            continue
+        gone = np.abs(angle[first + 1 : last + 1] - angle[first])
+        state[first + 1 : last + 1] = way + (z - way) * np.exp(-gone / distance)
+        z = float(state[last])
+    return state
+
+
+def functions_of_speed(w: Array, fastest: float) -> Array:
+    """Return phi_i (FUNCTIONS, N) at speeds (N,) rad/s, up to the fastest of all recordings."""
+    grid, functions = _functions()
+    lowest = np.exp(grid[0])
+    u = np.log(np.maximum(w / fastest, lowest))
+    return np.array([np.interp(u, grid, one) for one in functions])
+
+
+@lru_cache(maxsize=1)
+def _functions() -> tuple[Array, Array]:
+    """Return logarithms of speeds (GRID,), up to the fastest, and the functions (FUNCTIONS, GRID)
+    there; the sum of their squares is about one."""
+    grid = np.linspace(-DECADES * np.log(10.0), 0.0, GRID)
+    s = np.sqrt(5.0) * np.abs(grid[:, None] - grid) / LENGTH
+    kernel = (1.0 + s + s**2 / 3.0) * np.exp(-s)
+    e, U = np.linalg.eigh(kernel)
+    largest = slice(-1, -1 - FUNCTIONS, -1)
+    return grid, (U[:, largest] * np.sqrt(e[largest])).T
+
+
+def _dry(effect: ActingEffect, signals: Signals, place: FrictionPlace) -> Array:
+    """Return the magnitude (N,) Nm of what has the sign of the velocity in the friction that an
+    effect makes at a place."""
+    feature = effect.feature
+    acts = feature.effect.friction and feature.joint == place.joint
+    if not acts or place.side not in feature.sides:
+        return np.zeros(len(signals.t))
+    moving, resting = (_one_way(effect, signals, place.side, sign) for sign in (1.0, 0.0))
+    j = feature.equations.robot.joint_names.index(place.joint)
+    return np.asarray((moving - resting)[:, j])
+
+
+def _one_way(effect: ActingEffect, signals: Signals, side: str, sign: float) -> Array:
+    """Return the friction (N, n) Nm at the magnitudes of the velocities, with one sign."""
+    signs = np.full_like(signals.values["sign_motor"], sign)
+    forward = {"dx": np.abs(signals.values["dx"]), "sign_link": signs, "sign_motor": signs}
+    of_joint, of_motor, *_ = effect.torques(replace(signals, values={**signals.values, **forward}))
+    return of_joint if side == "link" else of_motor - of_joint
