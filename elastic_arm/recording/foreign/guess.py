@@ -342,7 +342,8 @@ class _Reader:
                 count = len(position.values) - later
                 apart = np.abs(table.values[:count] - position.values[later:])
                 if np.all(apart.mean(axis=0) < least * spread):
-                    when = f" {later} sample{'s' if later > 1 else ''} later" if later else ""
+                    samples = "sample" if later == 1 else "samples"
+                    when = f" {later} {samples} later" if later else ""
                     return f"the numbers of {position.name}{when}: not commands that were sent"
         return ""
 
@@ -517,7 +518,9 @@ def _quantity(table: JointTable) -> tuple[Any, str]:
             return quantity, table.name
     unit = known_unit(table.stated)
     of_unit = [name for name in CHANNEL_NAMES if unit is not None and unit[0] in TO_SI[name]]
-    return (of_unit[0], table.name) if of_unit else (None, table.name if stem != table.stem else "")
+    if of_unit:
+        return of_unit[0], table.name
+    return None, "" if stem == table.stem else table.name
 
 
 def _side_by_name(name: str) -> tuple[SideName | None, str]:
