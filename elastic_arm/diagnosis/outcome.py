@@ -129,10 +129,8 @@ class _Outcome:
         a gap by itself."""
         fit = self.parts.fit
         count = fit.model.bands.n
-        first, left = (
-            float(np.sum(np.maximum(one.found.left - count, 0.0)))
-            for one in (fit.model.fit(()), fit)
-        )
+        first = float(np.sum(np.maximum(fit.model.fit(()).found.left - count, 0.0)))
+        left = float(np.sum(np.maximum(fit.found.left - count, 0.0)))
         return 1.0 - left / first if first else 0.0
 
     # -- by joint and side

@@ -711,7 +711,8 @@ def _proposal(data: Mapping[str, Any], folder: Path) -> Proposal:
 
     pairs = []
     for pair in data["pairs"]:
-        here, expected = (pair["log_likelihood"][name] for name in ("this_recording", "proposed"))
+        here = pair["log_likelihood"]["this_recording"]
+        expected = pair["log_likelihood"]["proposed"]
         pairs.append(
             PairSeparation(
                 place(pair["cause"]), place(pair["alternative"]), here, expected, pair["decides"]

@@ -670,10 +670,8 @@ def step_text(one: Course, recordings: Sequence[str]) -> str:
     sized = one.sized
     assert step is not None
     way = "rose" if step.after_value > step.before_value else "fell"
-    before, after = (
-        size_text(value, std, sized.unit)
-        for value, std in ((step.before_value, step.before_std), (step.after_value, step.after_std))
-    )
+    before = size_text(step.before_value, step.before_std, sized.unit)
+    after = size_text(step.after_value, step.after_std, sized.unit)
     what = f"{sized.effect.replace('_', ' ')} of {sized.joint or 'the whole arm'}"
     when = f"between {recordings[step.after]} and {recordings[step.until]}"
     return (

@@ -88,7 +88,8 @@ def _dry(effect: ActingEffect, signals: Signals, joint: str, side: str) -> Array
     feature = effect.feature
     if not feature.effect.friction or feature.joint != joint or side not in feature.sides:
         return np.zeros(len(signals.t))
-    moving, resting = (_one_way(effect, signals, side, sign) for sign in (1.0, 0.0))
+    moving = _one_way(effect, signals, side, 1.0)
+    resting = _one_way(effect, signals, side, 0.0)
     j = feature.equations.robot.joint_names.index(joint)
     return np.asarray((moving - resting)[:, j])
 

@@ -110,7 +110,8 @@ def residual_blocks(
     joint = found.joints[i]
     unit = partial(found.units.at, joint)
     speed, angle = (motion.dq, motion.q) if side == "link" else (motion.dtheta, motion.theta)
-    w, q = (np.interp(t, motion.t, values[:, i]) for values in (speed, angle))
+    w = np.interp(t, motion.t, speed[:, i])
+    q = np.interp(t, motion.t, angle[:, i])
     turn, turning = angle_within_turn(
         found, context, i, np.interp(t, motion.t, motion.theta[:, i]), regime
     )

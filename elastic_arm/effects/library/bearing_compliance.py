@@ -61,9 +61,11 @@ def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
     zero = ca.SX.zeros(2 * motion.n)
     _check(motion.robot)
     whole = ArmEquations(motion.robot, motion.equations.model_name, bearings=True)
-    x, dx, ddx, dddx, ddddx = (
-        ca.SX.sym(name, 2 * n) for name in ("x", "dx", "ddx", "dddx", "ddddx")
-    )
+    x = ca.SX.sym("x", 2 * n)
+    dx = ca.SX.sym("dx", 2 * n)
+    ddx = ca.SX.sym("ddx", 2 * n)
+    dddx = ca.SX.sym("dddx", 2 * n)
+    ddddx = ca.SX.sym("ddddx", 2 * n)
 
     def left_side(tilt: ca.SX, rate: ca.SX, acceleration: ca.SX) -> ca.SX:
         parts = ((x, tilt), (dx, rate), (ddx, acceleration))
@@ -80,7 +82,8 @@ def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
     rate = rate_of(tilt)
     rows = left_side(tilt, rate, rate_of(rate))[: 2 * n] - rigid[: 2 * n]
     known = ca.vertcat(x, dx, ddx, dddx, ddddx, whole.Psi)
-    jerk, snap = (ca.SX.zeros(2 * n) + value for value in (motion.dddx, motion.ddddx))
+    jerk = ca.SX.zeros(2 * n) + motion.dddx
+    snap = ca.SX.zeros(2 * n) + motion.ddddx
     here = ca.vertcat(motion.x, motion.dx, motion.ddx, jerk, snap, ca.DM(whole.nominal))
     return motion.everywhere(ca.substitute(rows, known, here))
 

@@ -110,9 +110,8 @@ def other_mounting(robot: Robot, model: str, motions: Sequence[Motion]) -> Mount
     measured, moved, pull, joints, springs = (each[:, turning] for each in torques)
     coefficients, left = _least_squares(np.concatenate([pull, joints], axis=2), measured - moved)
     # Each joint has its own friction and zero: what they leave of it does not depend on the others.
-    stands, reversed_ = (
-        _left_by_joint(joints, sign * measured - moved - pull @ described) for sign in (1.0, -1.0)
-    )
+    stands = _left_by_joint(joints, measured - moved - pull @ described)
+    reversed_ = _left_by_joint(joints, -measured - moved - pull @ described)
     sprung = _left_by_joint(
         np.concatenate([joints, springs], axis=2), measured - moved - pull @ described
     )

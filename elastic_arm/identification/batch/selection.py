@@ -284,9 +284,8 @@ class Trials:
         held = share > 0.0
         if not held.any():
             return choice
-        whole, left = (
-            _errors_by_block(each, rest.fit).sum(axis=0) for each in (self(choice), rest)
-        )
+        whole = _errors_by_block(self(choice), rest.fit).sum(axis=0)
+        left = _errors_by_block(rest, rest.fit).sum(axis=0)
         precision = held / rest.fit.noise**2
         stuck = precision @ (whole - left) / share.sum()
         moving = precision @ left / np.sum(1.0 - share[held])

@@ -188,7 +188,8 @@ def _compare_commands(chosen: Chosen) -> None:
     followed = chosen.get(("link", "position")) or chosen.get(("motor", "position"))
     if command is None or followed is None:
         return
-    far, asked = (np.median(np.std(one.table.values, axis=0)) for one in (followed, command))
+    far = np.median(np.std(followed.table.values, axis=0))
+    asked = np.median(np.std(command.table.values, axis=0))
     why = f"the positions, {followed.table.name}, swing {far / asked:.3g} times as far"
     chosen["command", "position"] = _alike(command, followed).because(why)
 

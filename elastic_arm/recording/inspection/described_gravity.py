@@ -386,7 +386,9 @@ def _arm(robot: Robot, side: str) -> _Arm:
 
     def regressor(q: Array, dq: Array, ddq: Array) -> Array:
         if robot.elastic:
-            q, dq, ddq = (np.hstack([rate, rate]) for rate in (q, dq, ddq))
+            q = np.hstack([q, q])
+            dq = np.hstack([dq, dq])
+            ddq = np.hstack([ddq, ddq])
         Y = model.regressor(q, dq, ddq)
         return Y[:, :n] + Y[:, n:] if robot.elastic and side == "motor" else Y[:, :n]
 
@@ -872,9 +874,8 @@ def _judged(fit: GravityFit, side: str, robot: Robot, upside: bool | None) -> li
     columns = fit.pull.reshape(-1, 3)
     target = fit.torque.ravel()
     shown = _shown(fit)
-    left, straight = (
-        float(np.sum((target - columns @ g) ** 2)) for g in (shown, fit.factor * robot.gravity)
-    )
+    left = float(np.sum((target - columns @ shown) ** 2))
+    straight = float(np.sum((target - columns @ (fit.factor * robot.gravity)) ** 2))
     turned = angle_between(shown, robot.gravity)
     size = float(np.linalg.norm(shown) / np.linalg.norm(robot.gravity))
     if left < LEFT * straight and turned > TURNED and SIZE[0] < size < SIZE[1]:
