@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -221,14 +221,22 @@ class Fit:
         return rows @ self.found.S @ rows.T
 
 
+class Group(NamedTuple):
+    """Products of some columns of terms with those of a fit, in the bands from a first one on."""
+
+    numbers: Array  # (c', B', K) with the numbers' columns, shares of effects in them
+    shares: Array  # (c', B', M) with those of these shares that are not there
+    terms: Array  # (c', B', p') with the terms' columns
+
+
 class Beside(NamedTuple):
     """What columns of terms have in common with a fit."""
 
     C: Array  # (c, p) products with its columns, at its noise
     left: Array  # (c, B) products with what it leaves
     needed: NDArray[np.intp]  # the stored columns of which they are made
-    # of each group of these, products (c', B', p') with the fit's columns in several pieces
-    pieces: list[list[Array]]
+    groups: list[Group]  # of these columns
+    moved: Array  # (M, K) what of the shares is in the numbers' columns
 
 
 class Screen:
@@ -303,13 +311,24 @@ class Screen:
             self._screens, tuple(t.ident for t in terms), lambda: Screen(self.grams, terms), SCREENS
         )
 
-    def _with_term(self, term: Term) -> list[Array]:
-        return kept(
-            self._with,
-            term.ident,
-            lambda: self.columns.products(self.grams.columns(term)),
-            PRODUCTS,
-        )
+    def _with_terms(self, terms: Sequence[Term]) -> list[list[Array]]:
+        """Return the products (c', B', m) of each group with the columns of each term.
+
+        New ones are made in one pass over the columns.
+        """
+        new = [t for t in terms if t.ident not in self._with]
+        made: dict[Ident, list[Array]] = {}
+        if new:
+            columns = [self.grams.columns(t) for t in new]
+            ends = np.cumsum([one.shape[1] for one in columns])[:-1]
+            groups = self.columns.products(self.grams.bands.side_by_side(columns))
+            of_groups = [np.split(group, ends, axis=2) for group in groups]
+            for t, *own in zip(new, *of_groups, strict=True):
+                made[t.ident] = [one.copy() for one in own]
+        known = {t.ident: self._with[t.ident] for t in terms if t.ident not in made} | made
+        return [
+            kept(self._with, t.ident, partial(known.__getitem__, t.ident), PRODUCTS) for t in terms
+        ]
 
     def _beside(self, fit: Fit, among: NDArray[np.intp] | None = None) -> Beside:
         """Return what the columns of terms have in common with a fit; among: of which; None for
@@ -322,31 +341,32 @@ class Screen:
             mix = mix[:, needed]
         lacking = fit.model.lacking(fit.terms)
         terms = [self.grams.less(t, lacking) for t in fit.terms]
+        moved = self.grams.moved_by(lacking)
+        products = self._with_terms([*lacking, *terms])
+        of_shares, of_terms = products[: len(lacking)], products[len(lacking) :]
         w = 1.0 / fit.found.v
-        pieces: list[list[Array]] = []
+        own, x = np.split(fit.found.x, [moved.shape[1]])
+        groups: list[Group] = []
+        C: list[Array] = []
         left: list[Array] = []
         for g, some in enumerate(self.columns.among(needed)):
             base = self.with_base[g][some]
-            numbers, rest = base[:, :, 1:], base[:, :, 0]
-            for share in lacking:
-                numbers = numbers - self._with_term(share)[g][some] @ self.grams.basis[share.moved]
-            pieces.append([numbers])
-            for t in terms:
-                first = int(t.offset is not None)
-                with_term = self._with_term(t)[g][some]
-                pieces[g].append(with_term[:, :, first:])
-                if first:
+            rest = base[:, :, 0]
+            shares = [base[:, :, :0], *(one[g][some] for one in of_shares)]
+            linear = [base[:, :, :0]]
+            for t, one in zip(terms, of_terms, strict=True):
+                with_term = one[g][some]
+                linear.append(with_term[:, :, int(t.offset is not None) :])
+                if t.offset is not None:
                     rest = rest - with_term[:, :, 0]
-            at = 0
-            for one in pieces[g]:
-                rest = rest - one @ fit.found.x[at : at + one.shape[2]]
-                at += one.shape[2]
-            left.append(np.pad(rest, ((0, 0), (self.columns.firsts[g], 0))))
-        C = [
-            np.hstack([w[first:] @ one for one in own])
-            for first, own in zip(self.columns.firsts, pieces, strict=True)
-        ]
-        return Beside(mix @ np.concatenate(C), mix @ np.concatenate(left), needed, pieces)
+            group = Group(base[:, :, 1:], np.concatenate(shares, 2), np.concatenate(linear, 2))
+            rest = rest - group.numbers @ own - group.terms @ x + group.shares @ (moved @ own)
+            first = self.columns.firsts[g]
+            with_numbers, with_shares, with_terms = (w[first:] @ one for one in group)
+            groups.append(group)
+            C.append(np.hstack([with_numbers - with_shares @ moved, with_terms]))
+            left.append(np.pad(rest, ((0, 0), (first, 0))))
+        return Beside(mix @ np.concatenate(C), mix @ np.concatenate(left), needed, groups, moved)
 
     def _moving_with(self, beside: Beside, t: int, beta: Array) -> Array:
         """Return the products (B, p) of what a term adds with the columns of a fit."""
@@ -356,8 +376,9 @@ class Screen:
         begin, start = np.searchsorted(beside.needed, [raw.start, self.columns.begins[g]])
         own = slice(int(begin - start), int(begin - start) + raw.stop - raw.start)
         weights = beta if mixed is None else mixed @ beta
-        products = np.concatenate([one[own] for one in beside.pieces[g]], axis=2)
-        return np.pad(np.tensordot(weights, products, 1), ((first, 0), (0, 0)))
+        numbers, shares, terms = (np.tensordot(weights, one[own], 1) for one in beside.groups[g])
+        products = np.hstack([numbers - shares @ beside.moved, terms])
+        return np.pad(products, ((first, 0), (0, 0)))
 
     def beside(self, fit: Fit) -> tuple[Array, Array]:
         """Return the products (c, c) of the columns of its only term and of these with the residual
