@@ -93,7 +93,7 @@ class Bands:
         """
         begins = np.flatnonzero(np.diff(self.place, prepend=-1)).tolist()
         for begin, after in pairwise([*begins, len(self.slices)]):
-            if columns[self.slices[begin].start : self.slices[after - 1].stop].any():
+            if any(columns[own].any() for own in self.slices[begin:after]):
                 return begin
         return begins[-1]
 
@@ -113,7 +113,10 @@ class Grams:
 
     def __init__(self, y: Array, N: Array, bands: Bands, basis: Array) -> None:
         self.bands, self.basis = bands, basis
-        self.base = bands.side_by_side([y[:, None], N @ basis])
+        base = np.empty((1 + basis.shape[1], len(y)))
+        base[0] = y
+        np.matmul(basis.T, N.T, out=base[1:])
+        self.base = base.T  # each column stands in memory as a whole
         self.G0 = bands.products(self.base, self.base)
         rows, columns = np.tril_indices(self.G0.shape[1] - 1)
         self._base_half = self.G0[:, 1 + rows, 1 + columns]

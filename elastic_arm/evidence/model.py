@@ -37,8 +37,8 @@ from elastic_arm.evidence.terms.term import Term
 
 # factors of the prior's deviation up to which the data may tell something
 WIDEST = {"arm": max(one.factor for one in TRUST.values()), "zero": max(ZEROS)}
-# screens, products with all terms and fits that are kept; memory
-SCREENS, PRODUCTS, FITS = 2, 40, 100
+# screens, products with all terms, gains and fits that are kept; memory
+SCREENS, PRODUCTS, GAINED, FITS = 2, 40, 100, 100
 # factor of the trust below which the numbers of a description lie where it has them; numerical
 EXACT = 0.1
 LOOKED_AT = 30  # terms of which first-order gains are made well; numerical
@@ -221,6 +221,13 @@ class Fit:
         return rows @ self.found.S @ rows.T
 
 
+class Gained(NamedTuple):
+    """What terms would gain beside a fit (T,) nats, and the sizes of laws at which they do."""
+
+    nats: Array
+    chosen: dict[int, float]
+
+
 class Group(NamedTuple):
     """Products of some columns of terms with those of a fit, in the bands from a first one on."""
 
@@ -284,6 +291,7 @@ class Screen:
         self.chosen: dict[int, float] = {}
         self._proposed: dict[int, Term] = {}
         self._with: dict[object, list[Array]] = {}
+        self._gained: dict[object, Gained] = {}
         self._screens: dict[object, Screen] = {}
         self._whole: tuple[Posterior, Array, Array] | None = None  # of the last fit
 
@@ -368,17 +376,19 @@ class Screen:
             left.append(np.pad(rest, ((0, 0), (first, 0))))
         return Beside(mix @ np.concatenate(C), mix @ np.concatenate(left), needed, groups, moved)
 
-    def _moving_with(self, beside: Beside, t: int, beta: Array) -> Array:
-        """Return the products (B, p) of what a term adds with the columns of a fit."""
+    def _moving_with(self, beside: Beside, t: int, beta: Array, way: Array) -> Array:
+        """Return the products (B,) of what a term adds with what a fit's columns add where its
+        coefficients change by (p,)."""
         raw, mixed = self._raw[t], self._mixed[t]
         g = self.columns.group_of(raw)
         first = self.columns.firsts[g]
         begin, start = np.searchsorted(beside.needed, [raw.start, self.columns.begins[g]])
         own = slice(int(begin - start), int(begin - start) + raw.stop - raw.start)
         weights = beta if mixed is None else mixed @ beta
-        numbers, shares, terms = (np.tensordot(weights, one[own], 1) for one in beside.groups[g])
-        products = np.hstack([numbers - shares @ beside.moved, terms])
-        return np.pad(products, ((first, 0), (0, 0)))
+        of_numbers, of_terms = np.split(way, [beside.moved.shape[1]])
+        changes = of_numbers, -beside.moved @ of_numbers, of_terms
+        found = sum(one[own] @ x for one, x in zip(beside.groups[g], changes, strict=True))
+        return np.concatenate([np.zeros(first), weights @ found])
 
     def beside(self, fit: Fit) -> tuple[Array, Array]:
         """Return the products (c, c) of the columns of its only term and of these with the residual
@@ -415,7 +425,16 @@ class Screen:
 
         among: the terms that count; the others gain nothing. None for all.
         """
+        which = None if among is None else frozenset(among)
+        key = fit.model.assumed, frozenset(t.ident for t in fit.terms), which
+        gained = kept(self._gained, key, partial(self._gains, fit, which), GAINED)
+        self.chosen |= gained.chosen
+        return gained.nats
+
+    def _gains(self, fit: Fit, among: Iterable[int] | None) -> Gained:
+        """Return the same, made anew, and the sizes."""
         gains = np.full(len(self.terms), -np.inf)
+        chosen: dict[int, float] = {}
         lacking = fit.model.lacking(fit.terms)
         which = range(len(self.terms)) if among is None else sorted(among)
         apart = {
@@ -426,10 +445,10 @@ class Screen:
         if apart:
             screen = self._apart(tuple(apart.values()))
             gains[list(apart)] = screen.gains(fit)
-            self.chosen |= {t: screen.chosen[i] for i, t in enumerate(apart) if i in screen.chosen}
+            chosen |= {t: screen.chosen[i] for i, t in enumerate(apart) if i in screen.chosen}
         some = np.array([t for t in which if t not in apart], dtype=int)
         if not len(some):
-            return gains
+            return Gained(gains, chosen)
         w, S = 1.0 / fit.found.v, fit.found.S
         beside = self._beside(fit, some)
         C, left = beside.C, beside.left
@@ -443,21 +462,20 @@ class Screen:
             if not len(here):
                 continue
             columns = at[here, None] + np.arange(k)
-            G = np.einsum("b,tbij->tij", w, own[self.place[some[here]]], optimize=True)
-            G -= C[columns] @ CS[columns].transpose(0, 2, 1)
+            squares = own[self.place[some[here]]].reshape(len(here), len(w), k * k)
+            G = (w @ squares).reshape(-1, k, k) - C[columns] @ CS[columns].transpose(0, 2, 1)
             terms = [self.terms[t] for t in some[here]]
             gain, beta, sizes = (_first_order if k == 1 else _several)(
                 fit.model, terms, G, b[columns]
             )
             gains[some[here]] = gain
-            self.chosen |= {
+            chosen |= {
                 int(t): size for t, size in zip(some[here], sizes, strict=True) if size is not None
             }
             mean |= dict(zip(here.tolist(), beta, strict=True))
-            less[:, here] = 2.0 * np.einsum("tib,ti->bt", left[columns], beta)
-            less[:, here] -= np.einsum(
-                "tbij,ti,tj->bt", own[self.place[some[here]]], beta, beta, optimize=True
-            )
+            of_pairs = (beta[:, :, None] * beta[:, None, :]).reshape(-1, k * k, 1)
+            less[:, here] = 2.0 * (beta[:, None, :] @ left[columns])[:, 0].T
+            less[:, here] -= (squares @ of_pairs)[:, :, 0].T
         first = gains[some]
         rough = first + self._quieter(fit, less)
         short = np.unique(
@@ -468,22 +486,27 @@ class Screen:
         H, own_left = kept(fit.model.spreads, of_fit, fit.spread, 1)
         changes = [(slice(at[t], at[t + 1]), mean[int(t)]) for t in short]
         back = -np.stack([beta @ CS[own] for own, beta in changes], axis=1)
-        X = np.stack([self._moving_with(beside, int(some[t]), mean[int(t)]) for t in short], axis=2)
+        mixed = [
+            self._moving_with(beside, int(some[t]), mean[int(t)], way)
+            for t, way in zip(short, back.T, strict=True)
+        ]
         moved = (
             less[:, short]
             + 2.0 * (own_left @ back)
-            - np.einsum("bps,ps->bs", H @ back + 2.0 * X, back)
+            - np.sum(H @ back * back, axis=1)
+            - 2.0 * np.stack(mixed, axis=1)
         )
         gains[some[short]] += self._quieter(fit, moved)
-        return gains
+        return Gained(gains, chosen)
 
     @staticmethod
     def _quieter(fit: Fit, less: Array) -> Array:
         """Return what noise gains (T,) that is as much smaller as terms take off the squares of
         each band (B, T)."""
-        n, v, left = fit.model.bands.n[:, None], fit.found.v[:, None], fit.found.left[:, None]
-        now = np.maximum(left - less, 1e-9)
-        quiet = np.maximum(np.where(v > 1.0, now / n, 1.0), 1.0)
+        own = fit.found.v > 1.0  # elsewhere the noise stays what it is
+        n, v, left = (each[own, None] for each in (fit.model.bands.n, fit.found.v, fit.found.left))
+        now = np.maximum(left - less[own], 1e-9)
+        quiet = np.maximum(now / n, 1.0)
         # Beyond what the same noise makes of it, which is counted already.
         return np.sum(
             0.5 * (n * np.log(v / quiet) + left / v - now / quiet - (left - now) / v), axis=0
@@ -549,7 +572,8 @@ class LinearModel:
         found, kinds = [], []
         for kind in np.unique(self.kinds):
             own = np.flatnonzero(self.kinds == kind)
-            e, U = np.linalg.eigh(self.N[:, own].T @ self.N[:, own])
+            columns = self.N[:, own]
+            e, U = np.linalg.eigh(columns.T @ columns)
             told = e * WIDEST.get(KINDS[kind], 1.0) ** 2 > UNTOLD
             V = np.zeros((len(self.mean), int(told.sum())))
             V[own] = U[:, told]

@@ -52,7 +52,15 @@ def turnover_terms(linear: Linearisation) -> Iterator[TurnoverTerm]:
 
 
 def _at(linear: Linearisation, joint: str, side: str) -> list[TurnoverTerm]:
-    """Return the term of a joint and side, none where no dry friction acts."""
+    """Return the term of a joint and side, none where no dry friction acts; made once."""
+    made: dict[tuple[str, str], list[TurnoverTerm]] = linear.cache.setdefault("turnover", {})
+    if (joint, side) not in made:
+        made[joint, side] = _made(linear, joint, side)
+    return made[joint, side]
+
+
+def _made(linear: Linearisation, joint: str, side: str) -> list[TurnoverTerm]:
+    """Return the same, made anew."""
     plain = turnover_columns(linear.data, linear.model.robot, linear.acting, joint, side)
     if not plain:
         return []
