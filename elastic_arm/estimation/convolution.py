@@ -132,7 +132,7 @@ class CircularGains(NamedTuple):
 def fast_length(count: int) -> int:
     """Return the longest length up to `count` whose transforms are fast, as it has no large prime
     factor."""
-    return next(length for length in range(count, -1, -1) if _has_small_factors(length))
+    return next(length for length in range(max(count, 1), 0, -1) if _has_small_factors(length))
 
 
 def _has_small_factors(length: int) -> bool:

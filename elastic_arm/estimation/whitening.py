@@ -97,7 +97,7 @@ class NoiseModel:
 
         Beyond the band it is as at its edge.
         """
-        power = np.real(np.einsum("frr->fr", self.covariance))
+        power = np.real(np.einsum("frr->fr", self.covariance)).copy()  # else it is a view
         edge = int(np.searchsorted(self.f, band.cutoff))
         power[edge:] = power[edge - 1]
         return np.fft.irfft(power, axis=0)[: len(power)]
@@ -448,11 +448,10 @@ class WhitenedData:
     def _in_band_of(self, k: int, feature: Feature, points: Sequence[Sequence[float]]) -> Array:
         """Return a feature's columns in stretch k."""
         part = self.parts[k]
-        thin = [
-            part.thinned(feature.entries(part.signals, point, self._start(k, feature, point)))
-            for point in points
+        each = [
+            feature.entries(part.signals, point, self._start(k, feature, point)) for point in points
         ]
-        columns = Entries.side_by_side(thin).combined(self.layout.transform)
+        columns = self.in_band(part, Entries.side_by_side(each))
         gain = part.gain(feature)
         return columns if gain == 1.0 else columns / gain
 

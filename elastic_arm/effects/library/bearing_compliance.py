@@ -182,24 +182,24 @@ class TiltRegressor:
 
 
 def _frequencies(t: Array) -> Array:
-    return np.fft.rfftfreq(len(t) + 2 * _padding(t), t[1] - t[0])
+    return np.fft.rfftfreq(len(t) + sum(_padding(t)), t[1] - t[0])
 
 
-def _padding(t: Array) -> int:
-    return min(len(t) - 1, round(PADDING / (t[1] - t[0])))
+def _padding(t: Array) -> tuple[int, int]:
+    """Return how many samples are added before and after, so that their transform is fast."""
+    count = min(len(t) - 1, round(PADDING / (t[1] - t[0])))
+    whole = scipy.fft.next_fast_len(len(t) + 2 * count, real=True)
+    return count, whole - len(t) - count
 
 
 def _driven(moment: Array, t: Array, response: Array) -> Array:
     """Return tilts and their first and second derivatives (3, N, 2n) under moments (N, 2n)."""
-    count = _padding(t)
-    padded = np.pad(moment, ((count, count), (0, 0)), mode="reflect")
+    padding = _padding(t)
+    padded = np.pad(moment, (padding, (0, 0)), mode="reflect")
     tilt = (response @ scipy.fft.rfft(padded, axis=0)[: len(response), :, None])[:, :, 0]
     s = 2j * np.pi * _frequencies(t)[: len(response), None]
-    return np.asarray(
-        scipy.fft.irfft([tilt * s**k for k in range(3)], len(padded), axis=1)[
-            :, count : -count or None
-        ]
-    )
+    found = scipy.fft.irfft([tilt * s**k for k in range(3)], len(padded), axis=1)
+    return np.asarray(found[:, padding[0] : padding[0] + len(t)])
 
 
 EFFECT: Effect = StructuralEffect(

@@ -215,14 +215,18 @@ class Trials:
 
     def selected(self) -> BatchChoice:
         """Return the choices that the recordings decide."""
-        possible = self._possible()
-        choice = self._sticking(self._speed(self._averaged(BatchChoice(imperfections=possible))))
+        choice = self._sticking(self.turning())
+        possible = choice.imperfections
         if not possible:
             return choice
         trial = self(choice)
         equations = trial.identifier.equations
         kept = judged_imperfections(possible, trial.fit, equations, held=equations.rigid)
         return replace(choice, imperfections=kept)
+
+    def turning(self) -> BatchChoice:
+        """Return the choice of the speed within which dry friction reverses."""
+        return self._speed(self._averaged(BatchChoice(imperfections=self._possible())))
 
     def _possible(self) -> tuple[NuisanceLaw, ...]:
         """Return the imperfections that the channels can separate from everything else."""
@@ -417,7 +421,7 @@ def turning_speeds(recordings: Sequence[Recording], robot: Robot) -> Array | Non
     settings = IdentificationSettings(model="mod1", effects=laws)
     trials = Trials(recorded, robot, settings, report=lambda what, share: None, unasked=True)
     try:
-        speeds = trials.selected().sign_speed
+        speeds = trials.turning().sign_speed
     except IdentificationError:
         return None
     return np.broadcast_to(np.asarray(speeds, dtype=float), (robot.n,)).copy()
