@@ -362,7 +362,7 @@ def _told_before(robot: Robot, side: str, motion: bytes) -> dict[str, Told]:
 def _known(motion: SideMotion, side: str, fit: GravityFit, robot: Robot) -> Told:
     """Return the findings about confused channels, and, if there are none, all others; made
     once."""
-    content = blake2b(b"".join(np.ascontiguousarray(one) for one in motion[:4])).digest()
+    content = blake2b(b"".join(one.tobytes() for one in motion[:4])).digest()
     kept = _told_before(robot, side, content)
     if not kept:
         kept[side] = _told(motion, side, fit, robot)
