@@ -28,7 +28,6 @@ FEW = 4
 # Threads pay from this many samples on.
 THREADS_FROM = 30_000
 MOST_THREADS = 2
-PRIMES = (2, 3, 5, 7, 11, 13, 17, 19, 23)  # factors of lengths whose transforms are fast; numerical
 
 
 def convolve(signals: Sequence[Array], responses: Array, every: int = 1) -> Array:
@@ -127,19 +126,6 @@ class CircularGains(NamedTuple):
     by_frequency: NDArray[np.complexfloating]  # (H, R, R)
     by_row: NDArray[np.complexfloating]  # the same, (R, R, H)
     first: NDArray[np.intp]  # (R,) the first row in which each shows
-
-
-def fast_length(count: int) -> int:
-    """Return the longest length up to `count` whose transforms are fast, as it has no large prime
-    factor."""
-    return next(length for length in range(max(count, 1), 0, -1) if _has_small_factors(length))
-
-
-def _has_small_factors(length: int) -> bool:
-    for prime in PRIMES:
-        while length > 1 and length % prime == 0:
-            length //= prime
-    return length <= 1
 
 
 def frequencies(harmonics: Harmonics, rate: float) -> Array:

@@ -22,7 +22,6 @@ from scipy.sparse import csr_array
 from elastic_arm.arrays import Array
 from elastic_arm.dynamics import Model
 from elastic_arm.estimation.band import Band
-from elastic_arm.estimation.convolution import fast_length
 from elastic_arm.estimation.equation_sets import DRIVE, LINK, MOTOR, EquationSet
 from elastic_arm.estimation.motion import CompletedMotion, Loads, completed, drive_constants
 from elastic_arm.estimation.observation import Observation
@@ -120,8 +119,7 @@ def residuals(
         first, last = np.searchsorted(
             t, [motion.t[0] + observation.margin, motion.t[-1] - observation.margin]
         )
-        # A few rows less, as they are transformed many times.
-        kept = slice(int(first), int(first) + fast_length(int(last) - int(first)))
+        kept = slice(int(first), int(last))
         read = None if observation.read is None else read_at(motion.t, observation.read)
         made = Stretch(t[kept], full, motion, quiet, band, kept, read)
         stretches.append(replace(made, values=made.in_band(full)))

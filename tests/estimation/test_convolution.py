@@ -3,13 +3,7 @@
 import numpy as np
 import pytest
 
-from elastic_arm.estimation.convolution import (
-    FEW,
-    circular_gains,
-    convolve,
-    fast_length,
-    filtered_circularly,
-)
+from elastic_arm.estimation.convolution import FEW, circular_gains, convolve, filtered_circularly
 
 
 @pytest.mark.parametrize(
@@ -55,10 +49,3 @@ def test_a_circular_filter_is_that_of_transforms_of_the_signals_own_length(sampl
     products = expected.reshape(40, -1) @ expected.reshape(40, -1).T
     flat = found.reshape(40, -1)
     np.testing.assert_allclose(flat @ flat.T, products, atol=1e-13 * np.abs(products).max())
-
-
-@pytest.mark.parametrize(("count", "expected"), [(3065, 3060), (3072, 3072), (29, 28), (0, 1)])
-def test_a_fast_length_is_the_longest_without_a_large_prime_factor(
-    count: int, expected: int
-) -> None:
-    assert fast_length(count) == expected
