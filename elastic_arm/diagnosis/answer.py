@@ -865,7 +865,8 @@ class Answer:
         before, after = self.gaps
         unexplained = self._unexplained()
         unexplained += [
-            UnexplainedResidual(e.joint, e.side, "event", e.rmse) for e in prepared.events
+            UnexplainedResidual(e.joint, e.side, "event", e.rmse)
+            for e in (*prepared.ignored, *prepared.events)
         ]
         verdict = "unknown" if unexplained else "explained" if causes else "none"
         share = self.shrink.share
@@ -918,7 +919,7 @@ class Answer:
                 }
                 for instance, parameters in self.known
             ),
-            events=prepared.events,
+            events=(*prepared.ignored, *prepared.events),
             notes=tuple(self._notes(laws, rows, left)),
             context=DiagnosisContext(
                 explanation=self.explanation,
@@ -945,7 +946,7 @@ class Answer:
             yield UNFINISHED
         yield from (self._unknown_note(term) for _, term in laws)
         yield from (shape_note(*self.places[row]) for row in rows)
-        yield from event_notes(prepared.events)
+        yield from event_notes((*prepared.ignored, *prepared.events))
         if left and not problem.robot.elastic:
             found = resonances(
                 problem.robot, problem.model, [o.pieces for o in problem.observed[0]]

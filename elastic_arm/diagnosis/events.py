@@ -50,6 +50,8 @@ class Event:
     begin: float
     end: float
     rmse: float = field(compare=False)  # of what acts there, Nm
+    # whether all drives ignored their commands then, as where torque is switched off
+    ignored: bool = False
 
 
 class Blocks(NamedTuple):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 
@@ -33,6 +33,10 @@ from elastic_arm.estimation.observation import Observation, continued, observe
 from elastic_arm.estimation.segments import of_one_rate
 from elastic_arm.evidence.keys import Key
 from elastic_arm.evidence.problem import Problem, uncertain_numbers
+from elastic_arm.identification.batch.ignored_commands import (
+    IgnoredCommands,
+    without_ignored_commands,
+)
 from elastic_arm.identification.batch.mounting import Mounting, other_mounting
 from elastic_arm.identification.batch.selection import turning_speeds
 from elastic_arm.memory import available_memory
@@ -66,6 +70,7 @@ class Prepared:
     mounting: Mounting | None  # how the arm is mounted, where that is not as described
     made: tuple[str, ...]  # joints whose motor torques are made of commands
     events: tuple[Event, ...] = ()  # that are left out
+    ignored: tuple[Event, ...] = ()  # stretches that were cut, as drives ignored their commands
 
     def without(self, events: Sequence[Event]) -> Prepared:
         """Return it with these events, and no others, left out."""
@@ -114,7 +119,15 @@ def prepare(
     ]
     chosen = [by_motor_encoders(r, question.robot) for r, _ in chain.from_iterable(moving)]
     alike = with_common_zeros(share_out(usable, chosen), question.robot)
-    alike = [with_made_torque(one, question.robot) for one in alike]
+    made_torques = [with_made_torque(one, question.robot) for one in alike]
+    first_ns = [start for some in moving for _, start in some]
+    cut = [without_ignored_commands(one, question.robot, question.model) for one in made_torques]
+    alike = [one for one, _ in cut]
+    ignored = tuple(
+        event
+        for one, start, (_, stretches) in zip(made_torques, first_ns, cut, strict=True)
+        for event in _ignored(one, stretches, (one.start_ns - start) * 1e-9)
+    )
     parts = split(alike[: len(moving[0])], alike[len(moving[0]) :])
     starts = (
         [start for _, start in moving[0]],
@@ -210,7 +223,23 @@ def prepare(
         notes=tuple(notes),
         mounting=mounting,
         made=made,
+        ignored=ignored,
     )
+
+
+def _ignored(
+    recording: Recording, stretches: Sequence[IgnoredCommands], offset: float
+) -> Iterator[Event]:
+    """Yield the stretches in which a recording's drives ignore their commands, as events of each
+    joint.
+
+    offset: s from the first sample of what was recorded to that of this recording.
+    """
+    for one in stretches:
+        begin = one.begin + offset
+        end = one.end + offset
+        for joint, size in one.sizes.items():
+            yield Event(recording.source, joint, "motor", begin, end, size, ignored=True)
 
 
 def _check_memory(observed: Sequence[Observation], layout: EquationSet, band: Band) -> None:

@@ -338,7 +338,8 @@ class Diagnosis(Result):
     known
         Effects that belong to the model, with their sizes, as in `diagnosis.json`.
     events
-        Intervals that contradict the rest of their recording and are excluded.
+        Intervals that contradict the rest of their recording, or in which all drives ignored
+        their commands; they are excluded.
     notes
         Further information for the reader.
     prediction, proposal

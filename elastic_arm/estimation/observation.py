@@ -438,6 +438,9 @@ def observe(recording: Recording, band: float | None = None) -> Observation:
     if singly:
         # Smoothed less, the motion would fold into the band of the readings.
         smoother = calm
+    # Of a part that is shorter the smoother sees too little; without any other it says so.
+    least = max(smoother.lag, calm.lag)
+    grids = [grid for grid in grids if len(grid) > least] or grids
     span = (0.0, float(samples.t[-1]))
     pieces = _smoothed(grids, smoother, span)
     if singly:

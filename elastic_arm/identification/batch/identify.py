@@ -14,6 +14,7 @@ from elastic_arm.effects.text import parse_laws
 from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.identification.batch.derivatives import DerivativeStage
+from elastic_arm.identification.batch.ignored_commands import without_ignored_commands
 from elastic_arm.identification.batch.imperfections import nuisance_effects
 from elastic_arm.identification.batch.mounting import other_mounting
 from elastic_arm.identification.batch.selection import (
@@ -123,7 +124,7 @@ def identify_with(
         raise IdentificationError("no recording was given", "Give at least one.")
     report = progress or (lambda what, share: None)
     robot = at_common_gain(robot, [*chosen, *validate])
-    chosen = [_cleared(one, robot) for one in chosen]
+    chosen = [_cleared(one, robot, settings.model) for one in chosen]
     prepared = [recording.samples() for recording in chosen]
     held_out = _held_out(validate, prepared[0], robot, settings.model)
     motored = any(samples.tau_m is not None for samples in prepared)
@@ -167,11 +168,15 @@ def identify_with(
     return result, trial.identifier, trial.derived[0].first
 
 
-def _cleared(recording: Recording, robot: Robot) -> Recording:
+def _cleared(recording: Recording, robot: Robot, model: str) -> Recording:
     """Return the joints of the arm in motion, without outliers, by the encoders that its equations
-    take."""
+    take, and without stretches in which commands were ignored."""
     moving = without_outliers(without_standstill(recording.select(robot.joint_names)))
-    return with_made_torque(by_motor_encoders(moving, robot), robot)
+    made = with_made_torque(by_motor_encoders(moving, robot), robot)
+    followed, ignored = without_ignored_commands(made, robot, model)
+    where = recording.source or "the recording"
+    notes = [f"{where}: {one.words}" for one in ignored]
+    return replace(followed, notes=(*followed.notes, *notes))
 
 
 def _estimated(trials: Trials, choice: BatchChoice) -> tuple[Identification, BatchTrial, float]:
@@ -240,7 +245,7 @@ def _held_out(
     """
     stages = {}
     for recording in recordings:
-        samples = _cleared(recording, robot).samples()
+        samples = _cleared(recording, robot, model).samples()
         channels = identifier_of(robot, model)
         for each in (fitted, samples):
             channels.choose_equations(each)
