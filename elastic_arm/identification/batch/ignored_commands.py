@@ -11,7 +11,7 @@ the torque of the described arm. In blocks of the recording, at each joint:
     e    what the description lacks, of one size s in both cases
 
 A block counts as one independent value of each joint, with an unknown variance about s² (Student's
-t with one degree of freedom), so that all of an arm with n joints says
+t with one degree of freedom), so that a block of an arm has the evidence
 
     ln p(ignores) - ln p(follows) = sum over joints of ln[(s² + mean (tau - a m)²)
                                                          / (s² + mean tau²)]

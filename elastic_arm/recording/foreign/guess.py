@@ -106,14 +106,20 @@ _MEASURED = r"act(?=_|ual)|meas|rec|sens|raw|abs"
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")
 def guess_mapping(
-    arrays: Mapping[str, np.ndarray], joints: Sequence[str], prismatic: Collection[str] = ()
+    arrays: Mapping[str, np.ndarray],
+    joints: Sequence[str],
+    prismatic: Collection[str] = (),
+    calibration: str | None = None,
 ) -> Draft:
     """Return a draft of the mapping from arrays to a recording.
 
     Units follow from names, ranges and slopes of derivatives; sides and kinds of torque from names.
+
+    calibration: file of LeRobot's calibration, as the mapping is to state it: positions without a
+    unit in their names are per cent of its ranges.
     """
     arrays = arrays if isinstance(arrays, Arrays) else Arrays(arrays)
-    contents = find_tables(arrays, joints, arrays.units)
+    contents = find_tables(arrays, joints, arrays.units, arrays.columns)
     slides = np.array([joint in prismatic for joint in joints])
     whole = {table.keys: table for table in contents.tables}
     if not slides.all():
@@ -154,9 +160,26 @@ def guess_mapping(
             ignored += [(key, DEAD) for key in dead]
     ordered = [found[place] for place in product(SIDE_NAMES, CHANNEL_NAMES) if place in found]
     ignored += [(key, f"not numbers: {fault}") for key, fault in faults.items()]
+    if calibration is not None:
+        ordered = [_by_calibration(guess) for guess in ordered]
     return Draft(
-        tuple(joints), contents.times, tuple(ordered), tuple(ignored), contents.runs, arrays.decimal
+        tuple(joints),
+        contents.times,
+        tuple(ordered),
+        tuple(ignored),
+        contents.runs,
+        arrays.decimal,
+        calibration,
     )
+
+
+def _by_calibration(guess: Guess) -> Guess:
+    """Return a position without a unit in its name as per cent of calibrated ranges."""
+    if guess.channel != "position" or known_unit(guess.table.stated) is not None:
+        return guess
+    *others, _ = guess.reasons
+    why = "per cent of each joint's range, by the calibration"
+    return replace(guess, reasons=(*others, why), unit="", units=(), scales={}, missing={})
 
 
 def _chosen(guesses: Sequence[Guess | LeftOut]) -> tuple[Chosen, list[tuple[str, str]]]:
@@ -386,7 +409,9 @@ class _Reader:
             reasons.append(f"{side} side according to {word!r} in its name")
         elif channel != "effort":
             reasons.append("link side, as its name does not indicate the motor")
-        if not table.pattern and n > 1:
+        if table.called:
+            reasons.append("the columns of the joints, by their names in meta/info.json")
+        elif not table.pattern and n > 1:
             reasons.append("in the order of the arm's joints, which is an assumption: check it")
         if table.flat:
             reasons.append(f"numbers one after the other, {n} per sample")
