@@ -123,7 +123,8 @@ def report(seconds: float, noise: float, outcomes: Sequence[Outcome]) -> None:
         if count >= FEWEST and of_well[k] < WANTED:
             chance = binom.cdf(round(of_well[k] * count), count, WANTED)
             mark = "too few" if chance < CHANCE else "within chance"
-            mean, spread = z[well[:, k], k].mean(), z[well[:, k], k].std()
+            mean = z[well[:, k], k].mean()
+            spread = z[well[:, k], k].std()
             print(
                 f"      {name}: {of_well[k]:.3f} of {count} ({mark}); mean {mean:+.2f}, spread"
                 f" {spread:.2f}",
@@ -148,7 +149,8 @@ def main() -> None:
         f" (wanted {WANTED})"
     )
     seeds = range(arguments.first_seed, arguments.first_seed + arguments.recordings)
-    started, kept = time.perf_counter(), {}
+    started = time.perf_counter()
+    kept = {}
     with ProcessPoolExecutor(arguments.workers) as pool:
         for seconds in arguments.seconds:
             for noise in arguments.noise:

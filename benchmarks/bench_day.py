@@ -35,7 +35,8 @@ from elastic_arm.sensors import Sensors
 from elastic_arm.simulation import SimulationSettings, simulate
 
 Array = NDArray[np.float64]
-LAW, TRUE = "coulomb_friction:joint_2", 10.0
+LAW = "coulomb_friction:joint_2"
+TRUE = 10.0
 BLOCK = 600.0  # s of work that longer work repeats
 START = "from elastic_arm.app import main; main()"
 RESULTS = "diagnosis.json", "identification.json", "history.json"
@@ -185,7 +186,8 @@ def main() -> None:
     first: dict[str, float] = {}
     for name, work, seconds in cases:
         with tempfile.TemporaryDirectory() as folder:
-            bag, out = recorded(Path(folder), robot, work, seconds), Path(folder) / "out"
+            bag = recorded(Path(folder), robot, work, seconds)
+            out = Path(folder) / "out"
             for command in asked.commands:
                 elapsed, memory, found = measured(command, bag, out)
                 ratio = elapsed / first.setdefault(command, elapsed)

@@ -283,18 +283,21 @@ def dense(case: Case) -> str:
     """Solve one dense least squares of all columns of the fitted recordings."""
     robot = load_robot(case.robot)
     model = build_model(robot)
-    columns, torques = [], []
+    columns = []
+    torques = []
     for bag in case.fitted:
         samples = read_recording(bag).samples()
         links = samples.q if samples.q is not None else samples.theta
         motors = samples.theta if samples.theta is not None else samples.q
         x = np.hstack([links, motors]) if robot.elastic else links
-        dx, ddx = (_rate(samples.t, x, order) for order in (1, 2))
+        dx = _rate(samples.t, x, 1)
+        ddx = _rate(samples.t, x, 2)
         Y = model.regressor(x, dx, ddx)
         friction = [np.eye(x.shape[1]) * each[:, None] for each in (np.sign(dx), dx)]
         columns.append(np.concatenate([Y, *friction], axis=2).reshape(Y.shape[0] * Y.shape[1], -1))
         torques.append(columns[-1].sum(axis=1))
-    A, b = np.concatenate(columns), np.concatenate(torques)
+    A = np.concatenate(columns)
+    b = np.concatenate(torques)
     with Measured():
         np.linalg.lstsq(A, b, rcond=None)
     return f"{A.shape[0]} × {A.shape[1]}"

@@ -36,7 +36,8 @@ def listen(path: Path) -> None:
     from elastic_arm.recording import topics
 
     rclpy.init()
-    node, executor = rclpy.create_node("held_up"), EventsExecutor()
+    node = rclpy.create_node("held_up")
+    executor = EventsExecutor()
     executor.add_node(node)
     with path.open("w", buffering=1) as file:
         for topic in (topics.JOINT_STATES, topics.MOTOR_STATES):
@@ -53,7 +54,8 @@ def listen(path: Path) -> None:
 
 def pauses(env: dict[str, str], times: int, folder: Path) -> np.ndarray:
     """Return the longest time without a message after each of so many stops (times,), s."""
-    arrivals, continued = folder / "arrivals", []
+    arrivals = folder / "arrivals"
+    continued = []
     command = [
         sys.executable,
         "-m",

@@ -38,10 +38,13 @@ class Outcome:
 
 def outcome(recordings: int, seed: int) -> Outcome:
     """Simulate a history and ask what changed."""
-    rng, robot = np.random.default_rng(seed), load_robot(None)
-    true, names = varied(robot, rng), robot.joint_names
+    rng = np.random.default_rng(seed)
+    robot = load_robot(None)
+    true = varied(robot, rng)
+    names = robot.joint_names
     sizes = np.tile(rng.uniform(3.0, 9.0, robot.n), (recordings, 1))
-    joint, first = int(rng.integers(robot.n)), int(rng.integers(1, recordings))
+    joint = int(rng.integers(robot.n))
+    first = int(rng.integers(1, recordings))
     if there := bool(seed % 2):
         sizes[first:, joint] *= 1.0 + rng.choice([-1.0, 1.0]) * rng.uniform(0.1, 0.6)
     motions = random_trajectories(

@@ -85,7 +85,9 @@ def random_motion(model: Model, count: int, rng: np.random.Generator) -> Motion:
     n = model.n
     q, dq, ddq, deflection, dtheta, ddtheta = rng.standard_normal((6, count, n))
     theta = q + 1e-3 * deflection
-    x, dx, ddx = np.hstack([q, theta]), np.hstack([dq, dtheta]), np.hstack([ddq, ddtheta])
+    x = np.hstack([q, theta])
+    dx = np.hstack([dq, dtheta])
+    ddx = np.hstack([ddq, ddtheta])
     tau = model.inverse_dynamics(x, dx, ddx)
     return Motion(np.arange(count) * 1e-3, q, dq, ddq, theta, dtheta, ddtheta, tau_m=tau)
 
@@ -139,7 +141,8 @@ def recording(model: Model, count: int) -> Recording:
         encoder_noise=1e-6,
         velocity_noise=1e-4,
     )
-    link, motor = Side(s.stamp_ns, s.q, s.dq, s.tau_J), Side(s.stamp_ns, s.theta, s.dtheta, s.tau_m)
+    link = Side(s.stamp_ns, s.q, s.dq, s.tau_J)
+    motor = Side(s.stamp_ns, s.theta, s.dtheta, s.tau_m)
     return Recording(model.robot.joint_names, link=link, motor=motor, source="benchmark")
 
 
@@ -163,10 +166,8 @@ def report_arrays(model: Model, count: int) -> None:
     """Print the first job."""
     job = FromArrays(model, count)
     rounds = [(timed(job.fused, 3), best_of_blas(job.stored)) for _ in range(PEER_REPEATS)]
-    ours, theirs = (
-        np.median([own for own, _ in rounds], axis=0),
-        np.median([peer for _, peer in rounds], axis=0),
-    )
+    ours = np.median([own for own, _ in rounds], axis=0)
+    theirs = np.median([peer for _, peer in rounds], axis=0)
     ratio = np.median([[peer[k] / own[k] for k in range(2)] for own, peer in rounds], axis=0)
     errors = job.error(job.fused()), job.error(job.stored())
     print(

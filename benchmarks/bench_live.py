@@ -105,10 +105,8 @@ def node(name: str, **parameters: object) -> Process:
 
 def bare(seconds: float) -> dict[str, float]:
     """Measure a publisher and a subscriber, alone."""
-    publisher, subscriber = (
-        Process(__file__, "--publish"),
-        Process(__file__, "--probe", "/probe", "--seconds", str(seconds)),
-    )
+    publisher = Process(__file__, "--publish")
+    subscriber = Process(__file__, "--probe", "/probe", "--seconds", str(seconds))
     told = subscriber.child.communicate(timeout=seconds + 60)[0]
     publisher.child.kill()
     publisher.child.wait()
@@ -118,7 +116,8 @@ def bare(seconds: float) -> dict[str, float]:
 def live(folder: Path, seconds: float) -> dict[str, object]:
     """Measure the whole graph."""
     rng = np.random.default_rng(1)
-    a, b = (rng.normal(0.0, 0.2, (3, 5)) for _ in range(2))
+    a = rng.normal(0.0, 0.2, (3, 5))
+    b = rng.normal(0.0, 0.2, (3, 5))
     FourierTrajectory(2 * np.pi / 10.0, a, b, np.zeros(3), 10.0, 1.0, JOINTS).save(
         folder / "trajectory.yaml"
     )
@@ -137,7 +136,8 @@ def live(folder: Path, seconds: float) -> dict[str, object]:
         for topic in ("/probe", "/joint_states")
     }
     time.sleep(5.0)
-    began, used = time.monotonic(), {name: process.cpu() for name, process in nodes.items()}
+    began = time.monotonic()
+    used = {name: process.cpu() for name, process in nodes.items()}
     told = {
         topic: json.loads(each.child.communicate(timeout=seconds + 60)[0])
         for topic, each in probes.items()
@@ -181,7 +181,8 @@ def main() -> None:
     alone = bare(min(options.seconds, 20.0))
     with tempfile.TemporaryDirectory() as folder:
         whole = live(Path(folder), options.seconds)
-    beside, arm = whole["probes"]["/probe"], whole["probes"]["/joint_states"]
+    beside = whole["probes"]["/probe"]
+    arm = whole["probes"]["/joint_states"]
     print(f"load before: {load:.1f} on {os.cpu_count()} cores")
     print(f"{'delay':44} p50 µs  p99 µs")
     print(f"{'bare EventsExecutor subscriber, alone':44}{alone['p50']:7.0f} {alone['p99']:7.0f}")

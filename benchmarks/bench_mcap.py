@@ -51,7 +51,8 @@ def make(count: int, n: int, rng: np.random.Generator) -> Recording:
 
 def write_rosbags(folder: Path, recording: Recording) -> None:
     """Write by rosbags, message by message."""
-    store, side = message_types.typestore(), recording.motor
+    store = message_types.typestore()
+    side = recording.motor
     types = store.types
     assert (
         side is not None
@@ -72,7 +73,8 @@ def write_rosbags(folder: Path, recording: Recording) -> None:
 
 def read_rosbags(folder: Path) -> None:
     """Read by rosbags, deserialise, make arrays."""
-    stamps, rows = [], []
+    stamps = []
+    rows = []
     with AnyReader([folder]) as reader:
         for connection, _, raw in reader.messages():
             message = reader.deserialize(raw, connection.msgtype)
@@ -117,7 +119,8 @@ def compare(
 ) -> dict[str, Any]:
     """Time everything `repeats` times in turn; rates in messages a second."""
     rng = np.random.default_rng(0)
-    recording, small = make(count, n, rng), make(peers, n, rng)
+    recording = make(count, n, rng)
+    small = make(peers, n, rng)
     names = ("write", "read", "unpack", "least", "peer write", "peer read")
     times: dict[str, list[np.ndarray]] = {name: [] for name in names}
     for _ in range(repeats):
@@ -132,10 +135,8 @@ def compare(
         times["peer read"].append(timed(lambda: read_rosbags(root / "small")) / peers)
         times["unpack"].append(timed(lambda: unpack(root / "big")) / count)
         times["least"].append(timed(lambda: least(root / "big", count * (3 * n + 1))) / count)
-    wall, cpu = (
-        {name: float(np.median(values, axis=0)[k]) for name, values in times.items()}
-        for k in (0, 1)
-    )
+    wall = {name: float(np.median(values, axis=0)[0]) for name, values in times.items()}
+    cpu = {name: float(np.median(values, axis=0)[1]) for name, values in times.items()}
     size = next((root / "big").glob("*.mcap")).stat().st_size / count
     return {
         "joints": n,

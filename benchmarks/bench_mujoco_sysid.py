@@ -42,7 +42,8 @@ def model_text(n: int, rng: np.random.Generator | None = None) -> str:
     def off(value: float, spread: float = 0.2) -> float:
         return value if rng is None else value * float(rng.uniform(1.0 - spread, 1.0 + spread))
 
-    bodies, ends = [], []
+    bodies = []
+    ends = []
     for i in range(n):
         size = 0.75**i
         mass = off(4.0 * size)
@@ -104,7 +105,9 @@ def theirs(recording: Recording, base: Path, out: Path, iterations: int) -> tupl
         for name in ("armature", "damping", "frictionloss"):
             value = np.atleast_1d(getattr(spec.joint(joint.name), name))[0]
             add(f"{joint.name}_{name}", value, 0.1 * value, 5.0 * value, _setter(joint.name, name))
-        mass, com, body = joint.link.mass, joint.link.com, joint.link_name
+        mass = joint.link.mass
+        com = joint.link.com
+        body = joint.link_name
         add(f"{body}_mass", mass, 0.3 * mass, 3.0 * mass, _body(body, "mass"))
         add(f"{body}_com", com, com - 0.1, com + 0.1, _body(body, "ipos"))
     residual = sysid.build_residual_fn(models_sequences=[_sequences(sysid, spec, recording, robot)])
@@ -147,7 +150,8 @@ def _sequences(
 ) -> Any:
     """Return the recording cut into windows, each from its own recorded start."""
     model = spec.compile()
-    data, side = mujoco.MjData(model), recording.motor
+    data = mujoco.MjData(model)
+    side = recording.motor
     assert (
         side is not None
         and side.position is not None
@@ -155,10 +159,14 @@ def _sequences(
         and side.effort is not None
     )
     t = (side.stamp_ns - side.stamp_ns[0]) * 1e-9
-    steps, starts = int(window * RATE), range(0, len(t) - int(window * RATE), int(window * RATE))
-    states, controls, sensors = [], [], []
+    steps = int(window * RATE)
+    starts = range(0, len(t) - int(window * RATE), int(window * RATE))
+    states = []
+    controls = []
+    sensors = []
     for k in starts:
-        data.qpos[:], data.qvel[:] = side.position[k], side.velocity[k]
+        data.qpos[:] = side.position[k]
+        data.qvel[:] = side.velocity[k]
         states.append(sysid.create_initial_state(model, data.qpos, data.qvel, data.act))
         part = slice(k, k + steps)
         measured = np.hstack([side.position[part], side.velocity[part]])
@@ -179,9 +187,8 @@ def figures(arm: MjcfArm, held_out: Recording, true: Robot) -> list[float]:
             for i in range(true.n)
         ]
         found.append(100.0 * float(np.sqrt(np.mean(np.square(apart)))))
-    torque, position = (
-        float(np.sqrt(np.mean(values**2))) for values in (errors.torque, errors.position)
-    )
+    torque = float(np.sqrt(np.mean(errors.torque**2)))
+    position = float(np.sqrt(np.mean(errors.position**2)))
     return [torque, 1e3 * position, *found]
 
 
@@ -231,7 +238,8 @@ def main() -> None:
         folder = Path(name)
         (folder / "plain.xml").write_text(model_text(options.joints))
         (folder / "true.xml").write_text(model_text(options.joints, np.random.default_rng(7)))
-        robot, true = load_robot(folder / "plain.xml"), load_robot(folder / "true.xml")
+        robot = load_robot(folder / "plain.xml")
+        true = load_robot(folder / "true.xml")
         limits = MotionLimits.of(robot, velocity=2.0, acceleration=8.0)
         motions = liveliest(random_trajectories(build_model(robot), limits, 40, rng=rng), 2)
         fit, judge = (

@@ -76,9 +76,13 @@ class PinocchioLoop:
         )
 
     def __call__(self, x: np.ndarray, dx: np.ndarray, ddx: np.ndarray) -> np.ndarray:
-        model, data, G = self.tree.model, self.tree.data, self.tree.G
+        model = self.tree.model
+        data = self.tree.data
+        G = self.tree.G
         Phi = np.empty((len(x), G.shape[1], self.columns))
-        q, v, a = x @ G.T, dx @ G.T, ddx @ G.T
+        q = x @ G.T
+        v = dx @ G.T
+        a = ddx @ G.T
         for k in range(len(x)):
             Phi[k] = G.T @ (
                 pin.computeJointTorqueRegressor(model, data, q[k], v[k], a[k]) @ self.projection
@@ -95,7 +99,8 @@ def compare(
     columns = base_columns(compiled, rng)
     loop = PinocchioLoop(robot, bearings, len(columns))
     kernel = compiled.kernel("regressor", columns)
-    nonzero, operations = len(kernel.program.outputs[0].values), len(kernel.program)
+    nonzero = len(kernel.program.outputs[0].values)
+    operations = len(kernel.program)
     print(
         f"\n{title}: dof {compiled.dof}, base columns {len(columns)}, not null {nonzero},"
         f" operations {operations}"
@@ -116,7 +121,8 @@ def measure(
 ) -> None:
     """Print one line of an arm's table: medians over rounds of the ratios within each round."""
     x, dx, ddx = state
-    count, few = len(x), slice(0, LOOP_SAMPLES)
+    count = len(x)
+    few = slice(0, LOOP_SAMPLES)
     memory = np.empty((count, compiled.dof, len(columns)))
     times = interleaved(
         {

@@ -60,7 +60,8 @@ def outcome(folder: Path, level: str, seed: int, kind: str | None) -> Outcome:
     name = f"{level}_{seed}_{number:02d}_{kind or 'clean'}"
     request = Request(name, () if kind is None else (kind,), (seed, number), of.seconds)
     one = drawn(folder, request, of)
-    true, base = opened(one.true, folder / "true.xml", one.step), folder / "arm.xml"
+    true = opened(one.true, folder / "true.xml", one.step)
+    base = folder / "arm.xml"
     fit, judge = (record_commands(true, told, rate=one.rate, bits=of.bits) for told in one.commands)
     base.write_text(mjcf(one.stated, one.step))
     robot = load_robot(base)
@@ -141,10 +142,10 @@ def lines(one: Outcome) -> Sequence[str]:
 
 def summary(outcomes: Sequence[Outcome]) -> str:
     """Return the counts over all arms."""
-    described, written, alone, true = (
-        np.concatenate([one.errors[kind] for one in outcomes])
-        for kind in ("described", "written", "alone", "true")
-    )
+    described = np.concatenate([one.errors["described"] for one in outcomes])
+    written = np.concatenate([one.errors["written"] for one in outcomes])
+    alone = np.concatenate([one.errors["alone"] for one in outcomes])
+    true = np.concatenate([one.errors["true"] for one in outcomes])
     ratio = written / true
     scales = np.concatenate([one.scales for one in outcomes])
     z = np.abs((scales[:, 0] - scales[:, 2]) / scales[:, 1])

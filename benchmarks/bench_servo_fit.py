@@ -39,11 +39,15 @@ from elastic_arm.studies.blind_challenge.servo_arms import (
     with_effect,
 )
 
-RATE, STEP, SECONDS, CODE = 250.0, 1e-3, (16.0, 10.0), 2 * np.pi / 2**17
+RATE = 250.0
+STEP = 1e-3
+SECONDS = (16.0, 10.0)
+CODE = 2 * np.pi / 2**17
 FITTED = 8.0  # s that each simulation of the fit lasts
 # of logarithms, where the search starts
 DEVIATION = {"armature": 0.3, "damping": 0.7, "frictionloss": 0.7}
-BIAS, DELAY = 0.01, 0.01  # rad and s, the same
+BIAS = 0.01  # rad, the same
+DELAY = 0.01  # s, the same
 KINDS = ("coulomb_friction", "command_delay", "elasticity", "play")
 Array = NDArray[np.float64]
 
@@ -67,7 +71,8 @@ class Told:
 def moved(model: mujoco.MjModel, r: Array, delay: float = 0.0) -> Array:
     """Return the angles (N, n) of the servos' joints under commands (N, n), from rest at the
     first."""
-    every, n = round(1.0 / (RATE * STEP)), model.nu
+    every = round(1.0 / (RATE * STEP))
+    n = model.nu
     places = model.jnt_qposadr[model.actuator_trnid[:n, 0]]
     data = mujoco.MjData(model)
     data.qpos[places] = r[0]
@@ -100,8 +105,10 @@ def true_arm(text: str, kind: str, joint: int) -> str:
 def fitted(text: str, told: Told, evaluations: int, seed: int) -> tuple[Array, float]:
     """Return the numbers found by CMA-ES, or by differential evolution where there is no `cma`, and
     s of processor."""
-    begin, model = time.process_time(), mujoco.MjModel.from_xml_string(text)
-    n, count = model.nu, round(FITTED * RATE)
+    begin = time.process_time()
+    model = mujoco.MjModel.from_xml_string(text)
+    n = model.nu
+    count = round(FITTED * RATE)
     part = Told(told.r[:count], told.q[:count])
 
     def cost(x: Array) -> float:
@@ -130,7 +137,8 @@ def fitted(text: str, told: Told, evaluations: int, seed: int) -> tuple[Array, f
 
 def changed(model: mujoco.MjModel, text: str, x: Array, r: Array) -> tuple[Any, Array, float]:
     """Return the arguments of :func:`moved` at numbers (4 n + 1,), in deviations of the start."""
-    n, stated = model.nu, mujoco.MjModel.from_xml_string(text)
+    n = model.nu
+    stated = mujoco.MjModel.from_xml_string(text)
     for k, (name, std) in enumerate(DEVIATION.items()):
         values = np.asarray(getattr(stated, f"dof_{name}")).reshape(-1) * np.exp(
             std * x[k * n : (k + 1) * n]
@@ -151,7 +159,8 @@ def recorded(kind: str, seed: int) -> tuple[str, list[Told]]:
     built = ordinary(stated, rng)
     if kind in ("coulomb_friction", "command_delay"):
         built, _ = with_effect(built, kind, np.full(3, 2.0), rng)
-    model, told = mujoco.MjModel.from_xml_string(true_arm(mjcf(built, STEP), kind, 1)), list[Told]()
+    model = mujoco.MjModel.from_xml_string(true_arm(mjcf(built, STEP), kind, 1))
+    told = list[Told]()
     for seconds in SECONDS:
         r = commands(RATE, seconds, 3, rng)
         told.append(Told(r, moved(model, r)))

@@ -60,7 +60,8 @@ def compared(
     one = drawn(
         folder, Request(name, () if kind is None else (kind,), (seed, number), of.seconds), of
     )
-    true, base = opened(one.true, folder / "true.xml", one.step), folder / "arm.xml"
+    true = opened(one.true, folder / "true.xml", one.step)
+    base = folder / "arm.xml"
     fit, judge = (record_commands(true, told, rate=one.rate, bits=of.bits) for told in one.commands)
     base.write_text(mjcf(one.stated, one.step))
     begin = processor_time()
@@ -99,7 +100,8 @@ def theirs(recording: Recording, base: Path, out: Path, window: float, iteration
         for number in ("armature", "damping", "frictionloss"):
             value = float(np.atleast_1d(getattr(joint, number))[0])
             add(f"{joint.name}_{number}", value, _setter(joint.name, number))
-        kp, kv = actuator.gainprm[0], -actuator.biasprm[2]
+        kp = actuator.gainprm[0]
+        kv = -actuator.biasprm[2]
         add(f"{joint.name}_kp", kp, _gain(sysid.apply_pgain, actuator.name))
         add(f"{joint.name}_kv", kv, _gain(sysid.apply_dgain, actuator.name))
         body = joint.parent
@@ -125,7 +127,8 @@ def _gain(apply: Any, actuator: str) -> Any:
 def _sequences(sysid: Any, spec: Any, recording: Recording, window: float) -> Any:
     """Return the recording cut into windows, each from the recorded state, with held commands."""
     model = spec.compile()
-    side, reference = recording.link, recording.reference
+    side = recording.link
+    reference = recording.reference
     assert side is not None and side.position is not None
     assert reference is not None and reference.position is not None
     step = float(model.opt.timestep)
@@ -134,7 +137,10 @@ def _sequences(sysid: Any, spec: Any, recording: Recording, window: float) -> An
     rates = np.gradient(side.position, t, axis=0, edge_order=2)
     whole = len(t) - 1
     samples = int(min(whole, window // float(np.median(np.diff(t)))))
-    states, controls, sensors, names = [], [], [], []
+    states = []
+    controls = []
+    sensors = []
+    names = []
     # Not sensors: in a rollout those are of the state before a step, and sysid takes them as after.
     kind = sysid.SignalType.MjStateQPos
     measured = [(name, kind) for name in recording.joints]
@@ -164,9 +170,9 @@ def lines(one: Compared) -> Sequence[str]:
 def summary(found: Sequence[Compared]) -> str:
     """Return ratios of times and errors over all arms."""
     ratio = np.array([theirs / ours for ours, theirs in (one.seconds for one in found)])
-    ours, theirs, true = (
-        np.concatenate([getattr(one, name) for one in found]) for name in ("ours", "theirs", "true")
-    )
+    ours = np.concatenate([one.ours for one in found])
+    theirs = np.concatenate([one.theirs for one in found])
+    true = np.concatenate([one.true for one in found])
     less = int(np.sum(ours <= theirs))
     return (
         f"sysid takes {np.median(ratio):.1f} ({ratio.min():.1f} to {ratio.max():.1f}) times as"

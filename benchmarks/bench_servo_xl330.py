@@ -30,8 +30,12 @@ from elastic_arm.recording import Recording, Side
 from elastic_arm.robot import Robot, load_robot
 from elastic_arm.robot.mjcf import open_mjcf
 
-FITTED, JUDGED = ("sin_sin", "up_and_down"), "sin_time_square"
-TORQUE_PER_VOLT, BACK_EMF, SUPPLY = 0.0963, 0.4, 7.4  # Nm/V, V s/rad and V of the data sheet
+FITTED = ("sin_sin", "up_and_down")
+JUDGED = "sin_time_square"
+# Of the data sheet.
+TORQUE_PER_VOLT = 0.0963  # Nm/V
+BACK_EMF = 0.4  # V s/rad
+SUPPLY = 7.4  # V
 DUTY = 4096 / (2 * np.pi * 256 * 885)  # per rad and number of the register of the gain
 PENDULUM = """<mujoco model="pendulum"><option timestep="0.001"/>
 <custom><numeric name="firmware_gain" data="1"/></custom>

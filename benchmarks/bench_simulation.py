@@ -77,7 +77,8 @@ class MujocoArm:
         self, robot: Robot, integrator: int, *, bearings: bool = False, step: float = STEP
     ) -> None:
         spec = build_spec(robot, Bushing())
-        spec.option.timestep, spec.option.integrator = step, integrator
+        spec.option.timestep = step
+        spec.option.integrator = integrator
         rigid = [axis for axis in BUSHING if axis in "xyz" or (not bearings and axis != "about_z")]
         for joint in robot.joints:
             for axis in rigid:
@@ -91,7 +92,8 @@ class MujocoArm:
                 coupler = spec.add_equality(
                     type=mujoco.mjtEq.mjEQ_JOINT, objtype=mujoco.mjtObj.mjOBJ_JOINT
                 )
-                coupler.name1, coupler.name2 = f"{joint.name}.{part}", f"{joint.name}.spline"
+                coupler.name1 = f"{joint.name}.{part}"
+                coupler.name2 = f"{joint.name}.spline"
                 coupler.data[:2] = 0.0, ratio
         self.model = spec.compile()
         self.data = mujoco.MjData(self.model)

@@ -49,7 +49,8 @@ EDGES = (0.0, 0.1, 0.5, 0.9, 0.99, 1.01)
 
 def motion_of(seconds: float = 20.0) -> Linearisation:
     """Return a recorded motion of the package's arm, described as it is."""
-    robot, rng = arm_of(3), np.random.default_rng(0)
+    robot = arm_of(3)
+    rng = np.random.default_rng(0)
     motions = random_trajectories(
         build_model(robot), MotionLimits.of(robot), 2, rng=rng, shape=Shape(period=10.0, periods=2)
     )
@@ -105,10 +106,8 @@ def searched(
     found = []
     for name in {key[:2] for keys in search.met for key in keys}:
         truth = next(((t, size) for t, size in acting if t.key[:2] == name), None)
-        said, rank = (
-            next((t for t in best.optional if truth and t.key == truth[0].key), None),
-            np.nan,
-        )
+        said = next((t for t in best.optional if truth and t.key == truth[0].key), None)
+        rank = np.nan
         if truth is not None and said is not None and said.linear == truth[0].linear:
             at = best.slices[said.ident].start + int(rng.integers(said.linear))
             off = truth[1][at - best.slices[said.ident].start] - best.found.x[at]
@@ -125,19 +124,23 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--out", type=Path)
     asked = parser.parse_args(arguments)
-    linear, rng, rows = motion_of(), np.random.default_rng(asked.seed), []
+    linear = motion_of()
+    rng = np.random.default_rng(asked.seed)
+    rows = []
     model = linear_model(linear, AS_BUILT)
     pool = pool_of(linear)
     for k in range(asked.draws):
         count, found = searched(model, linear, pool, rng)
         rows += [(k, count, *one) for one in found]
     weight = np.array([WEIGHTS[row[1]] for row in rows])
-    said, true = np.array([row[2] for row in rows]), np.array([row[3] for row in rows])
+    said = np.array([row[2] for row in rows])
+    true = np.array([row[3] for row in rows])
     print(f"{len(pool)} terms, {asked.draws} draws, seed {asked.seed}")
     for low, high in pairwise(EDGES):
         own = (said >= low) & (said < high)
         if own.any():
-            n, weights = int(own.sum()), weight[own]
+            n = int(own.sum())
+            weights = weight[own]
             by_prior = (float(np.average(one[own], weights=weights)) for one in (said, true))
             print(
                 "said {} to {}: {}/{} true; by the prior said {:.3f}, true {:.3f}".format(
@@ -145,7 +148,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
                 )
             )
     ranks = np.array([row[4] for row in rows if np.isfinite(row[4])])
-    counts, p = np.histogram(ranks, 10, (0, 1))[0].tolist(), kstest(ranks, "uniform").pvalue
+    counts = np.histogram(ranks, 10, (0, 1))[0].tolist()
+    p = kstest(ranks, "uniform").pvalue
     print(f"ranks of {len(ranks)} sizes in tenths: {counts}, p = {p:.3f}")
     if asked.out:
         with asked.out.open("w", newline="") as file:

@@ -155,7 +155,8 @@ def plain(robot: Robot, fits: list[Recording], held_out: Recording, cutoff: floa
         grid = max(Clock.of(samples).place(samples), key=len)
         parts.append(rows(model, grid, cutoff, samples.tau_J is None))
     phi, tau, _ = (np.concatenate(some) for some in zip(*parts[:-1], strict=True))
-    phi, tau = phi.reshape(-1, phi.shape[-1]), tau.ravel()
+    phi = phi.reshape(-1, phi.shape[-1])
+    tau = tau.ravel()
     scale = np.maximum(np.linalg.norm(phi, axis=0), 1e-12)
     solution = np.linalg.lstsq(phi / scale, tau, rcond=RANK)[0] / scale
     phi, tau, t = parts[-1]

@@ -31,7 +31,8 @@ from benchmarks.judge import Arm, answer, row
 from elastic_arm.arrays import Array
 from elastic_arm.recording import Recording, Side, write_recording
 
-RATE, SECONDS = 250.0, 25.0
+RATE = 250.0
+SECONDS = 25.0
 DRY = np.array([9.0, 11.0, 6.0, 1.6, 1.5, 1.2])  # Nm
 VISCOUS = np.array([10.0, 12.0, 7.0, 1.8, 1.6, 1.3])  # Nm s/rad
 ARMATURE = np.array([3.4, 3.4, 1.25, 0.33, 0.33, 0.33])  # kg m²
@@ -72,11 +73,13 @@ class DahlArm:
     def torques(self, t: Array, q: Array) -> Array:
         """Return the motor torques (N, n) Nm along angles (N, n) rad at times (N,) s."""
         course = make_interp_spline(t, q, k=5)
-        dq, ddq = course.derivative(1)(t), course.derivative(2)(t)
+        dq = course.derivative(1)(t)
+        ddq = course.derivative(2)(t)
         data = self.model.createData()
         motions = zip(q, dq, ddq, strict=True)
         load = np.array([pin.rnea(self.model, data, *one) for one in motions])
-        tau = load + self.armature * ddq + self.spring * (q - POSE)
+        load += self.spring * (q - POSE)
+        tau = load + self.armature * ddq
         for j in range(q.shape[1]):
             tau[:, j] += self._friction(j, t, q[:, j], dq[:, j], load[:, j])
         late = [np.interp(t - self.delay, t, column) for column in tau.T]

@@ -49,7 +49,9 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=200, help="recordings that are drawn")
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()
-    begin, codes, wrong = time.perf_counter(), Counter[str](), 0
+    begin = time.perf_counter()
+    codes = Counter[str]()
+    wrong = 0
     for robot, recording in clean_recordings(given.count, given.seed):
         wrong += _told(recording.source, alarms(robot, recording), codes)
     bags = [

@@ -39,12 +39,18 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[1]
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 SECONDS = 900  # of the wall clock, after which an arm counts as failed
-DECLARED, SURE, INSIDE, LEAST = 0.05, 0.9, 1.96, 1e-3
+DECLARED = 0.05
+SURE = 0.9
+INSIDE = 1.96
+LEAST = 1e-3
 # A mass fixed to a link and the numbers of that link are the same thing.
 SYNONYMS = {"payload": "link_inertia_mismatch", "load": "link_inertia_mismatch"}
 RATE = 1000.0  # samples/s of the drawn arms, for priors that depend on it
 ANY = "any"  # joint of a truth that may be named anywhere
-UNKNOWN, NONE, REFUSED, FAILED = "unknown", "none", "refused", "failed"
+UNKNOWN = "unknown"
+NONE = "none"
+REFUSED = "refused"
+FAILED = "failed"
 COLUMNS = (
     "level", "arm", "kind", "truth", "verdict", "causes", "right", "false_causes", "z", "off",
     "told", "shrink", "cpu_seconds", "error",
@@ -109,7 +115,8 @@ def requests(level: str) -> list[Any]:
     from elastic_arm.studies.blind_challenge.campaign import Request, combines, effects_together
     from elastic_arm.studies.blind_challenge.levels import level_of
 
-    found, rng = level_of(level), np.random.default_rng(SEEDS[level])
+    found = level_of(level)
+    rng = np.random.default_rng(SEEDS[level])
     alone = found.drawn(tuple(EFFECTS))
     together = [effect for effect in alone if combines(EFFECTS[effect])]
     sets = [effects_together(together, count, found, rng) for count in SETS[level]]
@@ -133,9 +140,12 @@ def record(arms: Path, level: str, request: Any) -> list[Arm]:
     from elastic_arm.studies.blind_challenge.effect_sampling import Fault, true_parameters
     from elastic_arm.studies.blind_challenge.levels import level_of
 
-    name, found = request.name, level_of(level)
+    name = request.name
+    found = level_of(level)
     truth = json.loads(json.dumps(recorded(arms, request, found, EFFECTS)))
-    joints, effects, foreign = truth["joints"], [], bool(truth["foreign"])
+    joints = truth["joints"]
+    effects = []
+    foreign = bool(truth["foreign"])
     for fault in (Fault(**one) for one in truth["faults"]):
         effect = EFFECTS[fault.effect]
         joint = (
@@ -203,7 +213,8 @@ class RealRobot:
     def bags(self, arms: Path, data: Path) -> list[str]:
         """Import the recordings where they are not there yet; return the bags below the folder of
         arms."""
-        mapping, found = ROOT / "examples" / self.folder / self.mapping, []
+        mapping = ROOT / "examples" / self.folder / self.mapping
+        found = []
         for file in self.files:
             bag = f"bags/{self.folder}_{Path(self.mapping).stem}_{Path(file).stem}"
             if not (arms / bag / "metadata.yaml").is_file():
@@ -215,7 +226,9 @@ class RealRobot:
         return found
 
 
-_KR300, _LWR, _GEN3 = ("kuka_kr300", "kuka_lwr4", "kinova_gen3")
+_KR300 = "kuka_kr300"
+_LWR = "kuka_lwr4"
+_GEN3 = "kinova_gen3"
 _RUNS = tuple(f"run_{k}.mat" for k in "ACB")
 ROBOTS = {
     "kr300_3": RealRobot(_KR300, "import_3.yaml", _RUNS, 2, "kr300_3_elastic.yaml"),
@@ -238,7 +251,8 @@ def real_arms(arms: Path, data: Path) -> list[Arm]:
     """Import the recordings of real robots, and return what is asked of them and what is known to
     be true of each."""
     axes = [_is("time_delay", ANY), _is("encoder_offset", "a3"), _is("joint_spring", "a2")]
-    dry, viscous = (9.0, 11.0, 6.0, 1.6, 1.5, 1.2), (10.0, 12.0, 7.0, 1.8, 1.6, 1.3)
+    dry = (9.0, 11.0, 6.0, 1.6, 1.5, 1.2)
+    viscous = (10.0, 12.0, 7.0, 1.8, 1.6, 1.3)
     names = [
         f"{j}_joint"
         for j in ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
@@ -253,7 +267,8 @@ def real_arms(arms: Path, data: Path) -> list[Arm]:
         _is("time_delay", ANY, delay=0.012),
     ]
     friction = ["coulomb_friction", "viscous_friction"]
-    refit, known = {"refit": True}, {"refit": True, "known": friction}
+    refit = {"refit": True}
+    known = {"refit": True, "known": friction}
     plan: list[tuple[str, str, list[Any], dict[str, Any]]] = [
         ("kuka_kr300_3", "kr300_3", axes, {}),
         ("kuka_kr300_3_refit", "kr300_3", axes, known),
@@ -299,12 +314,14 @@ def reports(data: Path) -> list[Arm]:
     if not folder.is_dir():
         print(f"public reports: left out, as {folder} is no folder", flush=True)
         return []
-    dry, viscous = _is("coulomb_friction", "j1"), _is("viscous_friction", "j1")
+    dry = _is("coulomb_friction", "j1")
+    viscous = _is("viscous_friction", "j1")
     sized = (
         _is("coulomb_friction", "j1", torque=0.3),
         _is("viscous_friction", "j1", coefficient=0.2),
     )
-    clean, refuse = [NONE, "explained"], [REFUSED, UNKNOWN]
+    clean = [NONE, "explained"]
+    refuse = [REFUSED, UNKNOWN]
     plan: list[tuple[str, str, str, list[Any], list[str], str]] = [
         ("good", "good", "pend", [], clean, "clean"),
         ("stated_10x", "good", "pend_friction_10x", [dry, viscous], [], "pair"),
@@ -619,7 +636,8 @@ def _told(rows: Iterable[Mapping[str, str]]) -> list[tuple[float, bool]]:
 
 def _figures(rows: Sequence[Mapping[str, str]]) -> tuple[str, ...]:
     told = _told(rows)
-    z, off = ([float(v) for r in rows for v in r[name].split("; ") if v] for name in ("z", "off"))
+    z = [float(v) for r in rows for v in r["z"].split("; ") if v]
+    off = [float(v) for r in rows for v in r["off"].split("; ") if v]
     brier = log = "–"
     if told:
         brier = f"{sum((p - held) ** 2 for p, held in told) / len(told):.3f}"
@@ -710,13 +728,17 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--answer", nargs=3, help=argparse.SUPPRESS)
     asked = parser.parse_args(arguments)
     if asked.record:
-        arms, level, number = Path(asked.record[0]), asked.record[1], int(asked.record[2])
+        arms = Path(asked.record[0])
+        level = asked.record[1]
+        number = int(asked.record[2])
         request = requests(level)[number]
         found = [asdict(arm) for arm in record(arms, level, request)]
         (arms / "arms" / f"{request.name}.json").write_text(json.dumps(found, indent=1))
         return
     if asked.answer:
-        folder, name, file = Path(asked.answer[0]), asked.answer[1], Path(asked.answer[2])
+        folder = Path(asked.answer[0])
+        name = asked.answer[1]
+        file = Path(asked.answer[2])
         listed = (
             one
             for kept in sorted((folder / "arms").glob("*.json"))

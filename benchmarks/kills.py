@@ -45,7 +45,8 @@ def lost_by_a_kill(
     end = time.monotonic() + seconds
     graph.until(lambda: time.monotonic() > end, "the time has come")
     recorder.process.send_signal(signal.SIGKILL)
-    killed, newest = time.time_ns(), published[-1]
+    killed = time.time_ns()
+    newest = published[-1]
     recorder.wait()
     check_bag(bag)
     recording = read_recording(bag)

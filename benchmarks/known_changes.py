@@ -58,9 +58,8 @@ class Motion:
         step = even[1] - even[0]
         sos = butter(4, min(SMOOTH, 0.4 / step), fs=1.0 / step, output="sos")
         self.q = sosfiltfilt(sos, q, axis=0)
-        self.dq, self.ddq = (
-            savgol_filter(self.q, 7, 3, deriv=k, delta=step, axis=0) for k in (1, 2)
-        )
+        self.dq = savgol_filter(self.q, 7, 3, deriv=1, delta=step, axis=0)
+        self.ddq = savgol_filter(self.q, 7, 3, deriv=2, delta=step, axis=0)
         self.torque = side.effort
 
     def with_torque(self, torque: Array) -> Recording:
@@ -242,7 +241,8 @@ class Bench:
         self.motions = [Motion(one, robot) for one in recordings]
         self.peak = np.max([np.abs(m.torque).max(axis=0) for m in self.motions], axis=0)
         self.fastest = np.max([np.abs(m.dq).max(axis=0) for m in self.motions], axis=0)
-        low, high = (f([f(m.q, axis=0) for m in self.motions], axis=0) for f in (np.min, np.max))
+        low = np.min([np.min(m.q, axis=0) for m in self.motions], axis=0)
+        high = np.max([np.max(m.q, axis=0) for m in self.motions], axis=0)
         self.middle: Array = 0.5 * (low + high)
         self.reach: Array = 0.5 * (high - low)
         self.seconds: float = max(float(m.t[-1] - m.t[0]) for m in self.motions)

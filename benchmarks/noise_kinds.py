@@ -43,11 +43,10 @@ SECONDS = (20.0, 12.0)
 @cache
 def truth(fault: str, seed: int) -> tuple[Samples, Samples]:
     """Return what exact sensors read of an arm with one effect, to fit and to judge."""
-    rng, given = np.random.default_rng(seed), FAULTS[fault]
-    arm, exact = (
-        HiddenArm(ROBOT, [given] if given else []),
-        SensorModel(torque_noise=0.0, velocity_noise=0.0),
-    )
+    rng = np.random.default_rng(seed)
+    given = FAULTS[fault]
+    arm = HiddenArm(ROBOT, [given] if given else [])
+    exact = SensorModel(torque_noise=0.0, velocity_noise=0.0)
     first, second = (
         arm.record(random_motion(rng, ROBOT.n, s), exact, rng).samples() for s in SECONDS
     )
@@ -68,7 +67,8 @@ def judged(kind: str, fault: str, seed: int, *, refit: bool) -> Diagnosis:
     refit
         As of `elastic-arm diagnose`.
     """
-    rng, names = np.random.default_rng([seed, 1]), ("q", "dq", "theta", "dtheta", "tau_J", "tau_m")
+    rng = np.random.default_rng([seed, 1])
+    names = ("q", "dq", "theta", "dtheta", "tau_J", "tau_m")
     runs = [
         recording(kind, run.t, {name: getattr(run, name) for name in names}, rng, f"run_{k}")
         for k, run in enumerate(truth(fault, seed))

@@ -111,7 +111,8 @@ def soak(
         Seconds of the arm a second.
     """
     rng = np.random.default_rng(1)
-    a, b = (rng.normal(0.0, 0.2, (3, 5)) for _ in range(2))
+    a = rng.normal(0.0, 0.2, (3, 5))
+    b = rng.normal(0.0, 0.2, (3, 5))
     FourierTrajectory(2 * np.pi / 10.0, a, b, np.zeros(3), 10.0, 1.0, JOINTS).save(
         folder / "trajectory.yaml"
     )
@@ -135,7 +136,8 @@ def soak(
     step_ns = round(NANOSECONDS / rate)
     while not probe.figures(step_ns)["samples"]:
         probe.spin(1.0)
-    rows, began = [], time.monotonic()
+    rows = []
+    began = time.monotonic()
     seconds = max(60.0 * minutes / INTERVALS, 1.0)
     with suppress(KeyboardInterrupt):
         while time.monotonic() - began < 60.0 * minutes:
@@ -146,7 +148,8 @@ def soak(
             )
             if clock:
                 rows[-1] = {key: value for key, value in rows[-1].items() if key not in FIGURES[2:]}
-            done, lost = rows[-1]["minute"], sum(row["lost"] for row in rows)
+            done = rows[-1]["minute"]
+            lost = sum(row["lost"] for row in rows)
             print(
                 f"{done:.1f} of {minutes:g} minutes, {lost:.0f} samples lost",
                 file=sys.stderr,

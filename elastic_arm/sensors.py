@@ -239,10 +239,11 @@ def _encoder(
     rng_velocity: np.random.Generator,
 ) -> Callable[[Array, Array], tuple[Array, Array]]:
     """Return the function of true angle and velocity."""
-    amplitude, phase, offset = (
-        encoder.row(name, n) for name in ("eccentricity", "phase", "offset")
-    )
-    late, late_velocity = (_through(_late(encoder, n, rate)) for _ in range(2))
+    amplitude = encoder.row("eccentricity", n)
+    phase = encoder.row("phase", n)
+    offset = encoder.row("offset", n)
+    late = _through(_late(encoder, n, rate))
+    late_velocity = _through(_late(encoder, n, rate))
     read = _through([*_noisy(encoder.row("noise", n), rng), *_rounded(encoder, n)])
     read_velocity = _through(_noisy(encoder.row("velocity_noise", n), rng_velocity))
 

@@ -20,6 +20,7 @@ from elastic_arm.recording import read_recording
 from elastic_arm.recording.foreign.array_export import KINDS, export_arrays, export_paths
 from elastic_arm.recording.foreign.array_files import load_arrays
 from elastic_arm.recording.foreign.arrays import import_runs
+from elastic_arm.recording.foreign.calibration import degrees_per_cent
 from elastic_arm.recording.foreign.draft import Draft
 from elastic_arm.recording.foreign.guess import guess_mapping
 from elastic_arm.recording.inspection.info import BagInfo, bag_info
@@ -170,6 +171,13 @@ def import_(
     ] = None,
     chain: options.Chain = None,
     at: options.At = None,
+    calibration: Annotated[
+        Path | None,
+        typer.Option(
+            help="LeRobot's calibration file: positions without a unit are per cent of its ranges.",
+            show_default=False,
+        ),
+    ] = None,
     compression: Annotated[
         str, typer.Option(help=f"Compression of the chunks: {', '.join(COMPRESSIONS)}.")
     ] = "zstd",
@@ -187,7 +195,13 @@ def import_(
         if mapping is not None or robot is None:
             raise typer.BadParameter("requires --robot and excludes --map", param_hint="--guess")
         arm = options.load_arm(robot, chain, at)
-        draft = guess_mapping(load_arrays(arrays, None), arm.joint_names, arm.units.prismatic)
+        stated = None
+        if calibration is not None:
+            degrees_per_cent(calibration, arm.joint_names)  # before a draft names it
+            stated = os.path.relpath(calibration, out_folder.parent)
+        draft = guess_mapping(
+            load_arrays(arrays, None), arm.joint_names, arm.units.prismatic, stated
+        )
         _write_draft(arrays, out_folder, draft)
         return
     if mapping is None:
@@ -199,7 +213,7 @@ def import_(
         raise typer.BadParameter(
             f"choose one of {', '.join(COMPRESSIONS)}", param_hint="--compression"
         )
-    runs = import_runs(arrays, mapping)
+    runs = import_runs(arrays, mapping, calibration)
     folders = {name: out_folder / name for name in runs}
     for folder in folders.values():
         claim_bag(folder)

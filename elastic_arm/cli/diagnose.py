@@ -35,6 +35,7 @@ from elastic_arm.effects.text import known_effects
 from elastic_arm.estimation.segments import DIAGNOSED
 from elastic_arm.evidence.priors import read_priors
 from elastic_arm.evidence.watch import Watch
+from elastic_arm.identification.batch.ignored_commands import without
 from elastic_arm.memory import keep_memory
 from elastic_arm.mujoco import Replay
 from elastic_arm.mujoco.judgement import Judging
@@ -303,19 +304,14 @@ def correct(
     judging: list[Judging] = []
     before: list[Judging] = []
     for one in judges:
-        parts = f"{one.source}, "
-        spans = [
-            span
-            for name, span in found.judged.items()
-            if name == one.source or name.startswith(parts)
-        ]
+        spans = [span for name, span in found.judged.items() if _is_part(name, one.source)]
         if spans or len(judges) == 1:
             begin = min([start for start, _ in spans], default=0.0)
             end = max([stop for _, stop in spans], default=np.inf)
-            selected = one.select(robot.joint_names)
+            selected = _followed(one, robot, found)
             judging.append(Judging(selected, (begin, end)))
             before.append(Judging(selected, (0.0, begin)))
-    whole = [Judging(one.select(robot.joint_names)) for one in fitted]
+    whole = [Judging(_followed(one, robot, found)) for one in fitted]
     return correction.judged(
         robot,
         lambda back: repaired_robot(robot, found, back),
@@ -328,6 +324,22 @@ def correct(
         fitted=before if held_back else whole,
         watch=watch,
     )
+
+
+def _is_part(name: str, source: str) -> bool:
+    """Return whether a name is that of a recording or of a part of it."""
+    return name == source or name.startswith(f"{source}, ")
+
+
+def _followed(recording: Recording, robot: Robot, found: Diagnosis) -> Recording:
+    """Return a recording without the stretches in which its drives ignored their commands."""
+    selected = recording.select(robot.joint_names)
+    spans = {
+        (one.begin, one.end)
+        for one in found.events
+        if one.ignored and _is_part(one.recording, recording.source)
+    }
+    return without(selected, sorted(spans)) if spans else selected
 
 
 def write_diagnosis(

@@ -71,7 +71,7 @@ def history_command(
     quiet: options.Quiet = False,
     fail_on: FailOn = None,
 ) -> None:
-    """Track the numbers of one arm over several recordings, with time, size and probability of
+    """Track the parameters of one arm over several recordings, with time, size and probability of
     changes.
 
     All recordings are diagnosed together, in chronological order. Every effect

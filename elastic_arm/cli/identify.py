@@ -113,7 +113,8 @@ def identify(
                 path, mapping, robot, clock, namespace, says, IDENTIFIED, most
             )
 
-        recordings, held_out = ([read(path) for path in paths] for paths in (bags, validate or []))
+        recordings = [read(path) for path in bags]
+        held_out = [read(path) for path in validate or []]
         keep_memory()  # what was read and left out would leave holes
         result, identifier, motion = identify_with(
             recordings, robot, settings, validate=held_out, progress=says

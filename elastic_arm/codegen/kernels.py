@@ -95,7 +95,9 @@ class Kernel:
         samples = None
         for (name, size), given in zip(self.program.inputs, arrays, strict=True):
             array = np.ascontiguousarray(given, dtype=float)
-            expected = (size,) if name in self.shared else (len(array) if array.ndim else 0, size)
+            expected: tuple[int, ...] = (size,)
+            if name not in self.shared:
+                expected = (len(array) if array.ndim else 0, size)
             if array.shape != expected:
                 raise ValueError(
                     f"{name} has shape {array.shape}, but must be {('N', size)[-len(expected) :]}"

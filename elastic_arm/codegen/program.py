@@ -128,7 +128,8 @@ class Program:
         new = np.cumsum(needed) - 1
         leaf = np.isin(self.op, (CODES["input"], CODES["const"]))
         # A leaf's operands index inputs, not values.
-        a, b = (np.where(leaf, v, new[np.where(leaf, 0, v)])[needed] for v in (self.a, self.b))
+        a = np.where(leaf, self.a, new[np.where(leaf, 0, self.a)])[needed]
+        b = np.where(leaf, self.b, new[np.where(leaf, 0, self.b)])[needed]
         outputs = tuple(replace(out, values=new[out.values]) for out in self.outputs)
         return replace(
             self, outputs=outputs, op=self.op[needed], a=a, b=b, constant=self.constant[needed]
@@ -256,7 +257,9 @@ def from_casadi(function: casadi.Function) -> Program:
         table = np.array(pairs, dtype=np.int64).reshape(-1, 2)
         outputs.append(Output(function.name_out(k), shape, table[:, 1], table[:, 0]))
     inputs = tuple((function.name_in(k), function.numel_in(k)) for k in range(function.n_in()))
-    codes, first, second = (np.array(v, dtype=np.int64) for v in (op, a, b))
+    codes = np.array(op, dtype=np.int64)
+    first = np.array(a, dtype=np.int64)
+    second = np.array(b, dtype=np.int64)
     return Program(inputs, tuple(outputs), codes, first, second, np.array(constant)).pruned()
 
 

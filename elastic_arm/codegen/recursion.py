@@ -21,7 +21,9 @@ class Recursion:
     """
 
     def __init__(self, step: ca.Function) -> None:
-        self._states, self._arguments, self._constants = (int(step.numel_in(i)) for i in range(3))
+        self._states = int(step.numel_in(0))
+        self._arguments = int(step.numel_in(1))
+        self._constants = int(step.numel_in(2))
         self._compiled: Any = None
         self._steps: Any = None
         try:

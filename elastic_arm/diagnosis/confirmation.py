@@ -151,7 +151,9 @@ def share_without(before: Gap, after: Gap, without: Gap, own: Gap, between: Gap)
     size = own.power.sum(axis=1) / noise
     places: NDArray[np.bool_] = size >= min(1.0, float(size.max(initial=0.0)))
     where = (before.significant | without.significant) & places[:, None]
-    first, left, again = (gap.place(where) / noise for gap in (before, after, without))
+    first = before.place(where) / noise
+    left = after.place(where) / noise
+    again = without.place(where) / noise
     whole = float(np.maximum(first, again).sum())
     if whole == 0.0:
         return None

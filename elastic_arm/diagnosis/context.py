@@ -27,6 +27,8 @@ class DiagnosisContext:
     alone: Sequence[
         Sequence[Array]
     ]  # residuals of each stretch with one cause alone added, by position in the causes
+    # what the friction of the most probable set, known and found, adds to these residuals
+    friction: Sequence[Array]
     regimes: Sequence[
         dict[str, float]
     ]  # (R,) share of each residual's power that follows each regime, before

@@ -28,6 +28,7 @@ from elastic_arm.evidence.explanation import Explanation
 from elastic_arm.evidence.fit import Fit
 from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.problem import JUDGING, Problem
+from elastic_arm.evidence.terms.dry_friction import DryFrictionTerm
 from elastic_arm.evidence.terms.effect import EffectTerm
 from elastic_arm.evidence.terms.known import KnownTerm
 from elastic_arm.evidence.terms.law import LawTerm
@@ -210,6 +211,17 @@ class Decomposition:
     def causes_added(self) -> list[list[Array]]:
         """What each optional term of the set adds, except laws without a form."""
         return [self.added[t.ident] for t in self.fit.optional if t.ident in self.added]
+
+    @property
+    def friction_added(self) -> list[Array]:
+        """What the friction of the set adds to the residuals (N', R) of each stretch, Nm."""
+        total = [np.zeros_like(y) for y in self.linear.data.y]
+        for t in self.fit.terms:
+            is_law = isinstance(t, EffectTerm) and t.feature.effect.friction
+            if is_law or isinstance(t, DryFrictionTerm):
+                for y, more in zip(total, self.added[t.ident], strict=True):
+                    y += more
+        return total
 
     @cached_property
     def mounting_added(self) -> list[Array]:

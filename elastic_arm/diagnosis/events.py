@@ -50,6 +50,8 @@ class Event:
     begin: float
     end: float
     rmse: float = field(compare=False)  # of what acts there, Nm
+    # whether all drives ignored their commands then, as where torque is switched off
+    ignored: bool = False
 
 
 class Blocks(NamedTuple):
@@ -107,7 +109,9 @@ def events_of(
         told = blocks.values[:, row] > 1.0
         begin = blocks.begin[told]
         end = blocks.end[told]
-        n, white, square = (one[told, row] for one in (blocks.values, blocks.white, blocks.square))
+        n = blocks.values[told, row]
+        white = blocks.white[told, row]
+        square = blocks.square[told, row]
         for i, j in runs_of(n, white, len(places)) if told.any() else ():
             rmse = float(np.sqrt(np.mean(square[i:j])))
             found.append(Event(recording, *places[row], float(begin[i]), float(end[j - 1]), rmse))
@@ -174,7 +178,8 @@ def _event(n: Array, s: Array, least: float) -> Array:
 
 def _sums(n: Array, s: Array) -> tuple[Array, Array]:
     """Return the sums (M + 1,) of the values and squares of all blocks before each."""
-    N, S = (np.concatenate([[0.0], np.cumsum(v)]) for v in (n, s))
+    N = np.concatenate([[0.0], np.cumsum(n)])
+    S = np.concatenate([[0.0], np.cumsum(s)])
     return N, S
 
 

@@ -44,7 +44,9 @@ class Gap:
         """Measure residuals (N', R) of each stretch of recordings."""
         octaves = len(OCTAVES) + 1
         rows = data.layout.rows
-        power, noise, count = (np.zeros((rows, octaves)) for _ in range(3))
+        power = np.zeros((rows, octaves))
+        noise = np.zeros((rows, octaves))
+        count = np.zeros((rows, octaves))
         for own, part, pure, left in zip(
             residuals, data.parts, data.pure, data.shares(), strict=True
         ):

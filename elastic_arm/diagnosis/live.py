@@ -150,10 +150,8 @@ class Sizes:
                     continue
                 level = self._levels.setdefault((one["effect"], one["joint"], name), Level())
                 if not level.takes(value, std):
-                    before, now = (
-                        size_text(v, s, size["unit"])
-                        for v, s in ((level.mean, level.std), (value, std))
-                    )
+                    before = size_text(level.mean, level.std, size["unit"])
+                    now = size_text(value, std, size["unit"])
                     said.append(
                         f"{name} of {effect_at(one['effect'], one['joint'])} changed from {before}"
                         f" to {now}"

@@ -185,10 +185,8 @@ def _moved(
     motion: FourierTrajectory, limits: MotionLimits, rng: np.random.Generator
 ) -> FourierTrajectory:
     """Return the motion after a random step of amplitudes and centre, within the limits."""
-    a, b = (
-        values + STRIDE * np.std(values) * rng.standard_normal(values.shape)
-        for values in (motion.a, motion.b)
-    )
+    a = motion.a + STRIDE * np.std(motion.a) * rng.standard_normal(motion.a.shape)
+    b = motion.b + STRIDE * np.std(motion.b) * rng.standard_normal(motion.b.shape)
     q0 = motion.q0 + CENTRE_STRIDE * limits.half_range * rng.standard_normal(motion.n)
     q0 = np.clip(q0, limits.position_min, limits.position_max)
     moved = FourierTrajectory(motion.omega, a, b, q0, motion.duration, motion.ramp, motion.joints)

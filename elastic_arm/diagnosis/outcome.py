@@ -93,7 +93,7 @@ class _Outcome:
             made=prepared.made,
             changes=changes_between(self.parts.explanation, problem),
             known=tuple(_known_as_written(known) for known in self._known),
-            events=prepared.events,
+            events=prepared.all_events,
             notes=tuple(self._notes()),
             context=self._context(),
         )
@@ -110,7 +110,7 @@ class _Outcome:
         """The residuals that are left open, and the events."""
         events = [
             UnexplainedResidual(event.joint, event.side, "event", event.rmse)
-            for event in self.parts.prepared.events
+            for event in self.parts.prepared.all_events
         ]
         return [*self.causes.unknown.residuals(), *events]
 
@@ -129,10 +129,8 @@ class _Outcome:
         a gap by itself."""
         fit = self.parts.fit
         count = fit.model.bands.n
-        first, left = (
-            float(np.sum(np.maximum(one.found.left - count, 0.0)))
-            for one in (fit.model.fit(()), fit)
-        )
+        first = float(np.sum(np.maximum(fit.model.fit(()).found.left - count, 0.0)))
+        left = float(np.sum(np.maximum(fit.found.left - count, 0.0)))
         return 1.0 - left / first if first else 0.0
 
     # -- by joint and side
@@ -200,7 +198,7 @@ class _Outcome:
             yield UNFINISHED
         yield from (self._unknown_note(term) for _, term in unknown.laws)
         yield from (shape_note(*self.parts.places[row]) for row in unknown.open_rows)
-        yield from event_notes(prepared.events)
+        yield from event_notes(prepared.all_events)
         yield from self._ringing_notes()
         yield from prepared.notes
         if not prepared.independent_motion:
@@ -241,6 +239,7 @@ class _Outcome:
             before=before,
             after=parts.after,
             alone=[alone for _, alone in self.causes.found],
+            friction=parts.friction_added,
             regimes=[shares(data, before, row, gear_ratios(parts, row)) for row in rows],
             known=tuple(instance for instance, _ in self._known),
             unseen=parts.prepared.unseen,

@@ -65,9 +65,8 @@ class Prediction:
     @staticmethod
     def from_dict(data: Mapping[str, Any]) -> Prediction:
         """Return what :meth:`to_dict` wrote."""
-        before, after = (
-            None if data[name] is None else _flat(data[name]) for name in ("before", "after")
-        )
+        before = None if data["before"] is None else _flat(data["before"])
+        after = None if data["after"] is None else _flat(data["after"])
         return Prediction(
             tuple(data["horizons_s"]), data["starts"], before, after, data["reason"] or ""
         )

@@ -35,6 +35,10 @@ from elastic_arm.estimation.segments import of_one_rate
 from elastic_arm.evidence.keys import Key
 from elastic_arm.evidence.priors import Priors
 from elastic_arm.evidence.problem import Problem, uncertain_numbers
+from elastic_arm.identification.batch.ignored_commands import (
+    IgnoredCommands,
+    without_ignored_commands,
+)
 from elastic_arm.identification.batch.mounting import Mounting, other_mounting
 from elastic_arm.identification.batch.selection import turning_speeds
 from elastic_arm.memory import available_memory
@@ -67,6 +71,12 @@ class Prepared:
     mounting: Mounting | None  # how the arm is mounted, where that is not as described
     made: tuple[str, ...]  # joints whose motor torques are made of commands
     events: tuple[Event, ...] = ()  # that are left out
+    ignored: tuple[Event, ...] = ()  # stretches that were cut, as drives ignored their commands
+
+    @property
+    def all_events(self) -> tuple[Event, ...]:
+        """The stretches that were cut and the events that are left out."""
+        return (*self.ignored, *self.events)
 
     def without(self, events: Sequence[Event]) -> Prepared:
         """Return it with these events, and no others, left out."""
@@ -103,7 +113,7 @@ def prepare(
     Raises a DiagnosisError if the recordings allow no diagnosis: no torque, no motion, too short,
     validation equal to identification data; a RecordingError if a recording lacks a joint.
     """
-    split_up = _split_up(recordings, validate, question.robot)
+    split_up = _split_up(recordings, validate, question.robot, question.model)
     fitted, judging = split_up.parts
     observed = _observed(split_up.parts, held_back=split_up.held_back)
     robot, mounting = _mounted(question, observed[0])
@@ -157,6 +167,7 @@ def prepare(
         notes=(*notes, *_notes(split_up, still, layout, acting.unseen, priors)),
         mounting=mounting,
         made=tuple(name for name in names if name in fitted[0].made_by),
+        ignored=split_up.ignored,
     )
 
 
@@ -169,6 +180,7 @@ class _SplitUp(NamedTuple):
     parts: Parts
     begins: tuple[dict[str, float], dict[str, float]]  # as in :class:`Prepared`
     held_back: bool  # whether the recordings that judge are the last parts of the fitted ones
+    ignored: tuple[Event, ...]  # stretches that were cut, as drives ignored their commands
 
     @property
     def judged(self) -> dict[str, tuple[float, float]]:
@@ -190,19 +202,26 @@ class _SplitUp(NamedTuple):
 
 
 def _split_up(
-    recordings: Sequence[Recording], validate: Sequence[Recording], robot: Robot
+    recordings: Sequence[Recording], validate: Sequence[Recording], robot: Robot, model: str
 ) -> _SplitUp:
-    """Cut recordings at standstill and changes of rate, clear them, and split them."""
+    """Cut recordings at standstill, changes of rate and ignored commands, clear them, and split
+    them."""
     held_back = not validate
     least = SHORTEST / HELD_BACK if held_back else SHORTEST
     first = _moving(recordings, robot, least)
     second = _moving(validate, robot, least)
     chosen = [by_motor_encoders(part, robot) for part, _ in (*first, *second)]
     alike = with_common_zeros(share_out(usable, chosen), robot)
-    alike = [with_made_torque(one, robot) for one in alike]
-    fitted, judging = split(alike[: len(first)], alike[len(first) :])
+    followed: list[Recording] = []
+    ignored: list[Event] = []
+    for one, (_, start) in zip(alike, (*first, *second), strict=True):
+        made = with_made_torque(one, robot)
+        kept, stretches = without_ignored_commands(made, robot, model)
+        followed.append(kept)
+        ignored += _ignored(made, stretches, (made.start_ns - start) * 1e-9)
+    fitted, judging = split(followed[: len(first)], followed[len(first) :])
     begins = _begins(fitted, first), _begins(judging, first if held_back else second)
-    return _SplitUp((fitted, judging), begins, held_back)
+    return _SplitUp((fitted, judging), begins, held_back, tuple(ignored))
 
 
 def _moving(
@@ -225,6 +244,21 @@ def _begins(
     """Return where each part begins in its recording, s."""
     pairs = zip(parts, moving, strict=True)
     return {part.source: (part.start_ns - start) * 1e-9 for part, (_, start) in pairs}
+
+
+def _ignored(
+    recording: Recording, stretches: Sequence[IgnoredCommands], offset: float
+) -> Iterator[Event]:
+    """Yield the stretches in which a recording's drives ignore their commands, as events of each
+    joint.
+
+    offset: s from the first sample of what was recorded to that of this recording.
+    """
+    for one in stretches:
+        begin = one.begin + offset
+        end = one.end + offset
+        for joint, size in one.sizes.items():
+            yield Event(recording.source, joint, "motor", begin, end, size, ignored=True)
 
 
 class _Acting(NamedTuple):

@@ -192,10 +192,9 @@ def _drift_of(samples: Samples, j: int, averaging: float) -> tuple[float, float]
     """Return the drift that one joint shows, and its standard deviation: the lag's part that grows
     with time."""
     assert samples.q is not None and samples.theta is not None
-    t, q, theta = (
-        _averaged(samples.t, v, averaging)
-        for v in (samples.t, samples.q[:, j], samples.theta[:, j])
-    )
+    t = _averaged(samples.t, samples.t, averaging)
+    q = _averaged(samples.t, samples.q[:, j], averaging)
+    theta = _averaged(samples.t, samples.theta[:, j], averaging)
     torques = [c for c in (samples.tau_J, samples.tau_m) if c is not None][:1]
     loads = [_averaged(samples.t, c[:, j], averaging) for c in torques]
     v = np.gradient(theta, t)

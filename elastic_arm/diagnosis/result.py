@@ -338,7 +338,8 @@ class Diagnosis(Result):
     known
         Effects that belong to the model, with their sizes, as in `diagnosis.json`.
     events
-        Intervals that contradict the rest of their recording and are excluded.
+        Intervals that contradict the rest of their recording, or in which all drives ignored
+        their commands; they are excluded.
     notes
         Further information for the reader.
     prediction, proposal
@@ -711,7 +712,8 @@ def _proposal(data: Mapping[str, Any], folder: Path) -> Proposal:
 
     pairs = []
     for pair in data["pairs"]:
-        here, expected = (pair["log_likelihood"][name] for name in ("this_recording", "proposed"))
+        here = pair["log_likelihood"]["this_recording"]
+        expected = pair["log_likelihood"]["proposed"]
         pairs.append(
             PairSeparation(
                 place(pair["cause"]), place(pair["alternative"]), here, expected, pair["decides"]

@@ -117,7 +117,8 @@ class UnknownEffects:
         before, after = self.parts.gaps
         noise = before.of_sensors
         where = before.significant | after.significant
-        first, left = (gap.place(where) / noise for gap in (before, after))
+        first = before.place(where) / noise
+        left = after.place(where) / noise
         places = self.parts.places
         joints = {places[row][0] for row in self.rows}
         found: dict[str | None, float] = {}

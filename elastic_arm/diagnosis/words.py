@@ -135,7 +135,8 @@ def standing_note(joint: str) -> str:
 
 def event_notes(events: Sequence[Event]) -> list[str]:
     """Return a note for each recording with events."""
-    found = []
+    found = ignored_sentences(events)
+    events = [event for event in events if not event.ignored]
     for recording in dict.fromkeys(event.recording for event in events):
         each = [
             f"{e.joint} ({e.side} side) from {e.begin:.1f} to {e.end:.1f} s, {e.rmse:.2g} Nm RMS"
@@ -148,6 +149,16 @@ def event_notes(events: Sequence[Event]) -> list[str]:
         )
         found.append(f"{recording or 'the recording'}: {what}: {'; '.join(each)}.")
     return found
+
+
+def ignored_sentences(events: Sequence[Event]) -> list[str]:
+    """Return a sentence for each stretch in which no joint followed its commands."""
+    stretches = dict.fromkeys((e.recording, e.begin, e.end) for e in events if e.ignored)
+    return [
+        f"{recording or 'the recording'}: no joint follows its commands from {begin:.1f} to"
+        f" {end:.1f} s, as with the torque switched off; this part is excluded."
+        for recording, begin, end in stretches
+    ]
 
 
 def bare_note(joints: Sequence[str]) -> str:
@@ -288,6 +299,11 @@ def unknown_sentences(found: Diagnosis) -> list[str]:
     recording; nothing for another verdict."""
     if found.verdict != "unknown" or not found.unexplained:
         return []
+    if ignored := ignored_sentences(found.events):
+        return [
+            f"The verdict is unknown because of {ignored[0]}",
+            "Record next: the motion with the drives switched on throughout, or cut that part out.",
+        ]
     first, *others = found.unexplained
     place = (first.joint, first.side)
     unit = found.units.at(first.joint, "Nm")
@@ -402,6 +418,7 @@ def summary(found: Diagnosis) -> list[str]:
     causes = [cause_sentence(cause, found.model) for cause in found.causes]
     worse = closed_loop_sentences(found)
     first, *more = [
+        *ignored_sentences(found.events),
         *worse,
         *causes,
         _verdict_sentence(found, "the motor inertia" if inertias else ""),
@@ -670,10 +687,8 @@ def step_text(one: Course, recordings: Sequence[str]) -> str:
     sized = one.sized
     assert step is not None
     way = "rose" if step.after_value > step.before_value else "fell"
-    before, after = (
-        size_text(value, std, sized.unit)
-        for value, std in ((step.before_value, step.before_std), (step.after_value, step.after_std))
-    )
+    before = size_text(step.before_value, step.before_std, sized.unit)
+    after = size_text(step.after_value, step.after_std, sized.unit)
     what = f"{sized.effect.replace('_', ' ')} of {sized.joint or 'the whole arm'}"
     when = f"between {recordings[step.after]} and {recordings[step.until]}"
     return (

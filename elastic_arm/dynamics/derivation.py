@@ -18,9 +18,10 @@ class Symbols:
     """The variables of a mechanism: x, dx, ddx, f (dof,) and Psi (P,)."""
 
     def __init__(self, bodies: Bodies) -> None:
-        self.x, self.dx, self.ddx, self.f = (
-            ca.SX.sym(name, bodies.dof) for name in ("x", "dx", "ddx", "f")
-        )
+        self.x = ca.SX.sym("x", bodies.dof)
+        self.dx = ca.SX.sym("dx", bodies.dof)
+        self.ddx = ca.SX.sym("ddx", bodies.dof)
+        self.f = ca.SX.sym("f", bodies.dof)
         self.Psi = ca.SX.sym("Psi", len(bodies.parameters))
 
 

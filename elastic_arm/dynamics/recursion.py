@@ -180,7 +180,9 @@ def _outward(
         up = base if frame.parent == GROUND else motions[frame.parent]
         rotation = frame.before[:3, :3].T
         a = _add(up.a, _point_acceleration(up.w, up.dw, frame.before[:3, 3]))
-        w, dw, a = (_matrix_times(rotation, v) for v in (up.w, up.dw, a))
+        w = _matrix_times(rotation, up.w)
+        dw = _matrix_times(rotation, up.dw)
+        a = _matrix_times(rotation, a)
         k = frame.coordinate
         if frame.slides:
             a = _slid(_FrameMotion(w, dw, a), frame.axis, (x[k], dx[k], ddx[k]))
@@ -189,7 +191,9 @@ def _outward(
             turn = trig.cos(x[k]), trig.sin(x[k])
             w, dw, a = _turned(_FrameMotion(w, dw, a), frame.axis, turn, (dx[k], ddx[k]))
         a = _add(a, _point_acceleration(w, dw, frame.after[:3, 3]))
-        w, dw, a = (_matrix_times(frame.after[:3, :3].T, v) for v in (w, dw, a))
+        w = _matrix_times(frame.after[:3, :3].T, w)
+        dw = _matrix_times(frame.after[:3, :3].T, dw)
+        a = _matrix_times(frame.after[:3, :3].T, a)
         motions.append(
             _FrameMotion(w, dw, a, turn, _along(frame.axis, x[k] if frame.slides else 0.0))
         )
@@ -200,7 +204,9 @@ def _turned(
     up: _FrameMotion, axis: int, turn: tuple[Scalar, Scalar], rates: tuple[Scalar, Scalar]
 ) -> tuple[Vec, Vec, Vec]:
     """Motion of a frame that turns about an axis, from that of the frame it turns in."""
-    w, dw, a = (_turn_back(v, axis, turn) for v in (up.w, up.dw, up.a))
+    w = _turn_back(up.w, axis, turn)
+    dw = _turn_back(up.dw, axis, turn)
+    a = _turn_back(up.a, axis, turn)
     rate, acceleration = rates
     j = (axis + 1) % 3
     k = (axis + 2) % 3
@@ -246,7 +252,8 @@ def _inward(
             if frame.slides:
                 n = _add(n, _cross(motion.slide, f))
             else:
-                f, n = (_turn(v, frame.axis, motion.turn) for v in (f, n))
+                f = _turn(f, frame.axis, motion.turn)
+                n = _turn(n, frame.axis, motion.turn)
             wrenches[frame.parent].add(*_through(frame.before, f, n))
     return forces
 
@@ -264,7 +271,9 @@ def _carry_energy(
         p = list(placement[:3, 3])
         v = _add(v, _cross(w, p))
         height = height + _dot(g, p)
-        w, v, g = (_matrix_times(placement[:3, :3].T, vector) for vector in (w, v, g))
+        w = _matrix_times(placement[:3, :3].T, w)
+        v = _matrix_times(placement[:3, :3].T, v)
+        g = _matrix_times(placement[:3, :3].T, g)
         if turning and frame.slides:
             p = _along(frame.axis, x[frame.coordinate])
             v = _add(v, _cross(w, p))
@@ -272,7 +281,9 @@ def _carry_energy(
             v[frame.axis] = v[frame.axis] + dx[frame.coordinate]
         elif turning:
             turn = trig.cos(x[frame.coordinate]), trig.sin(x[frame.coordinate])
-            w, v, g = (_turn_back(vector, frame.axis, turn) for vector in (w, v, g))
+            w = _turn_back(w, frame.axis, turn)
+            v = _turn_back(v, frame.axis, turn)
+            g = _turn_back(g, frame.axis, turn)
             w[frame.axis] = w[frame.axis] + dx[frame.coordinate]
     return w, v, g, height
 
@@ -345,9 +356,12 @@ def _tensor_regressor(w: Vec, dw: Vec) -> list[Vec]:
     """I dw + w x I w as a matrix times the six of I: its products of w are shared by all that a
     frame carries."""
     x, y, z = w
-    xx, yy, zz, xy, xz, yz = (
-        _times(a, b) for a, b in ((x, x), (y, y), (z, z), (x, y), (x, z), (y, z))
-    )
+    xx = _times(x, x)
+    yy = _times(y, y)
+    zz = _times(z, z)
+    xy = _times(x, y)
+    xz = _times(x, z)
+    yz = _times(y, z)
     return [
         [dw[0], _minus(dw[1], xz), _plus(dw[2], xy), _times(-1.0, yz), _minus(yy, zz), yz],
         [xz, _plus(dw[0], yz), _minus(zz, xx), dw[1], _minus(dw[2], xy), _times(-1.0, xz)],

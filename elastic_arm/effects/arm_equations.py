@@ -144,7 +144,9 @@ class ArmEquations:
 def _derived_left_side(mechanism: Mechanism) -> ca.Function:
     """(x, dx, ddx, Psi) -> left side of (1): each effect that takes it would derive it anew."""
     bodies = mechanism.bodies
-    x, dx, ddx = (SX.sym(name, bodies.dof) for name in ("x", "dx", "ddx"))
+    x = SX.sym("x", bodies.dof)
+    dx = SX.sym("dx", bodies.dof)
+    ddx = SX.sym("ddx", bodies.dof)
     Psi = SX.sym("Psi", len(bodies.parameters))
     left = _left_side(bodies, x, dx, ddx, _entries(Psi))
     return ca.Function("left_side", [x, dx, ddx, Psi], [left])

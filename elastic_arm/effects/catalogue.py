@@ -189,10 +189,13 @@ def _tried(effect: Effect) -> None:
     equations = ArmEquations(robot, effect.lacked_by[-1])
     n = robot.n
     dof = equations.dof
-    x, dx, ddx = (ca.SX.sym(name, dof) for name in ("x", "dx", "ddx"))
-    tau_J, tau_m, dtau_J, dtau_m = (
-        ca.SX.sym(name, n) for name in ("tau_J", "tau_m", "dtau_J", "dtau_m")
-    )
+    x = ca.SX.sym("x", dof)
+    dx = ca.SX.sym("dx", dof)
+    ddx = ca.SX.sym("ddx", dof)
+    tau_J = ca.SX.sym("tau_J", n)
+    tau_m = ca.SX.sym("tau_m", n)
+    dtau_J = ca.SX.sym("dtau_J", n)
+    dtau_m = ca.SX.sym("dtau_m", n)
     speeds = {"link": dx[:n], "motor": dx[dof - n :]}
     sign = lambda side, i: ca.sign(speeds[side][i])  # noqa: E731
     motion = SymbolicMotion(equations, x, dx, ddx, tau_J, tau_m, dtau_J, dtau_m, sign)

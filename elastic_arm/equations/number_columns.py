@@ -231,7 +231,9 @@ def _regressor(model: Model, motion: CompletedMotion, directions: Array) -> Arra
     along[_springs(model)] = 0.0
     spins = [spin.parameter for spin in model.bodies.spins]
     columns = np.zeros((N, 3 * n, along.shape[1]))
-    x, dx, ddx = (motion.coordinates(rate, elastic=elastic) for rate in ("", "d", "dd"))
+    x = motion.coordinates("", elastic=elastic)
+    dx = motion.coordinates("d", elastic=elastic)
+    ddx = motion.coordinates("dd", elastic=elastic)
     memory = np.empty((min(N, BLOCK), (2 if elastic else 1) * n, len(along)))
     for first in range(0, N, BLOCK):
         part = slice(first, first + BLOCK)
@@ -301,7 +303,8 @@ def _drive_entries(
     values = np.empty((len(motion), len(found)))
     for column, (_, k, law) in enumerate(found):
         values[:, column] = law * parameters[k].prior_std
-    rows, numbers = (np.array([one[i] for one in found], dtype=int) for i in (0, 1))
+    rows = np.array([one[0] for one in found], dtype=int)
+    numbers = np.array([one[1] for one in found], dtype=int)
     return Entries(values, rows, numbers, (3 * n, len(parameters)))
 
 
@@ -322,7 +325,9 @@ def _of_gain(model: Model, parameter: Number, part: Part, acting: Sequence[Actin
     joint = model.robot.joints[j]
     controller = joint.controller
     assert controller is not None
-    tau_m, fed, dr = (signals.values[name][:, j] for name in ("tau_m", "fed", "dr"))
+    tau_m = signals.values["tau_m"][:, j]
+    fed = signals.values["fed"][:, j]
+    dr = signals.values["dr"][:, j]
     tau_m = tau_m - sum(
         share[1][:, j] for e, share in zip(acting, part.shares, strict=True) if e.feature.fixed
     )

@@ -52,9 +52,8 @@ def nearest_robot(robot: Robot, parameters: Sequence[Number], values: Array) -> 
 def _changed(joint: Joint, deviation: dict[str, float]) -> Joint:
     gear = joint.transmission
     if gear is not None:
-        rotor, spline = (
-            max(LEAST, 1.0 + deviation[what]) for what in ("rotor_inertia", "spline_inertia_ratio")
-        )
+        rotor = max(LEAST, 1.0 + deviation["rotor_inertia"])
+        spline = max(LEAST, 1.0 + deviation["spline_inertia_ratio"])
         gear = replace(
             gear,
             rotor=_scaled(gear.rotor, rotor),
@@ -66,7 +65,8 @@ def _changed(joint: Joint, deviation: dict[str, float]) -> Joint:
     controller = joint.controller
     armature = joint.armature
     if controller is not None:
-        scale, ratio = (1.0 + deviation.get(what, 0.0) for what in (SCALE, RATIO))
+        scale = 1.0 + deviation.get(SCALE, 0.0)
+        ratio = 1.0 + deviation.get(RATIO, 0.0)
         controller = controller.scaled(scale, scale * ratio)
     if armature:
         armature *= max(LEAST, 1.0 + deviation["rotor_inertia"])

@@ -144,9 +144,9 @@ def filtered_circularly(values: Array, gains: CircularGains) -> Array:
     out = np.zeros((values.shape[2], values.shape[1], harmonics.size))
     # Most columns show in few of the rows.
     for acting, columns in _alike(np.asarray(values.any(axis=0))):
-        own = values[:, acting][:, :, columns]
+        own = values.T[columns].take(acting, axis=1)
         first = int(gains.first[acting].min())
-        spectrum = rfft(np.ascontiguousarray(own.T))[:, :, : harmonics.size // 2]
+        spectrum = rfft(own)[:, :, : harmonics.size // 2]
         if len(acting) > FEW:
             products = gains.by_frequency[:, first:, acting] @ np.ascontiguousarray(
                 spectrum.transpose(2, 1, 0)

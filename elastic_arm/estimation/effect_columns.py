@@ -397,7 +397,8 @@ def starting_state(residual: Array, columns: Callable[[float], Array], size: flo
     for width in WIDTHS:
         low = max(-1.0, start - width)
         high = min(1.0, start + width)
-        lowest, highest = (columns(at)[:, :, 0] for at in (low, high))
+        lowest = columns(low)[:, :, 0]
+        highest = columns(high)[:, :, 0]
         between = 0.5 * (lowest + highest)
         change = (highest - lowest) / (high - low)
         if size is None:

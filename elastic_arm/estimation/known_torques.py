@@ -177,7 +177,8 @@ def true_load(
     load = known.load
     K, D = drive_constants(model)
     gain = observation.quiet_gain(f)[:, None] ** 2
-    link, motor = (observation.position_spectrum(side, f) * gain for side in ("link", "motor"))
+    link = observation.position_spectrum("link", f) * gain
+    motor = observation.position_spectrum("motor", f) * gain
     measured = K**2 * (link + motor)
     wound = K * (motion.theta - motion.q) + D * (motion.dtheta - motion.dq) + known.laws
     # As far as the deflection shows, the link's angles have the noise of their own encoder, be the

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, Self
 
@@ -18,6 +18,7 @@ from elastic_arm.recording.sides import Lacking
 
 # Hz, up to which it follows a joint torque sensor: the widest band in which residuals are looked at
 SENSED = 40.0
+BEHIND = 12.0  # Hz, up to which the deflection behind a single encoder follows the load
 PADDING = 500  # samples
 _CHANNELS = ("q", "theta", "tau_J", "tau_m", "r")
 _NO_CHANNELS = ("noise", "every", "span", "before", "lacking")
@@ -78,6 +79,10 @@ class Motion:
         """Return the names of the channels that a joint has, by its index."""
         return frozenset(name for name in self.recorded if (name, joint) not in self.lacking)
 
+    def unrecorded(self, channel: str, n: int) -> NDArray[np.bool_]:
+        """Return which of n joints (n,) lack a channel."""
+        return np.array([channel not in self.recorded_at(j) for j in range(n)])
+
     def follows_link_at(self, joint: int) -> bool:
         """Whether a motor's motion has to be made of the link's motion.
 
@@ -136,6 +141,7 @@ class CompletedMotion(Motion):
 
 
 Loads = Callable[["CompletedMotion"], Array]
+Angles = tuple[Array | None, Array | None, Array | None]  # with rates and accelerations
 
 
 def completed(motion: Motion, model: Model, loads: Loads | None = None) -> CompletedMotion:
@@ -145,47 +151,31 @@ def completed(motion: Motion, model: Model, loads: Loads | None = None) -> Compl
     payload; it winds a drive whose deflection no encoder shows.
     """
     K, D = drive_constants(model)
-    link = (motion.q, motion.dq, motion.ddq)
-    motor = (motion.theta, motion.dtheta, motion.ddtheta)
-    q, dq, ddq = (own if own is not None else other for own, other in zip(link, motor, strict=True))
-    without = {
-        name: np.array([name not in motion.recorded_at(j) for j in range(model.n)])
-        for name in _CHANNELS
-    }
-    if (
-        without["q"].any()
-        and model.robot.elastic
-        and q is not None
-        and dq is not None
-        and ddq is not None
-    ):
-        load = model.inverse_dynamics(*(np.hstack([v, v]) for v in (q, dq, ddq)))[:, : model.n]
-        # 12.0 Hz, up to which the deflection behind a single encoder follows the load
-        wound = _deflection(model, motion.t, load, 12.0)
-        q, dq, ddq = (
-            v - np.where(without["q"], w, 0.0) for v, w in zip((q, dq, ddq), wound, strict=True)
-        )
-        if loads is not None:
-            more = loads(completed(motion, model))
-            wound = _deflection(model, motion.t, more, 12.0)
-            q, dq, ddq = (
-                v - np.where(without["q"], w, 0.0) for v, w in zip((q, dq, ddq), wound, strict=True)
-            )
-    theta, dtheta, ddtheta = (
-        own if own is not None else other for own, other in zip(motor, link, strict=True)
-    )
+    link = motion.q, motion.dq, motion.ddq
+    motor = motion.theta, motion.dtheta, motion.ddtheta
+    q, dq, ddq = _first_recorded(link, motor)
+    theta, dtheta, ddtheta = _first_recorded(motor, link)
     if q is None or dq is None or ddq is None or theta is None or dtheta is None or ddtheta is None:
         raise DiagnosisError(
             "the recording contains no positions",
             "Record /motor_states or /joint_states with positions",
         )
+    without_q = motion.unrecorded("q", model.n)
+    if without_q.any() and model.robot.elastic:
+        load = model.inverse_dynamics(*(np.hstack([v, v]) for v in (q, dq, ddq)))[:, : model.n]
+        wound = _deflection(model, motion.t, load, BEHIND)
+        q, dq, ddq = _moved((q, dq, ddq), -1.0, wound, without_q)
+        if loads is not None:
+            more = loads(completed(motion, model))
+            wound = _deflection(model, motion.t, more, BEHIND)
+            q, dq, ddq = _moved((q, dq, ddq), -1.0, wound, without_q)
     follows = np.array([motion.follows_link_at(j) for j in range(model.n)])
     if follows.any() and motion.tau_J is not None and model.robot.elastic:
         wound = _deflection(model, motion.t, motion.tau_J, SENSED)
-        moved = zip((theta, dtheta, ddtheta), wound, strict=True)
-        theta, dtheta, ddtheta = (v + np.where(follows, w, 0.0) for v, w in moved)
+        theta, dtheta, ddtheta = _moved((theta, dtheta, ddtheta), 1.0, wound, follows)
     tau_J = K * (theta - q) + D * (dtheta - dq)
-    tau_J = tau_J if motion.tau_J is None else np.where(without["tau_J"], tau_J, motion.tau_J)
+    if motion.tau_J is not None:
+        tau_J = np.where(motion.unrecorded("tau_J", model.n), tau_J, motion.tau_J)
     tau_m = motion.tau_m if motion.tau_m is not None else np.zeros_like(tau_J)
     before = None if motion.before is None else completed(motion.before, model, loads)
     return CompletedMotion(
@@ -202,6 +192,27 @@ def completed(motion: Motion, model: Model, loads: Loads | None = None) -> Compl
         before=before,
         r=motion.r,
     )
+
+
+def _first_recorded(own: Angles, other: Angles) -> Angles:
+    """Return angles and their rates of one side; of the other where the first lacks them."""
+    position, rate, acceleration = (
+        mine if mine is not None else theirs for mine, theirs in zip(own, other, strict=True)
+    )
+    return position, rate, acceleration
+
+
+def _moved(
+    angles: tuple[Array, Array, Array],
+    sign: float,
+    wound: Sequence[Array],
+    where: NDArray[np.bool_],
+) -> tuple[Array, Array, Array]:
+    """Return angles and their rates (N, n) with a deflection added at some joints."""
+    position, rate, acceleration = (
+        v + sign * np.where(where, w, 0.0) for v, w in zip(angles, wound, strict=True)
+    )
+    return position, rate, acceleration
 
 
 def with_filtered_deflection(

@@ -9,6 +9,7 @@ belongs to the estimate is :class:`elastic_arm.estimation.smoother.Smoother`.
 from __future__ import annotations
 
 import functools
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
@@ -84,9 +85,8 @@ def estimate_noise(position: Array, velocity: Array | None, rate: float) -> Side
 
     position, velocity: (N, n) rad, rad/s on a regular grid.
 
-    Notes ----- Cutoff and the ratio of the two noises are common to the joints of a side (they
-    share encoders of a kind), the noise level is each joint's own and concentrated out of the
-    likelihood.
+    Cutoff and the ratio of the two noises are common to the joints of a side (they share encoders
+    of a kind), the noise level is each joint's own and concentrated out of the likelihood.
     """
     if len(position) <= SETTLING:
         raise IdentificationError(
@@ -97,35 +97,7 @@ def estimate_noise(position: Array, velocity: Array | None, rate: float) -> Side
     y = position[piece] - position[piece].mean(axis=0)
     v = None if velocity is None else velocity[piece] / rate
     observed = np.stack([y.T] if v is None else [y.T, v.T])
-    lowest = np.log(2 * np.pi * LOWEST_CUTOFF_HZ / rate)
-    highest = max(np.log(HIGHEST_CUTOFF), lowest)
-
-    few = slice(0, max(len(y) // 4, 256))
-
-    def cost(z: Array, part: slice = slice(None)) -> float:
-        cutoff = float(np.exp(np.clip(z[0], lowest, highest)))
-        outside = float(np.clip(z[0], lowest, highest) - z[0]) ** 2
-        return (
-            float(_concentrated(observed[..., part], cutoff, _ratio(z, v))[0].sum())
-            + len(y) * outside
-        )
-
-    grid = [
-        (c, r)
-        for c in np.linspace(lowest, highest, 6)
-        for r in (np.linspace(np.log(1e-3), np.log(30.0), 6) if v is not None else (0.0,))
-    ]
-    start = np.array(min(grid, key=lambda z: cost(np.array(z), few)))
-    simplex = start + np.array([[0.0, 0.0], [0.4, 0.0], [0.0, 0.8]])
-    best = scipy.optimize.minimize(
-        cost,
-        start,
-        method="Nelder-Mead",
-        options={"initial_simplex": simplex, "xatol": 0.05, "fatol": 1},
-    )
-    z = best.x
-    cutoff = float(np.exp(np.clip(z[0], lowest, highest)))
-    ratio = _ratio(z, v)
+    cutoff, ratio = _most_likely(observed, v, rate)
     variance = _concentrated(observed, cutoff, ratio)[1]
     std = np.sqrt(variance)
     wide = _liveliest(position, LONGEST_SPECTRUM)
@@ -146,20 +118,45 @@ def estimate_noise(position: Array, velocity: Array | None, rate: float) -> Side
     return SideNoise(cutoff, std, velocity_std, white, white_velocity, slow)
 
 
+def _most_likely(observed: Array, v: Array | None, rate: float) -> tuple[float, float | None]:
+    """Return the most likely cutoff, rad a sample, and ratio of the noises.
+
+    observed: (1 or 2, n, N) angles, and rates v (N, n) times the sample interval; the ratio is None
+    without rates.
+    """
+    lowest = np.log(2 * np.pi * LOWEST_CUTOFF_HZ / rate)
+    highest = max(np.log(HIGHEST_CUTOFF), lowest)
+    count = observed.shape[-1]
+
+    def cost(z: Array, part: slice = slice(None)) -> float:
+        inside = np.clip(z[0], lowest, highest)
+        outside = float(inside - z[0]) ** 2
+        fit, _ = _concentrated(observed[..., part], float(np.exp(inside)), _ratio(z, v))
+        return float(fit.sum()) + count * outside
+
+    few = slice(0, max(count // 4, 256))
+    ratios = (0.0,) if v is None else np.linspace(np.log(1e-3), np.log(30.0), 6)
+    grid = itertools.product(np.linspace(lowest, highest, 6), ratios)
+    start = np.array(min(grid, key=lambda z: cost(np.array(z), few)))
+    simplex = start + np.array([[0.0, 0.0], [0.4, 0.0], [0.0, 0.8]])
+    options = {"initial_simplex": simplex, "xatol": 0.05, "fatol": 1}
+    z = scipy.optimize.minimize(cost, start, method="Nelder-Mead", options=options).x
+    return float(np.exp(np.clip(z[0], lowest, highest))), _ratio(z, v)
+
+
 class Telegraph(NamedTuple):
     """Noise of encoders that round an angle that nearly stands.
 
-    The reading goes to and fro between two steps.
+        power(f) = a + c / (f² + f0²)        over white noise of the encoder's standard deviation
 
-    While an angle moves, rounding makes white noise, of power a. Where it stands, the noise is as
-    strong, and slow: its spectrum is c / (f² + f0²), the integral of which is the white noise's
-    times the share of the time that it stands.
+    While an angle moves, rounding makes white noise, of power a. Where it stands, the reading goes
+    to and fro between two steps: the noise is as strong, and slow. Its power, the integral of the
+    second term, is that of the white noise times the share of the time in which the angle stands.
     """
 
-    # a, c, f0: (n,) over white noise of the encoder's standard deviation; Hz², Hz
-    a: Array
-    c: Array
-    f0: Array
+    a: Array  # (n,) power of the white part
+    c: Array  # (n,) Hz², strength of the slow part
+    f0: Array  # (n,) Hz, below which the slow part is flat
 
     @staticmethod
     def of(position: Array, step: Array, side: SideNoise, rate: float) -> Telegraph:

@@ -433,18 +433,17 @@ def observe(recording: Recording, band: float | None = None) -> Observation:
     # Readings that do not follow the motion are compared singly.
     singly = readings is not None and widest_band(readings.rate) < cutoff
 
-    smoother = _wide_smoother(designed, recording.n, band or widest_band(clock.rate))
-    calm = replace(smoother, cutoff=min(smoother.cutoff, designed.cutoff))
-    if singly:
-        # Smoothed less, the motion would fold into the band of the readings.
-        smoother = calm
+    wide = _wide_smoother(designed, recording.n, band or widest_band(clock.rate))
+    calm = replace(wide, cutoff=min(wide.cutoff, designed.cutoff))
+    # Smoothed less, the motion would fold into the band of the readings.
+    smoother = calm if singly else wide
+    # Of a part that is shorter the smoother sees too little; without any other it says so.
+    least = max(smoother.lag, calm.lag)
+    grids = [grid for grid in grids if len(grid) > least] or grids
     span = (0.0, float(samples.t[-1]))
     pieces = _smoothed(grids, smoother, span)
     if singly:
-        pieces = tuple(
-            replace(piece, tau_J=grid.tau_J, tau_m=grid.tau_m)
-            for piece, grid in zip(pieces, grids, strict=True)
-        )
+        pieces = _with_recorded_torques(pieces, grids)
     quiet = pieces if calm.cutoff == smoother.cutoff else _smoothed(grids, calm, span)
 
     spectra = torque_spectra(recording)
@@ -478,6 +477,12 @@ def observe(recording: Recording, band: float | None = None) -> Observation:
         holes=holes,
     )
     return replace(found, quiet=tuple(found.with_filtered_deflection(piece) for piece in quiet))
+
+
+def _with_recorded_torques(pieces: Sequence[Motion], grids: Sequence[Grid]) -> tuple[Motion, ...]:
+    """Return smoothed motion with the torques as they were recorded."""
+    pairs = zip(pieces, grids, strict=True)
+    return tuple(replace(piece, tau_J=grid.tau_J, tau_m=grid.tau_m) for piece, grid in pairs)
 
 
 def _encoder_noise(position: Array | None, rate: Array | None, samples: float) -> SideNoise | None:

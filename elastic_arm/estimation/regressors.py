@@ -253,6 +253,15 @@ class Entries:
         out[self.columns, self.rows] = self.values.T
         return out.T
 
+    def combined(self, transform: Array) -> Array:
+        """Return columns (N, R, k) of combinations (R, 3 n) of the rows; each row of a column
+        stands in memory as a whole."""
+        out = np.zeros((self.shape[1], len(transform), len(self.values)))
+        for values, row, column in zip(self.values.T, self.rows, self.columns, strict=True):
+            for to in np.flatnonzero(transform[:, row]):
+                out[column, to] += transform[to, row] * values
+        return out.T
+
     def weighted(self, coefficients: Array) -> Array:
         """Return the sum (N, 3 n) of the columns times coefficients (k,)."""
         out = np.zeros((self.shape[0], len(self.values)))

@@ -295,9 +295,8 @@ def interpolate(known: Array, values: Array, wanted: Array, step: float) -> Arra
         near = slice(max(hole + 1 - count, 0), hole + 1 + count)
         middle = known[hole : hole + 2].mean()
         half = np.ptp(known[near]) / 2.0
-        there, at = (
-            legvander((t - middle) / half, POINTS - 1) for t in (known[near], wanted[inside])
-        )
+        there = legvander((known[near] - middle) / half, POINTS - 1)
+        at = legvander((wanted[inside] - middle) / half, POINTS - 1)
         found[inside] = at @ np.linalg.lstsq(there, values[near])[0]
     return found
 

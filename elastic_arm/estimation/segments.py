@@ -218,9 +218,9 @@ def _information(side: Side, model: Model) -> Array:
     if len(position) <= 2 * width:
         position = np.zeros((2 * width + 1, model.n))  # too short to tell anything
     every = slice(width, -width, max(1, round(1.0 / (RATE * step))))
-    q, dq, ddq = (
-        savgol_filter(position, width, 3, deriv=k, delta=step, axis=0)[every] for k in range(3)
-    )
+    q = savgol_filter(position, width, 3, deriv=0, delta=step, axis=0)[every]
+    dq = savgol_filter(position, width, 3, deriv=1, delta=step, axis=0)[every]
+    ddq = savgol_filter(position, width, 3, deriv=2, delta=step, axis=0)[every]
     double = (lambda rate: np.hstack([rate, rate])) if model.robot.elastic else (lambda rate: rate)
     terms = model.regressor(double(q), double(dq), double(ddq)) * model.Psi
     error = np.hypot(NOISE, MISSED * terms.sum(axis=-1))

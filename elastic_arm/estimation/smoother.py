@@ -83,7 +83,8 @@ class Smoother:
                 "no positions were recorded", "Record /joint_states or /motor_states."
             )
         cutoff = max(side.cutoff for side in sides)
-        of_link, of_motor = (_crossover(side, cutoff, rate, n) for side in (link, motor))
+        of_link = _crossover(link, cutoff, rate, n)
+        of_motor = _crossover(motor, cutoff, rate, n)
         return Smoother(rate, cutoff, of_link, of_motor, link, motor)
 
     def steeper(self, cutoff: float) -> Smoother:
@@ -336,7 +337,8 @@ def runs(grid: Grid, lost: int) -> Iterator[Grid]:
 
 def left_out(grids: Sequence[Grid], used: Sequence[Grid]) -> tuple[str, ...]:
     """Return in words which pieces between gaps are too short for the smoother."""
-    kept, whole = (sum(map(len, some)) for some in (used, grids))
+    kept = sum(map(len, used))
+    whole = sum(map(len, grids))
     if len(used) == len(grids):
         return ()
     pieces = f"{len(grids) - len(used)} of {len(grids)} intervals between gaps"
@@ -360,7 +362,6 @@ def _moves_at_ends(grid: Grid, count: int) -> bool:
     if position is None:
         return False
     speed = np.diff(position, axis=0)
-    whole, ends = (
-        np.sqrt(np.mean(v**2)) for v in (speed, np.concatenate([speed[:count], speed[-count:]]))
-    )
+    whole = np.sqrt(np.mean(speed**2))
+    ends = np.sqrt(np.mean(np.concatenate([speed[:count], speed[-count:]]) ** 2))
     return bool(ends > MOVING * whole)

@@ -97,7 +97,7 @@ class NoiseModel:
 
         Beyond the band it is as at its edge.
         """
-        power = np.real(np.einsum("frr->fr", self.covariance))
+        power = np.real(np.einsum("frr->fr", self.covariance)).copy()  # else it is a view
         edge = int(np.searchsorted(self.f, band.cutoff))
         power[edge:] = power[edge - 1]
         return np.fft.irfft(power, axis=0)[: len(power)]
@@ -448,11 +448,10 @@ class WhitenedData:
     def _in_band_of(self, k: int, feature: Feature, points: Sequence[Sequence[float]]) -> Array:
         """Return a feature's columns in stretch k."""
         part = self.parts[k]
-        thin = [
-            part.thinned(feature.entries(part.signals, point, self._start(k, feature, point)))
-            for point in points
+        each = [
+            feature.entries(part.signals, point, self._start(k, feature, point)) for point in points
         ]
-        columns = self.layout.combine(Entries.side_by_side(thin).dense())
+        columns = self.in_band(part, Entries.side_by_side(each))
         gain = part.gain(feature)
         return columns if gain == 1.0 else columns / gain
 
@@ -470,7 +469,7 @@ class WhitenedData:
         """Filter columns (N, 3 n, k) to the usable equations in the band, (N', R, k)."""
         entries = columns if isinstance(columns, Entries) else Entries.of(columns)
         # Fewer samples first: filter and combination commute.
-        return self.layout.combine(part.thinned(entries).dense())
+        return part.thinned(entries).combined(self.layout.transform)
 
     def whiten(self, columns: Sequence[Array]) -> Array:
         """Whiten columns (N', R, k) of all stretches into rows (rows, k).
@@ -480,11 +479,17 @@ class WhitenedData:
         Rows are harmonics. Equations are made independent in their order: null before the first in
         which it shows.
         """
-        white = [
-            filtered_circularly(values, part.noise.whitening_gains(len(values), part.stretch.band))
+        gains = [
+            part.noise.whitening_gains(len(values), part.stretch.band)
             for values, part in zip(columns, self.parts, strict=True)
         ]
-        together = white[0] if len(white) == 1 else np.concatenate(white, axis=2)[:, :, self._order]
+        if len(columns) == 1:
+            together = filtered_circularly(columns[0], gains[0])
+        else:
+            _, rows, count = columns[0].shape
+            together = np.empty((count, rows, len(self._order)))
+            for values, own, places in zip(columns, gains, self._places, strict=True):
+                together[:, :, places] = filtered_circularly(values, own)
         return together.reshape(len(together), -1).T  # each column stands in memory as a whole
 
     @cached_property
@@ -496,6 +501,12 @@ class WhitenedData:
     @cached_property
     def _order(self) -> NDArray[np.intp]:
         return np.argsort(np.concatenate(self._of_each), kind="stable")
+
+    @cached_property
+    def _places(self) -> list[NDArray[np.intp]]:
+        """Where the rows of one residual of each stretch are among those of all."""
+        ends = np.cumsum([len(own) for own in self._of_each])[:-1]
+        return np.split(np.argsort(self._order), ends)
 
     @property
     def frequencies(self) -> Array:

@@ -257,7 +257,8 @@ class LinearModel:
         kinds = [np.zeros(0, dtype=int)]
         for kind in np.unique(self.kinds):
             own = np.flatnonzero(self.kinds == kind)
-            e, U = np.linalg.eigh(self.N[:, own].T @ self.N[:, own])
+            columns = self.N[:, own]
+            e, U = np.linalg.eigh(columns.T @ columns)
             is_determined = e * WIDEST.get(KINDS[kind], 1.0) ** 2 > UNTOLD
             V = np.zeros((len(self.mean), int(is_determined.sum())))
             V[own] = U[:, is_determined]

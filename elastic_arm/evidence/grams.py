@@ -95,7 +95,7 @@ class Bands:
         """
         begins = np.flatnonzero(np.diff(self.place, prepend=-1)).tolist()
         for begin, after in pairwise([*begins, len(self.slices)]):
-            if columns[self.slices[begin].start : self.slices[after - 1].stop].any():
+            if any(columns[own].any() for own in self.slices[begin:after]):
                 return begin
         return begins[-1]
 
@@ -116,7 +116,10 @@ class Grams:
     def __init__(self, y: Array, N: Array, bands: Bands, basis: Array) -> None:
         self.bands = bands
         self.basis = basis
-        self.base = bands.side_by_side([y[:, None], N @ basis])
+        base = np.empty((1 + basis.shape[1], len(y)))
+        base[0] = y
+        np.matmul(basis.T, N.T, out=base[1:])
+        self.base = base.T  # each column stands in memory as a whole
         self.G0 = bands.products(self.base, self.base)
         rows, columns = np.tril_indices(self.G0.shape[1] - 1)
         self._base_half = self.G0[:, 1 + rows, 1 + columns]
@@ -190,13 +193,36 @@ class Grams:
             self._pairs[o.ident, term.ident] = own
             self._pairs[term.ident, o.ident] = own.transpose(0, 2, 1)
 
+    def _multiply(self, terms: Sequence[Term]) -> None:
+        """Make the products of new terms with the base and with one another, all in one pass over
+        the columns."""
+        new = [t for t in terms if t.ident not in self._with_base]
+        if len(new) < 2:
+            return
+        together = self.bands.side_by_side([self.columns(t) for t in new])
+        ends = np.cumsum([self.columns(t).shape[1] for t in new])[:-1]
+        with_base = np.split(self.bands.products(self.base, together), ends, axis=2)
+        rows = np.split(self.bands.products(together, together), ends, axis=1)
+        for one, own, row in zip(new, with_base, rows, strict=True):
+            self._with_base[one.ident] = own
+            for other, pair in zip(new, np.split(row, ends, axis=2), strict=True):
+                self._pairs[one.ident, other.ident] = pair
+
     def with_numbers(self, term: Term, lacking: Sequence[ShareTerm]) -> Array:
         """Return the products (B, k, m) of the numbers' columns, less some shares of theirs, with a
         term's columns."""
         found = self.with_base(term)[:, 1:]
-        for share in lacking:
-            found = found - self.basis[share.moved].T @ self.pair(share, term)
-        return found
+        if not lacking:
+            return found
+        self._pair_all(lacking, term)
+        of_shares = np.concatenate([self.pair(share, term) for share in lacking], axis=1)
+        return np.asarray(found - self.moved_by(lacking).T @ of_shares)
+
+    def moved_by(self, shares: Sequence[ShareTerm]) -> Array:
+        """Return the combinations (M, k) of the shares' columns, side by side, that are parts of
+        the numbers' columns."""
+        none = self.basis[:0]
+        return np.concatenate([none, *(self.basis[share.moved] for share in shares)])
 
     def _numbers(self, lacking: Sequence[ShareTerm]) -> tuple[Array, Array]:
         """Return the lower half of the products of the numbers' columns, less some shares of
@@ -207,18 +233,20 @@ class Grams:
         return kept(self._lacking, key, lambda: self._less_shares(lacking), LACKING)
 
     def _less_shares(self, lacking: Sequence[ShareTerm]) -> tuple[Array, Array]:
-        """Return the same, made anew."""
-        H, b = self.G0[:, 1:, 1:], self.G0[:, 0, 1:]
-        for share in lacking:
-            mixed = self.basis[share.moved].T @ self.with_base(share)[:, 1:].transpose(0, 2, 1)
-            H = H - mixed - mixed.transpose(0, 2, 1)
-            H = H + sum(
-                self.basis[share.moved].T @ self.pair(share, other) @ self.basis[other.moved]
-                for other in lacking
-            )
-            b = b - self.with_base(share)[:, 0] @ self.basis[share.moved]
-        rows, columns = np.tril_indices(H.shape[1])
-        return H[:, rows, columns], b
+        """Return the same, made anew.
+
+            (N - X V)'(N - X V) = N'N - M - M',   M = (N'X - V'X'X / 2) V
+
+        X holds the columns of the shares, V what of them is in the numbers' columns N.
+        """
+        self._multiply(lacking)
+        V = self.moved_by(lacking)
+        with_base = np.concatenate([self.with_base(share) for share in lacking], axis=2)
+        XX = np.block([[self.pair(one, other) for other in lacking] for one in lacking])
+        M = (with_base[:, 1:] - 0.5 * V.T @ XX) @ V
+        rows, columns = np.tril_indices(V.shape[1])
+        half = self._base_half - (M + M.transpose(0, 2, 1))[:, rows, columns]
+        return half, self.G0[:, 0, 1:] - with_base[:, 0] @ V
 
     def of(self, terms: Sequence[Term], lacking: Sequence[ShareTerm] = ()) -> Products:
         """Return the products of a set: coefficients of the numbers first, then of the terms in
@@ -229,6 +257,7 @@ class Grams:
         """
         (half, base), yy = self._numbers(lacking), self.G0[:, 0, 0]
         terms = [self.less(t, lacking) for t in terms]
+        self._multiply(terms)
         offsets = [t for t in terms if t.offset is not None]
         for t in offsets:  # of known size: off the residual
             base = base - self.with_numbers(t, lacking)[:, :, 0]

@@ -154,7 +154,7 @@ def _placed(
     def sizes_at(points: Array) -> tuple[Array, Array]:
         """Return the most probable size at each of several numbers (M, k), and the gains, nats."""
         m = monomials(points)
-        energy = np.einsum("pi,ij,pj->p", m, G, m)
+        energy = np.sum(m @ G * m, axis=1)
         curvature = 1.0 + variance * np.maximum(energy, 0.0)
         slope = m @ b
         size = variance * slope / curvature

@@ -25,6 +25,8 @@ LARGEST_RATIO = 0.75  # relative error of a torque channel's gain
 TURNING = 2e-3
 WIDTHS = ((0.25, 1.0), (1.0, 4.0), (1.0,))
 
+Errors = dict[tuple[str, str | None], Feature]  # number, joint -> the effect as which it is off
+
 
 def numbers_of(
     robot: Robot,
@@ -46,66 +48,81 @@ def numbers_of(
     they were not looked for; sides: of the equations: with one of them alone, how friction turns
     over is the same on both sides of a drive.
     """
-    found: list[Number] = []
     features = tuple(features)
     inertias = _motor_inertias(pieces)
-    errors = {
-        (feature.effect.number, feature.joint): feature
-        for feature in features
-        if feature.effect.number
-    }
+    errors: Errors = {}
+    for feature in features:
+        if feature.effect.number:
+            errors[feature.effect.number, feature.joint] = feature
+    found: list[Number] = []
     for j, joint in enumerate(robot.joints):
-        stds = {"link_mass": ("1", priors.mass, 1.0)}
-        stds |= {f"link_com_{axis}": ("m", priors.centre_of_mass, 0.0) for axis in "xyz"}
-        for a, b in TENSOR:
-            std = priors.inertia if a == b else priors.product_of_inertia
-            stds[f"link_inertia_{'xyz'[a]}{'xyz'[b]}"] = ("1", std, 0.0)
-        if joint.transmission is not None:
-            stds |= {
-                "rotor_inertia": ("1", priors.rotor, 1.0),
-                "spline_inertia_ratio": ("1", priors.rotor, 1.0),
-            }
-            stds |= {
-                "stiffness": ("1", priors.stiffness, 1.0),
-                "damping": ("1", priors.damping, 1.0),
-            }
-        if joint.armature:
-            stds |= {"rotor_inertia": ("1", priors.rotor, 1.0)}
-        elif joint.armature is not None and inertias is not None:
-            stds |= {
-                "rotor_inertia": ("kg" if joint.prismatic else "kg m^2", float(inertias[j]), 0.0)
-            }
-        for what, (unit, std, neutral) in stds.items():
-            limit = LARGEST_SCALE / std if what in ("stiffness", "damping") else np.inf
-            error = errors.get((what, joint.name)) if neutral == 1.0 else None
-            found.append(Number(what, joint.name, unit, std, neutral, error=error, limit=limit))
+        found += _of_joint(j, joint, priors, inertias, errors)
         presliding = min(priors.presliding, PRESLIDING_SHARE * float(largest[j]))
         found += _turnovers(joint, 0.0 if turning is None else float(turning[j]), presliding, sides)
     for feature in features:
-        if (
-            isinstance(feature.effect, ControllerEffect)
-            and feature.effect.number
-            and feature.joint is not None
-        ):
-            # one gain is all of them
-            what = feature.effect.number if (SCALE, feature.joint) in errors else SCALE
-            std = priors.controller if what == SCALE else priors.gain_ratio
-            limit = LARGEST_SCALE / std
-            found.append(Number(what, feature.joint, "1", std, 1.0, error=feature, limit=limit))
-        chosen = _single_choices(feature)
-        if feature.effect.prior is None or feature.joint is None or chosen is None:
-            continue
-        parameter = feature.linear[0]
-        std = priors.sensors.get(feature.effect.id, feature.effect.prior(rate))
-        if parameter.unit == "Nm" and feature.effect.id not in priors.sensors:
-            std = min(std, OFFSET_SHARE * float(largest[robot.joint_names.index(feature.joint)]))
-        limit = LARGEST_RATIO / std if parameter.unit == "1" else np.inf
-        what = "_".join([feature.effect.id, *chosen])
-        neutral = parameter.neutral or 0.0
-        found.append(
-            Number(what, feature.joint, feature.unit(parameter), std, neutral, feature, limit=limit)
-        )
+        if isinstance(feature.effect, ControllerEffect):
+            found += _of_controller(feature, priors, errors)
+        found += _of_sensor(feature, robot, rate, priors, largest)
     return tuple(found)
+
+
+def _of_joint(
+    j: int, joint: Joint, priors: Priors, inertias: Array | None, errors: Errors
+) -> Iterator[Number]:
+    """Yield the numbers of a link, its drive and its motor.
+
+    j: index of the joint; inertias: standard deviations (n,) of motor inertias that the description
+    lacks; None where the motion does not show their scale.
+    """
+    # what -> unit, standard deviation of the prior, value of the description
+    stds = {"link_mass": ("1", priors.mass, 1.0)}
+    for axis in "xyz":
+        stds[f"link_com_{axis}"] = ("m", priors.centre_of_mass, 0.0)
+    for a, b in TENSOR:
+        std = priors.inertia if a == b else priors.product_of_inertia
+        stds[f"link_inertia_{'xyz'[a]}{'xyz'[b]}"] = ("1", std, 0.0)
+    if joint.transmission is not None:
+        stds["rotor_inertia"] = ("1", priors.rotor, 1.0)
+        stds["spline_inertia_ratio"] = ("1", priors.rotor, 1.0)
+        stds["stiffness"] = ("1", priors.stiffness, 1.0)
+        stds["damping"] = ("1", priors.damping, 1.0)
+    if joint.armature:
+        stds["rotor_inertia"] = ("1", priors.rotor, 1.0)
+    elif joint.armature is not None and inertias is not None:
+        unit = "kg" if joint.prismatic else "kg m^2"
+        stds["rotor_inertia"] = (unit, float(inertias[j]), 0.0)
+    for what, (unit, std, neutral) in stds.items():
+        limit = LARGEST_SCALE / std if what in ("stiffness", "damping") else np.inf
+        error = errors.get((what, joint.name)) if neutral == 1.0 else None
+        yield Number(what, joint.name, unit, std, neutral, error=error, limit=limit)
+
+
+def _of_controller(feature: Feature, priors: Priors, errors: Errors) -> Iterator[Number]:
+    """Yield the gain of a joint's controller; where it has one alone, that is the scale of all."""
+    if not feature.effect.number or feature.joint is None:
+        return
+    what = feature.effect.number if (SCALE, feature.joint) in errors else SCALE
+    std = priors.controller if what == SCALE else priors.gain_ratio
+    yield Number(what, feature.joint, "1", std, 1.0, error=feature, limit=LARGEST_SCALE / std)
+
+
+def _of_sensor(
+    feature: Feature, robot: Robot, rate: float, priors: Priors, largest: Array
+) -> Iterator[Number]:
+    """Yield the number of a sensor's effect at a joint; none of an effect without a prior."""
+    effect = feature.effect
+    chosen = _single_choices(feature)
+    if effect.prior is None or feature.joint is None or chosen is None:
+        return
+    parameter = feature.linear[0]
+    std = priors.sensors.get(effect.id, effect.prior(rate))
+    if parameter.unit == "Nm" and effect.id not in priors.sensors:
+        torque = float(largest[robot.joint_names.index(feature.joint)])
+        std = min(std, OFFSET_SHARE * torque)
+    limit = LARGEST_RATIO / std if parameter.unit == "1" else np.inf
+    what = "_".join([effect.id, *chosen])
+    neutral = parameter.neutral or 0.0
+    yield Number(what, feature.joint, feature.unit(parameter), std, neutral, feature, limit=limit)
 
 
 def _turnovers(joint: Joint, turning: float, std: float, sides: Sequence[str]) -> Iterator[Number]:

@@ -280,19 +280,39 @@ def _explained(
     most: steps that the search may take; refused: scores of sets at their own
     linearisations, as they compare with those at this one.
     """
+    parts = linear, refit, shared, moves, most, refused or {}
+    found = _alternated(start, assumed, *parts)
+    alone = found.best.model.assumed._replace(zeros=1.0)
+    if alone == found.best.model.assumed or shared.watch.is_over():
+        return found
+    # One zero far off is more than one move from all zeros on a larger scale.
+    other = _alternated(found.best.optional, alone, *parts)
+    better = max(found, other, key=lambda one: one.best.score)
+    return replace(better, path=[*found.path, *other.path], log=(*found.log, *other.log))
+
+
+def _alternated(
+    start: Sequence[Term],
+    assumed: Assumed,
+    linear: Linearisation,
+    refit: bool,
+    shared: Shared,
+    moves: int,
+    most: int,
+    refused: Mapping[frozenset[Key], float],
+) -> Explanation:
+    """Return the same, from one assumption: what is most probably assumed beside the set, and the
+    set beside it, until both stay."""
     assumptions = _assumptions(linear.problem, refit)
     model = linear_model(linear, assumed)
     log: list[str] = []
     screens = _screens(linear, model, laws=moves == ALL)
     terms = start
-    # What is most probably assumed beside the set, and the set beside it, until both stay.
     tried: dict[Assumed, Search] = {}
     path: list[Fit] = []
     while assumed not in tried:
         known = linear.cache.setdefault("refined", {}).setdefault(assumed, {})
-        search = Search(
-            linear, model.assuming(assumed), screens, shared.thetas, refused or {}, known
-        )
+        search = Search(linear, model.assuming(assumed), screens, shared.thetas, refused, known)
         search.is_over = shared.watch.is_over
         search.is_far = is_far
         best = search.run(terms, moves=moves, most=most)

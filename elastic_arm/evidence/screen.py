@@ -10,6 +10,7 @@ with the columns A of the fit, and S the covariance (p, p) of the fit's coeffici
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +21,7 @@ from scipy.special import logsumexp
 from elastic_arm.arrays import Array
 from elastic_arm.evidence.fit import Fit, LinearModel
 from elastic_arm.evidence.grams import Grams, kept
+from elastic_arm.evidence.keys import Ident
 from elastic_arm.evidence.posterior import Posterior, mass
 from elastic_arm.evidence.priors import RELATED, SCALES, SIZES
 from elastic_arm.evidence.side_by_side import SideBySide, tail_of
@@ -27,10 +29,26 @@ from elastic_arm.evidence.tails import Tail
 from elastic_arm.evidence.terms.law import LawTerm
 from elastic_arm.evidence.terms.term import Term
 
-# screens, and products with all terms, that are kept; memory
+# screens, products with all terms and gains that are kept; memory
 SCREENS = 2
 PRODUCTS = 40
+GAINED = 100
 LOOKED_AT = 30  # terms of which first-order gains are made well; numerical
+
+
+class Gained(NamedTuple):
+    """What terms would gain beside a fit (T,) nats, and the sizes of laws at which they do."""
+
+    nats: Array
+    chosen: dict[int, float]
+
+
+class Group(NamedTuple):
+    """Products of some columns of terms with those of a fit, in the bands from a first one on."""
+
+    numbers: Array  # (c', B', K) with the numbers' columns, shares of effects in them
+    shares: Array  # (c', B', M) with those of these shares that are not there
+    terms: Array  # (c', B', p') with the terms' columns
 
 
 class Beside(NamedTuple):
@@ -39,8 +57,8 @@ class Beside(NamedTuple):
     C: Array  # (c, p) products with its columns, at its noise
     left: Array  # (c, B) products with what it leaves
     needed: NDArray[np.intp]  # the stored columns of which they are made
-    # of each group of these, products (c', B', p') with the fit's columns in several pieces
-    pieces: list[list[Array]]
+    groups: list[Group]  # of these columns
+    moved: Array  # (M, K) what of the shares is in the numbers' columns
 
 
 class Screen:
@@ -89,6 +107,7 @@ class Screen:
         self.chosen: dict[int, float] = {}
         self._proposed: dict[int, Term] = {}
         self._with: dict[object, list[Array]] = {}
+        self._gained: dict[object, Gained] = {}
         self._screens: dict[object, Screen] = {}
         self._whole: tuple[Posterior, Array, Array] | None = None  # of the last fit
 
@@ -119,13 +138,24 @@ class Screen:
             self._screens, tuple(t.ident for t in terms), lambda: Screen(self.grams, terms), SCREENS
         )
 
-    def _with_term(self, term: Term) -> list[Array]:
-        return kept(
-            self._with,
-            term.ident,
-            lambda: self.columns.products(self.grams.columns(term)),
-            PRODUCTS,
-        )
+    def _with_terms(self, terms: Sequence[Term]) -> list[list[Array]]:
+        """Return the products (c', B', m) of each group with the columns of each term.
+
+        New ones are made in one pass over the columns.
+        """
+        new = [t for t in terms if t.ident not in self._with]
+        made: dict[Ident, list[Array]] = {}
+        if new:
+            columns = [self.grams.columns(t) for t in new]
+            ends = np.cumsum([one.shape[1] for one in columns])[:-1]
+            groups = self.columns.products(self.grams.bands.side_by_side(columns))
+            of_groups = [np.split(group, ends, axis=2) for group in groups]
+            for t, *own in zip(new, *of_groups, strict=True):
+                made[t.ident] = [one.copy() for one in own]
+        known = {t.ident: self._with[t.ident] for t in terms if t.ident not in made} | made
+        return [
+            kept(self._with, t.ident, partial(known.__getitem__, t.ident), PRODUCTS) for t in terms
+        ]
 
     def _beside(self, fit: Fit, among: NDArray[np.intp] | None = None) -> Beside:
         """Return what the columns of terms have in common with a fit; among: of which; None for
@@ -138,42 +168,46 @@ class Screen:
             mix = mix[:, needed]
         lacking = fit.model.lacking(fit.terms)
         terms = [self.grams.less(t, lacking) for t in fit.terms]
+        moved = self.grams.moved_by(lacking)
+        products = self._with_terms([*lacking, *terms])
+        of_shares, of_terms = products[: len(lacking)], products[len(lacking) :]
         w = 1.0 / fit.found.v
-        pieces: list[list[Array]] = []
+        own, x = np.split(fit.found.x, [moved.shape[1]])
+        groups: list[Group] = []
+        C: list[Array] = []
         left: list[Array] = []
         for g, some in enumerate(self.columns.among(needed)):
             base = self.with_base[g][some]
-            numbers, rest = base[:, :, 1:], base[:, :, 0]
-            for share in lacking:
-                numbers = numbers - self._with_term(share)[g][some] @ self.grams.basis[share.moved]
-            pieces.append([numbers])
-            for t in terms:
-                first = int(t.offset is not None)
-                with_term = self._with_term(t)[g][some]
-                pieces[g].append(with_term[:, :, first:])
-                if first:
+            rest = base[:, :, 0]
+            shares = [base[:, :, :0], *(one[g][some] for one in of_shares)]
+            linear = [base[:, :, :0]]
+            for t, one in zip(terms, of_terms, strict=True):
+                with_term = one[g][some]
+                linear.append(with_term[:, :, int(t.offset is not None) :])
+                if t.offset is not None:
                     rest = rest - with_term[:, :, 0]
-            at = 0
-            for one in pieces[g]:
-                rest = rest - one @ fit.found.x[at : at + one.shape[2]]
-                at += one.shape[2]
-            left.append(np.pad(rest, ((0, 0), (self.columns.firsts[g], 0))))
-        C = [
-            np.hstack([w[first:] @ one for one in own])
-            for first, own in zip(self.columns.firsts, pieces, strict=True)
-        ]
-        return Beside(mix @ np.concatenate(C), mix @ np.concatenate(left), needed, pieces)
+            group = Group(base[:, :, 1:], np.concatenate(shares, 2), np.concatenate(linear, 2))
+            rest = rest - group.numbers @ own - group.terms @ x + group.shares @ (moved @ own)
+            first = self.columns.firsts[g]
+            with_numbers, with_shares, with_terms = (w[first:] @ one for one in group)
+            groups.append(group)
+            C.append(np.hstack([with_numbers - with_shares @ moved, with_terms]))
+            left.append(np.pad(rest, ((0, 0), (first, 0))))
+        return Beside(mix @ np.concatenate(C), mix @ np.concatenate(left), needed, groups, moved)
 
-    def _moving_with(self, beside: Beside, t: int, beta: Array) -> Array:
-        """Return the products (B, p) of what a term adds with the columns of a fit."""
+    def _moving_with(self, beside: Beside, t: int, beta: Array, way: Array) -> Array:
+        """Return the products (B,) of what a term adds with what a fit's columns add where its
+        coefficients change by (p,)."""
         raw, mixed = self._raw[t], self._mixed[t]
         g = self.columns.group_of(raw)
         first = self.columns.firsts[g]
         begin, start = np.searchsorted(beside.needed, [raw.start, self.columns.begins[g]])
         own = slice(int(begin - start), int(begin - start) + raw.stop - raw.start)
         weights = beta if mixed is None else mixed @ beta
-        products = np.concatenate([one[own] for one in beside.pieces[g]], axis=2)
-        return np.pad(np.tensordot(weights, products, 1), ((first, 0), (0, 0)))
+        of_numbers, of_terms = np.split(way, [beside.moved.shape[1]])
+        changes = of_numbers, -beside.moved @ of_numbers, of_terms
+        found = sum(one[own] @ x for one, x in zip(beside.groups[g], changes, strict=True))
+        return np.concatenate([np.zeros(first), weights @ found])
 
     def beside(self, fit: Fit) -> tuple[Array, Array]:
         """Return the products (c, c) of the columns of its only term and of these with the residual
@@ -212,7 +246,16 @@ class Screen:
 
         among: the terms that count; the others gain nothing. None for all.
         """
+        which = None if among is None else frozenset(among)
+        key = fit.model.assumed, frozenset(t.ident for t in fit.terms), which
+        gained = kept(self._gained, key, partial(self._gains, fit, which), GAINED)
+        self.chosen |= gained.chosen
+        return gained.nats
+
+    def _gains(self, fit: Fit, among: Iterable[int] | None) -> Gained:
+        """Return the same, made anew, and the sizes."""
         gains = np.full(len(self.terms), -np.inf)
+        chosen: dict[int, float] = {}
         lacking = fit.model.lacking(fit.terms)
         which = range(len(self.terms)) if among is None else sorted(among)
         apart = {
@@ -223,10 +266,10 @@ class Screen:
         if apart:
             screen = self._apart(tuple(apart.values()))
             gains[list(apart)] = screen.gains(fit)
-            self.chosen |= {t: screen.chosen[i] for i, t in enumerate(apart) if i in screen.chosen}
+            chosen |= {t: screen.chosen[i] for i, t in enumerate(apart) if i in screen.chosen}
         some = np.array([t for t in which if t not in apart], dtype=int)
         if not len(some):
-            return gains
+            return Gained(gains, chosen)
         w = 1.0 / fit.found.v
         S = fit.found.S
         beside = self._beside(fit, some)
@@ -242,21 +285,20 @@ class Screen:
             if not len(here):
                 continue
             columns = at[here, None] + np.arange(k)
-            G = np.einsum("b,tbij->tij", w, own[self.place[some[here]]], optimize=True)
-            G -= C[columns] @ CS[columns].transpose(0, 2, 1)
+            squares = own[self.place[some[here]]].reshape(len(here), len(w), k * k)
+            G = (w @ squares).reshape(-1, k, k) - C[columns] @ CS[columns].transpose(0, 2, 1)
             terms = [self.terms[t] for t in some[here]]
             gain, beta, sizes = (_first_order if k == 1 else _several)(
                 fit.model, terms, G, b[columns]
             )
             gains[some[here]] = gain
-            self.chosen |= {
+            chosen |= {
                 int(t): size for t, size in zip(some[here], sizes, strict=True) if size is not None
             }
             mean |= dict(zip(here.tolist(), beta, strict=True))
-            less[:, here] = 2.0 * np.einsum("tib,ti->bt", left[columns], beta)
-            less[:, here] -= np.einsum(
-                "tbij,ti,tj->bt", own[self.place[some[here]]], beta, beta, optimize=True
-            )
+            of_pairs = (beta[:, :, None] * beta[:, None, :]).reshape(-1, k * k, 1)
+            less[:, here] = 2.0 * (beta[:, None, :] @ left[columns])[:, 0].T
+            less[:, here] -= (squares @ of_pairs)[:, :, 0].T
         first = gains[some]
         rough = first + self._quieter(fit, less)
         short = np.unique(
@@ -267,24 +309,29 @@ class Screen:
         H, own_left = kept(fit.model.spreads, of_fit, fit.spread, 1)
         changes = [(slice(at[t], at[t + 1]), mean[int(t)]) for t in short]
         back = -np.stack([beta @ CS[own] for own, beta in changes], axis=1)
-        X = np.stack([self._moving_with(beside, int(some[t]), mean[int(t)]) for t in short], axis=2)
+        mixed = [
+            self._moving_with(beside, int(some[t]), mean[int(t)], way)
+            for t, way in zip(short, back.T, strict=True)
+        ]
         moved = (
             less[:, short]
             + 2.0 * (own_left @ back)
-            - np.einsum("bps,ps->bs", H @ back + 2.0 * X, back)
+            - np.sum(H @ back * back, axis=1)
+            - 2.0 * np.stack(mixed, axis=1)
         )
         gains[some[short]] += self._quieter(fit, moved)
-        return gains
+        return Gained(gains, chosen)
 
     @staticmethod
     def _quieter(fit: Fit, less: Array) -> Array:
         """Return what noise gains (T,) that is as much smaller as terms take off the squares of
         each band (B, T)."""
-        n = fit.model.bands.n[:, None]
-        v = fit.found.v[:, None]
-        left = fit.found.left[:, None]
-        now = np.maximum(left - less, 1e-9)
-        quiet = np.maximum(np.where(v > 1.0, now / n, 1.0), 1.0)
+        own = fit.found.v > 1.0  # elsewhere the noise stays what it is
+        n = fit.model.bands.n[own, None]
+        v = fit.found.v[own, None]
+        left = fit.found.left[own, None]
+        now = np.maximum(left - less[own], 1e-9)
+        quiet = np.maximum(now / n, 1.0)
         # Beyond what the same noise makes of it, which is counted already.
         return np.sum(
             0.5 * (n * np.log(v / quiet) + left / v - now / quiet - (left - now) / v), axis=0

@@ -103,6 +103,7 @@ class Search:
                     return one
                 if self.is_over():
                     return None
+            self._let_go(fit)
         return None
 
     def _added(self, fit: Fit) -> Iterator[Fit]:
@@ -207,13 +208,12 @@ class Search:
         The likeliest of those whose numbers lie elsewhere stay: their scores are no more than a
         guess.
         """
-        far = [fit for fit in self.met.values() if self.is_far(fit)]
+        least = best.score - COMPARED
+        far = [fit for fit in self.met.values() if fit.score <= least and self.is_far(fit)]
         far.sort(key=lambda fit: -fit.score)
         stay = {fit.keys for fit in (best, *far[:ELSEWHERE])}
         self.met = {
-            keys: fit
-            for keys, fit in self.met.items()
-            if fit.score > best.score - COMPARED or keys in stay
+            keys: fit for keys, fit in self.met.items() if fit.score > least or keys in stay
         }
 
     def _rescaled(self, fit: Fit) -> Iterator[Fit]:

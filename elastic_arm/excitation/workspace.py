@@ -89,9 +89,11 @@ def _distances(points: Array, pairs: NDArray[np.intp]) -> Array:
     u = points[:, pairs[:, 0] + 1] - p
     v = points[:, pairs[:, 1] + 1] - q
     w = p - q
-    uu, vv, uv, uw, vw = (
-        np.einsum("npi,npi->np", a, b) for a, b in ((u, u), (v, v), (u, v), (u, w), (v, w))
-    )
+    uu = np.einsum("npi,npi->np", u, u)
+    vv = np.einsum("npi,npi->np", v, v)
+    uv = np.einsum("npi,npi->np", u, v)
+    uw = np.einsum("npi,npi->np", u, w)
+    vw = np.einsum("npi,npi->np", v, w)
     crossing = uu * vv - uv * uv
     s = np.clip(_quotient(uv * vw - uw * vv, crossing, floor=1e-12 * uu * vv), 0.0, 1.0)
     t = _quotient(uv * s + vw, vv)

@@ -281,7 +281,9 @@ class BaseRegression:
         motion = self._both_sides(motion)
         if self._encoders:
             laws = np.concatenate([self._stacked(motion, self._encoders), laws], axis=2)
-        x, dx, ddx = (self._coordinates(motion, name) for name in ("", "d", "dd"))
+        x = self._coordinates(motion, "")
+        dx = self._coordinates(motion, "d")
+        ddx = self._coordinates(motion, "dd")
         phi = self.model.regressor(x, dx, ddx, columns=own)
         by_residual = (
             laws[:, :, extra].transpose(1, 0, 2).reshape(3, self.n, len(motion), len(extra))

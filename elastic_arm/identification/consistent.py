@@ -199,9 +199,10 @@ def _solve(A: Array, b: Array, chart: Chart, trust: float) -> tuple[Array, bool]
 
     x = cp.Variable(len(chart.x0))
     # Whole matrices and vectors: CVXPY takes its time for each expression, not for its size.
-    full = np.array(
-        [[float({i, j} == set(pair)) for pair in PAIRS] for i in range(4) for j in range(4)]
-    )
+    full = np.zeros((16, len(PAIRS)))  # of a symmetric matrix, row by row, from its pairs
+    for k, (i, j) in enumerate(PAIRS):
+        full[4 * i + j, k] = 1.0
+        full[4 * j + i, k] = 1.0
     divergence: list[cp.Expression] = []
     for piece in chart.pseudo:
         X = cp.reshape(full @ x[piece], (4, 4), order="C")

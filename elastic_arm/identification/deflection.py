@@ -170,5 +170,7 @@ def _regressors(motion: Motion, model: Model) -> tuple[Array, Array, Array]:
         raise IdentificationError("one of the two encoders was not recorded", "Record both sides.")
     # Without a deflection the springs' own torque is none, and what is left of the link's row is
     # the load.
-    x, dx, ddx = (np.hstack([v, v]) for v in (motion.q, motion.dq, motion.ddq))
+    x = np.hstack([motion.q, motion.q])
+    dx = np.hstack([motion.dq, motion.dq])
+    ddx = np.hstack([motion.ddq, motion.ddq])
     return motion.theta - motion.q, motion.dq, model.inverse_dynamics(x, dx, ddx)[:, : model.n]

@@ -179,11 +179,12 @@ class Identifier:
     averaged
         Whether the rows of an arm that is taken for rigid are averaged (:mod:`.accumulator`).
 
-    Notes ----- The equations are chosen by the channels of the first samples. Standstill adds
-    nothing: what is longer than :data:`.standstill.KEPT` after a motion is left out, and beside
-    laws of dry friction a joint that sticks has no equation that holds its friction, as that is any
-    torque up to the dry one. Memory is bounded: one block of motion, the smoother's window, and at
-    most 64 blocks.
+    Notes
+    -----
+    The equations are chosen by the channels of the first samples. Standstill adds nothing: what is
+    longer than :data:`.standstill.KEPT` after a motion is left out. Beside laws of dry friction a
+    joint that sticks has no equation for its friction, which is any torque up to the dry one.
+    Memory is bounded: one block of motion, the smoother's window, and at most 64 blocks.
     """
 
     def __init__(

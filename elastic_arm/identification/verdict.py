@@ -219,13 +219,11 @@ def relative_std(equations: BaseRegression, Psi_base: Array, std: Array) -> Arra
 
 def directions(undetermined: Array, names: Sequence[str]) -> tuple[str, ...]:
     """Name the combinations of base parameters that the data do not determine."""
-    taking_part = [
-        np.flatnonzero(np.abs(direction) > TAKES_PART).tolist() for direction in undetermined
-    ]
-    return tuple(
-        " ".join(f"{direction[k]:+.2f} ({names[k]})" for k in part)
-        for direction, part in zip(undetermined, taking_part, strict=True)
-    )
+    found = []
+    for direction in undetermined:
+        taking_part = np.flatnonzero(np.abs(direction) > TAKES_PART).tolist()
+        found.append(" ".join(f"{direction[k]:+.2f} ({names[k]})" for k in taking_part))
+    return tuple(found)
 
 
 def impossible(equations: BaseRegression, Psi: Array) -> NDArray[np.bool_]:

@@ -70,7 +70,8 @@ def joint_changes(
 
 def differs(old: Inertia, new: Inertia) -> bool:
     """Return whether two inertias are different numbers."""
-    a, b = (inertial_parameters(body) for body in (old, new))
+    a = inertial_parameters(old)
+    b = inertial_parameters(new)
     return bool(np.abs(a - b).max() > SAME * max(np.abs(a).max(), np.abs(b).max()))
 
 

@@ -95,10 +95,8 @@ def play(
     if not has_servos(arm) or not len(reference) or not np.isfinite(reference.position).all():
         return None
     arm = at_gains(arm, recording.firmware_gains)
-    given, t = (
-        np.asarray(s.stamp_ns - reference.stamp_ns[0], dtype=float) * 1e-9
-        for s in (reference, side)
-    )
+    given = np.asarray(reference.stamp_ns - reference.stamp_ns[0], dtype=float) * 1e-9
+    t = np.asarray(side.stamp_ns - reference.stamp_ns[0], dtype=float) * 1e-9
     begin, end = (-np.inf, np.inf) if span is None else span
     offset = 1e-9 * float(recording.start_ns - reference.stamp_ns[0])
     whole = np.isfinite(side.position).all(axis=1)

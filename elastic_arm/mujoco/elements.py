@@ -179,7 +179,9 @@ def _stribeck(elements: Elements, i: int, instance: EffectInstance) -> None:
 def _ripple(elements: Elements, i: int, instance: EffectInstance) -> None:
     gear = elements.robot.joints[i].transmission
     assert gear is not None
-    amplitude, order, phase = (number(instance, name) for name in ("amplitude", "order", "phase"))
+    amplitude = number(instance, "amplitude")
+    order = number(instance, "order")
+    phase = number(instance, "phase")
     cogging = f"{amplitude / gear.r_tot:.10g} {order:.10g} {phase:.10g}"
     at = {"joint": elements.robot.joint_names[i], "gear": gear.r_tot}
     elements.add(i, "ripple", {**at, **_PASSIVE, "cogging": cogging})

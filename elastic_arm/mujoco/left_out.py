@@ -119,10 +119,8 @@ def left_coupling(robot: Robot, reason: str) -> Iterator[Left]:
     """Yield the coupling of links and spinning rotors, which mod3 has of an elastic arm and mod2
     has not."""
     state = Swing(robot)
-    three, two = (
-        build_model(robot, name, engine="numpy").inverse_dynamics(*state.motion)
-        for name in ("mod3", "mod2")
-    )
+    three = build_model(robot, "mod3", engine="numpy").inverse_dynamics(*state.motion)
+    two = build_model(robot, "mod2", engine="numpy").inverse_dynamics(*state.motion)
     yield Left("inertia_coupling", None, {}, reason, {}, state.cost(three - two))
 
 
@@ -188,7 +186,8 @@ def _swinging(robot: Robot) -> Motion:
     """Return a swing of every joint by half a radian, or what its range allows."""
     phases = SPEED * np.linspace(0.0, 2 * np.pi / SPEED, SAMPLES)[:, None] + np.arange(robot.n)
     limits = [joint.limits for joint in robot.joints]
-    low, high = ([getattr(one, end) for one in limits] for end in ("position_min", "position_max"))
+    low = [one.position_min for one in limits]
+    high = [one.position_max for one in limits]
     spans = [None if a is None or b is None else (a, b) for a, b in zip(low, high, strict=True)]
     size = np.array(
         [SWING if span is None else min(SWING, 0.5 * (span[1] - span[0])) for span in spans]

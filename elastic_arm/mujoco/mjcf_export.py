@@ -104,9 +104,8 @@ def export_mjcf(
     """
     arm = open_mjcf(base, chain, at)
     require_same_joints(robot, arm.robot, base)
-    before, after = (
-        stated_arm(one, catalogue, base=arm.robot.base_placement) for one in (arm.robot, robot)
-    )
+    before = stated_arm(arm.robot, catalogue, base=arm.robot.base_placement)
+    after = stated_arm(robot, catalogue, base=arm.robot.base_placement)
     stated = [instance.to_dict() for instance, _ in before.left]
     # What the base states by other numbers, such as gravcomp, stays as it is.
     lacking = [(one, _NEW if one.effect.id in RIGID else reason) for one, reason in after.left]
@@ -202,7 +201,8 @@ class _Document:
                 changes += self._inertial(i)
         if not np.allclose(self.before.gravity, self.after.gravity, rtol=0.0, atol=1e-9):
             self._gravity()
-            old, new = (tuple(map(float, v)) for v in (self.before.gravity, self.after.gravity))
+            old = tuple(map(float, self.before.gravity))
+            new = tuple(map(float, self.after.gravity))
             changes.append(Change("option", "gravity", "m/s²", old, new))
         return changes
 
@@ -435,15 +435,11 @@ def _check(out: Path, chain: Chain | None, at: str | None, wanted: StatedArm) ->
         ),
     )
     q, dq, ddq = np.random.default_rng(0).uniform(-2.0, 2.0, (3, 10, again.robot.n))
-    read, asked = (
-        build_model(robot, engine="numpy").inverse_dynamics(q, dq, ddq)
-        for robot in (again.robot, meant)
-    )
+    read = build_model(again.robot, engine="numpy").inverse_dynamics(q, dq, ddq)
+    asked = build_model(meant, engine="numpy").inverse_dynamics(q, dq, ddq)
     joints = stated_arm(again.robot).joints
-    found, meant_to_be = (
-        [(j.damping, j.friction_loss, j.stiffness, j.rest) for j in e]
-        for e in (joints, wanted.joints)
-    )
+    found = [(j.damping, j.friction_loss, j.stiffness, j.rest) for j in joints]
+    meant_to_be = [(j.damping, j.friction_loss, j.stiffness, j.rest) for j in wanted.joints]
     if np.abs(read - asked).max() > READ_BACK * np.abs(asked).max() or not np.allclose(
         found, meant_to_be, rtol=READ_BACK
     ):

@@ -83,33 +83,38 @@ def _written(
     elements = Elements(robot, arm, timestep)
     arm, stand_ins = stood_in(arm, robot, elements.left)
     root = ET.Element("mujoco", model=robot.name)
-    root.append(
-        ET.Comment(
-            " elastic: a motor joint and a spring joint per drive "
-            if robot.elastic
-            else " rigid joints "
-        )
+    kind = (
+        "elastic: a motor joint and a spring joint per drive" if robot.elastic else "rigid joints"
     )
+    root.append(ET.Comment(f" {kind} "))
     ET.SubElement(root, "compiler", angle="radian", autolimits="true")
-    ET.SubElement(
-        root,
-        "option",
-        timestep=text_of(timestep),
-        integrator="implicitfast",
-        gravity=words_of(arm.gravity),
-    )
-    base = ET.SubElement(
-        ET.SubElement(root, "worldbody"), "body", {"name": "base", **_placed(robot.base_placement)}
-    )
+    settings = {"timestep": text_of(timestep), "integrator": "implicitfast"}
+    ET.SubElement(root, "option", settings, gravity=words_of(arm.gravity))
+    _links(ET.SubElement(root, "worldbody"), robot, arm, elements)
+    _drives(root, arm, robot, timestep)
+    _elements(root, elements)
+    numerics = [*(one.numeric for one in stand_ins), *_firmware_gains(robot)]
+    if numerics:
+        custom = ET.SubElement(root, "custom")
+        for numeric in numerics:
+            ET.SubElement(custom, "numeric", numeric)
+    ET.indent(root)
+    left = tuple(explained(elements.left, stand_ins))
+    return ET.tostring(root, encoding="unicode") + "\n", left, stand_ins
+
+
+def _links(world: ET.Element, robot: Robot, arm: StatedArm, elements: Elements) -> None:
+    """Add base and links, each a body in the one before, with their joints and shapes.
+
+    MuJoCo has no massless bodies that move: the joints of such links are those of the next body.
+    """
+    parent = ET.SubElement(world, "body", {"name": "base", **_placed(robot.base_placement)})
     bodies = _bodies(robot, arm)
     if bodies[0].mass > 0.0:
-        _inertial(base, bodies[0])
-    parent = base
-    place = np.eye(4)
+        _inertial(parent, bodies[0])
+    place = np.eye(4)  # (4, 4) of the next link in the last body
     radius = link_radius(robot)
-    waiting: list[
-        tuple[int, Array]
-    ] = []  # joints of massless links, which MuJoCo has on the next body
+    waiting: list[tuple[int, Array]] = []  # joints of massless links, with their places
     for i, joint in enumerate(robot.joints):
         waiting.append((i, place @ joint.before))
         place = place @ joint.before @ joint.after
@@ -125,16 +130,6 @@ def _written(
         _capsule(body, start, onward, radius)
         parent = body
         place = np.eye(4)
-    _drives(root, arm, robot, timestep)
-    _elements(root, elements)
-    numerics = [*(one.numeric for one in stand_ins), *_firmware_gains(robot)]
-    if numerics:
-        custom = ET.SubElement(root, "custom")
-        for numeric in numerics:
-            ET.SubElement(custom, "numeric", numeric)
-    ET.indent(root)
-    left = tuple(explained(elements.left, stand_ins))
-    return ET.tostring(root, encoding="unicode") + "\n", left, stand_ins
 
 
 def playable(robot: Robot, file: Path, catalogue: Catalogue | None = None) -> MjcfArm:

@@ -50,7 +50,10 @@ def record(
         summed = np.vstack([np.zeros((1, arm.robot.n)), total])
         ends = np.clip(np.arange(len(t))[:, None] + [-every // 2, every // 2], 0, len(t) - 1)
         torque = (summed[ends[:, 1]] - summed[ends[:, 0]]) / np.diff(ends)
-    t, q, dq, torque = (values[::every] for values in (t, q, dq, torque))
+    t = t[::every]
+    q = q[::every]
+    dq = dq[::every]
+    torque = torque[::every]
     reference = trajectory.evaluate(t)
     late = torque_delays(arm.model, arm.chain)
     torque = np.stack([np.interp(t - late[i], t, torque[:, i]) for i in range(arm.robot.n)], axis=1)
@@ -89,7 +92,8 @@ def record_commands(
         raise SimulationError("the model has no servos", "Give each joint one position actuator.")
     step = float(arm.model.opt.timestep)
     recorded = recorded or rate
-    every, kept = (max(1, round(1.0 / (one * step))) for one in (rate, recorded))
+    every = max(1, round(1.0 / (rate * step)))
+    kept = max(1, round(1.0 / (recorded * step)))
     angles = servo_motion(arm, StartState.at_rest(commands[0]), np.repeat(commands, every, axis=0))
     if not np.isfinite(angles).all():
         raise SimulationError(
@@ -100,7 +104,8 @@ def record_commands(
         code = 2.0 * np.pi / 2**bits
         q = code * np.round(q / code)
     # MuJoCo's angles are ahead of the forces that moved them.
-    told, measured = (step * n * np.arange(len(x)) for x, n in ((commands, every), (q, kept)))
+    told = step * every * np.arange(len(commands))
+    measured = step * kept * np.arange(len(q))
     stamps = [np.round(1e9 * t).astype(np.int64) for t in (told, measured + lead(arm.model, step))]
     return Recording(
         joints=arm.robot.joint_names,

@@ -178,9 +178,10 @@ def _open_loop(arm: MjcfArm, piece: Motion, steps: int, period: float) -> tuple[
     last."""
     mj = engine()
     model = arm.model
-    q, dq, ddq, torque = (
-        _present(values) for values in (piece.q, piece.dq, piece.ddq, piece.tau_m)
-    )
+    q = _present(piece.q)
+    dq = _present(piece.dq)
+    ddq = _present(piece.ddq)
+    torque = _present(piece.tau_m)
     data = mj.MjData(model)
     substeps = max(1, int(np.ceil(period / model.opt.timestep - 1e-9)))
     behind = lead(model, period / substeps)
@@ -228,7 +229,9 @@ def _inverse(arm: MjcfArm, piece: Motion) -> Array:
     mj = engine()
     model = arm.model
     data = mj.MjData(model)
-    q, dq, ddq = (_present(values) for values in (piece.q, piece.dq, piece.ddq))
+    q = _present(piece.q)
+    dq = _present(piece.dq)
+    ddq = _present(piece.ddq)
     found = np.empty_like(q)
     # What is held is held by forces that are none of the motors'; limits are for the drives to
     # keep.

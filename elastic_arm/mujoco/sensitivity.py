@@ -96,9 +96,9 @@ class _Equation:
         by_angle = [self._residual(robot, q + e, dq, ddq) - here for e in unit]
         by_rate = [self._residual(robot, q, dq + e, ddq) - here for e in unit]
         by_rate_2 = [self._residual(robot, q, dq, ddq + e) - here for e in unit]
-        self.K, self.C, self.M = (
-            -np.stack(rows, axis=2) / SHIFT for rows in (by_angle, by_rate, by_rate_2)
-        )
+        self.K = -np.stack(by_angle, axis=2) / SHIFT
+        self.C = -np.stack(by_rate, axis=2) / SHIFT
+        self.M = -np.stack(by_rate_2, axis=2) / SHIFT
         self.C[:, np.arange(n), np.arange(n)] += stuck
         # Accelerations with which the residual is null: then a ratio of all torques and masses
         # changes no motion.

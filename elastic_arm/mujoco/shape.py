@@ -30,9 +30,9 @@ class ShapedXml:
 
     def text(self) -> str:
         """Return the file with what changed in the tree; the rest is the original to the letter."""
-        before, plain, after = (
-            _TOKEN.findall(t) for t in (self._original, self._plain, self._serialised())
-        )
+        before = _TOKEN.findall(self._original)
+        plain = _TOKEN.findall(self._plain)
+        after = _TOKEN.findall(self._serialised())
         elements = [k for k, token in enumerate(before) if token[0] == "<" and token[1] not in "?!"]
         # What stands around the root element is the original's.
         body = before[elements[0] : elements[-1] + 1]

@@ -92,7 +92,9 @@ def torque_functions(robot: Robot, instances: Sequence[EffectInstance]) -> dict[
     """
     n = robot.n
     equations = ArmEquations(robot)
-    x, dx, ddx = (SX.sym(name, equations.dof) for name in ("x", "dx", "ddx"))
+    x = SX.sym("x", equations.dof)
+    dx = SX.sym("dx", equations.dof)
+    ddx = SX.sym("ddx", equations.dof)
     loads = SX.sym("tau_J", n), SX.sym("tau_m", n)
     speed = SX.sym(SIGN.name)
     unused = SX.zeros(n)

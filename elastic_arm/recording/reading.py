@@ -354,9 +354,8 @@ def _place_torques(
     """Decide whether /joint_states.effort is the joint torque or the motor torque, and use torques
     that only /joint_torques contains."""
     torques = series.get(JOINT_TORQUES)
-    sensed, driven = (
-        _side(torques, joints, {"effort": name}, found) for name in ("joint_torque", "motor_torque")
-    )
+    sensed = _side(torques, joints, {"effort": "joint_torque"}, found)
+    driven = _side(torques, joints, {"effort": "motor_torque"}, found)
     if (
         link is not None
         and link.effort is not None

@@ -150,7 +150,8 @@ class Recording:
 
     def between(self, begin: float, end: float) -> Recording:
         """Return the part from `begin` to before `end`, in seconds from :attr:`start_ns`."""
-        first, last = (self.start_ns + round(limit * 1e9) for limit in (begin, end))
+        first = self.start_ns + round(begin * 1e9)
+        last = self.start_ns + round(end * 1e9)
         cut: dict[str, Any] = {
             name: side.at(slice(*np.searchsorted(side.stamp_ns, (first, last))))
             for name, side in self.sides().items()
@@ -206,10 +207,8 @@ class Recording:
         assert reference is not None and reference.position is not None
         if np.array_equal(stamp_ns, reference.stamp_ns):
             return reference.position
-        t, known = (
-            np.asarray(stamps - reference.stamp_ns[0]) * 1e-9
-            for stamps in (stamp_ns, reference.stamp_ns)
-        )
+        t = np.asarray(stamp_ns - reference.stamp_ns[0]) * 1e-9
+        known = np.asarray(reference.stamp_ns - reference.stamp_ns[0]) * 1e-9
         return np.asarray(scipy.interpolate.CubicSpline(known, reference.position)(t))
 
     def _measured(self) -> list[Side]:

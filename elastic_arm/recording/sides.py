@@ -205,7 +205,8 @@ def span_of(values: Array) -> str:
     if not np.size(values):
         return ""
     # Three digits, and 1000 rather than 1e+03.
-    low, high = (f"{float(f'{end:.3g}'):g}" for end in (np.min(values), np.max(values)))
+    low = f"{float(f'{np.min(values):.3g}'):g}"
+    high = f"{float(f'{np.max(values):.3g}'):g}"
     return low if low == high else f"{low} to {high}"
 
 

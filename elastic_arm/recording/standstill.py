@@ -29,7 +29,8 @@ def without_standstill(recording: Recording) -> Recording:
     if not len(spans):
         return recording
     found = within(recording, spans)
-    samples, kept = (sum(map(len, one.measured().values())) for one in (recording, found))
+    samples = sum(map(len, recording.measured().values()))
+    kept = sum(map(len, found.measured().values()))
     rest = recording.duration * (1.0 - kept / max(samples, 1))
     if rest < KEPT:
         return recording

@@ -99,6 +99,8 @@ def sections(found: Diagnosis) -> list[Section]:
             Section(figures.title(c), _cause(found, c, k, context))
             for k, c in enumerate(found.causes[:SHOWN])
         ]
+        if places := figures.places_with_friction(context):
+            shown.append(Section("Friction curves", _friction(found, context, places)))
         if found.unexplained:
             shown.append(Section("Unexplained residuals", _unexplained(found, context)))
     if found.proposal is not None:
@@ -227,6 +229,15 @@ def _cause(found: Diagnosis, cause: Cause, k: int, context: DiagnosisContext) ->
         ),
         Text(caption),
     ]
+
+
+def _friction(found: Diagnosis, context: DiagnosisContext, places: Sequence[int]) -> list[Block]:
+    text = (
+        "Grey: friction by the validation data, after everything else that was found is removed."
+        " Blue: friction of the model, which includes how it turns over after a reversal and how"
+        " its curve bends."
+    )
+    return [Text(text), Figure(figures.friction_curves(found, context, places))]
 
 
 def _unexplained(found: Diagnosis, context: DiagnosisContext) -> list[Block]:

@@ -24,6 +24,8 @@ BEFORE = GREY
 CAUSE = VERMILION
 AFTER = BLUE
 POINTS = 1500  # of a cloud
+PANELS = 3  # side by side
+SEEN = 0.98  # of the samples of friction that a panel shows, the others are beyond its edges
 BRIGHTEST = 100.0  # residual over noise at which the map's colour ends
 
 
@@ -110,7 +112,8 @@ def residual_blocks(
     joint = found.joints[i]
     unit = partial(found.units.at, joint)
     speed, angle = (motion.dq, motion.q) if side == "link" else (motion.dtheta, motion.theta)
-    w, q = (np.interp(t, motion.t, values[:, i]) for values in (speed, angle))
+    w = np.interp(t, motion.t, speed[:, i])
+    q = np.interp(t, motion.t, angle[:, i])
     turn, turning = angle_within_turn(
         found, context, i, np.interp(t, motion.t, motion.theta[:, i]), regime
     )
@@ -152,6 +155,53 @@ def _draw_cloud(ax: Axes, x: Array, before: Array, cause: Array | None) -> None:
         ax.plot(
             x[::step], cause[::step], ".", color=CAUSE, ms=2.2, alpha=0.7, mew=0, rasterized=True
         )
+
+
+def places_with_friction(context: DiagnosisContext) -> list[int]:
+    """Return the residuals at which friction acts, by their numbers."""
+    largest = np.max([np.abs(one).max(axis=0) for one in context.friction], axis=0)
+    return np.flatnonzero(largest).tolist()
+
+
+def friction_curves(
+    found: Diagnosis, context: DiagnosisContext, places: Sequence[int]
+) -> MplFigure:
+    """Draw friction over velocity, a place a panel: by the recordings and by the model."""
+    n = len(found.joints)
+    columns = min(len(places), PANELS)
+    rows = -(-len(places) // PANELS)
+    with drawing(rows, columns, size=(2.8 * columns, 2.4 * rows)) as (figure, axes):
+        for ax in axes.flat[len(places) :]:
+            ax.set_visible(False)
+        for ax, row in zip(axes.flat, places, strict=False):
+            side = context.validate.layout.sides[row // n]
+            joint = found.joints[row % n]
+            w, measured, model = friction_at(context, row, side)
+            step = max(1, len(w) // POINTS)
+            dots = {"ms": 2.5, "alpha": 0.6, "mew": 0, "rasterized": True}
+            ax.plot(w[::step], measured[::step], ".", color=BEFORE, **dots)
+            ax.plot(w[::step], model[::step], ".", color=AFTER, **dots)
+            # At rest, friction takes whatever torque holds the joint.
+            largest = float(np.quantile(np.abs(measured), SEEN))
+            ax.set_ylim(-1.2 * largest, 1.2 * largest)
+            ax.set_title(f"{joint}, {side} side", loc="left")
+            ax.set_xlabel(f"velocity [{found.units.at(joint, 'rad/s')}]")
+            ax.set_ylabel(found.units.at(joint, "Nm"))
+    return figure
+
+
+def friction_at(context: DiagnosisContext, row: int, side: str) -> tuple[Array, Array, Array]:
+    """Return velocities (N,), and the friction (N,) Nm there by the recordings and by the
+    model."""
+    i = row % context.model.robot.n
+    speeds = []
+    for part in context.validate.parts:
+        motion = part.stretch.motion
+        speed = motion.dq if side == "link" else motion.dtheta
+        speeds.append(np.interp(part.stretch.t, motion.t, speed[:, i]))
+    model = np.concatenate([one[:, row] for one in context.friction])
+    left = np.concatenate([one[:, row] for one in context.after])
+    return np.concatenate(speeds), model + left, model
 
 
 def angle_within_turn(

@@ -123,9 +123,8 @@ def sections(
 ) -> Sequence[Section]:
     """Return the report: verdict first, then parameters, fit and validation."""
     said: list[Section] = [Section("Information in the recording", _verdict(result))]
-    laws, combinations = (
-        [e for e in result.estimates if e.is_friction is law] for law in (True, False)
-    )
+    laws = [e for e in result.estimates if e.is_friction]
+    combinations = [e for e in result.estimates if not e.is_friction]
     if laws:
         said.append(Section("Friction and other effects", [_parameters(laws)]))
     said.append(

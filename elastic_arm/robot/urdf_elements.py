@@ -186,7 +186,8 @@ def right_angles(angles: Array) -> Array:
 
 def rotation(roll: float, pitch: float, yaw: float) -> Array:
     """Rz(yaw) Ry(pitch) Rx(roll), the URDF's convention."""
-    (cr, cp, cy), (sr, sp, sy) = (f(np.array([roll, pitch, yaw])) for f in (np.cos, np.sin))
+    cr, cp, cy = np.cos(np.array([roll, pitch, yaw]))
+    sr, sp, sy = np.sin(np.array([roll, pitch, yaw]))
     return np.array(
         [
             [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],

@@ -126,7 +126,9 @@ def _derive(equations: ArmEquations, effect_set: EffectSet) -> list[ca.Function]
     n = equations.robot.n
     dof = equations.dof
     Psi = equations.Psi
-    x, dx, ddx = (SX.sym(name, dof) for name in ("x", "dx", "ddx"))
+    x = SX.sym("x", dof)
+    dx = SX.sym("dx", dof)
+    ddx = SX.sym("ddx", dof)
     tau_m = SX.sym("tau_m", n)
     tau_J = SX.sym("tau_J", n)
     speed = SX.sym("speed", 2 * n)
@@ -190,7 +192,9 @@ def law_rows(equations: ArmEquations, effect_set: EffectSet) -> ca.Function:
     """
     n = equations.robot.n
     dof = equations.dof
-    x, dx, ddx = (SX.sym(name, dof) for name in ("x", "dx", "ddx"))
+    x = SX.sym("x", dof)
+    dx = SX.sym("dx", dof)
+    ddx = SX.sym("ddx", dof)
     tau_m = SX.sym("tau_m", n)
     tau_J = SX.sym("tau_J", n)
     speed = SX.sym("speed", 2 * n)

@@ -121,7 +121,9 @@ class BatchPrediction:
         if not tilts:
             return x, dx
         whole = build_model(self._equations.robot, self._equations.model_name, bearings=True)
-        at, rate, acceleration = (np.pad(v, ((0, 0), (0, tilts))) for v in (x, dx, ddx))
+        at = np.pad(x, ((0, 0), (0, tilts)))
+        rate = np.pad(dx, ((0, 0), (0, tilts)))
+        acceleration = np.pad(ddx, ((0, 0), (0, tilts)))
         bearings = [
             (s.coordinate, s.stiffness) for s in self._equations.bodies.springs if s.against is None
         ]

@@ -88,7 +88,9 @@ class Controller:
         if self.commands == 1:
             return np.concatenate([q, self.speed * dq, self.feedforward(q, dq, ddq)], axis=1)
         later = np.arange(self.commands)[:, None] / (self.commands * rate)
-        q, dq, ddq = (values[:, None] for values in (q, dq, ddq))
+        q = q[:, None]
+        dq = dq[:, None]
+        ddq = ddq[:, None]
         wanted = (q + later * (dq + 0.5 * later * ddq), dq + later * ddq, ddq + 0.0 * later)
         q, dq, ddq = (values.reshape(-1, values.shape[-1]) for values in wanted)
         return np.concatenate([q, self.speed * dq, self.feedforward(q, dq, ddq)], axis=1)
@@ -252,7 +254,9 @@ def _derive_together(equations: ArmEquations) -> ca.Function:
     dof = equations.dof
     names = ("q", "dq", "ddq")
     q, dq, ddq = (ca.SX.sym(name, n) for name in names)
-    x, dx, ddx = (ca.vertcat(*[v] * (dof // n)) for v in (q, dq, ddq))
+    x = ca.vertcat(*[q] * (dof // n))
+    dx = ca.vertcat(*[dq] * (dof // n))
+    ddx = ca.vertcat(*[ddq] * (dof // n))
     force = equations.left_side(x, dx, ddx)
     total = ca.sum2(ca.reshape(force, n, dof // n))
     return ca.Function(

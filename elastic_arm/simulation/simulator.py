@@ -203,7 +203,9 @@ class Simulator:
 
     def follow(self, q: Array, dq: Array, ddq: Array) -> tuple[Truth, dict[str, Array]]:
         """Run over a reference of the motor side, (N, n) each, at the sample rate."""
-        q, dq, ddq = (np.asarray(values, dtype=float) for values in (q, dq, ddq))
+        q = np.asarray(q, dtype=float)
+        dq = np.asarray(dq, dtype=float)
+        ddq = np.asarray(ddq, dtype=float)
         if self._late is not None:
             q, dq, ddq = np.split(self._late(np.concatenate([q, dq, ddq], axis=1)), 3, axis=1)
         return self._advance(self._loop, self.controller.commanded(q, dq, ddq, self.rate))
@@ -248,10 +250,8 @@ class Simulator:
         dof = self.system.dof
         parts = (q, theta) if self.robot.elastic else (q,)
         rates = (dq, dtheta) if self.robot.elastic else (dq,)
-        x, dx = (
-            np.pad(np.concatenate(values), (0, dof - len(values) * self.robot.n))
-            for values in (parts, rates)
-        )
+        x = np.pad(np.concatenate(parts), (0, dof - len(parts) * self.robot.n))
+        dx = np.pad(np.concatenate(rates), (0, dof - len(rates) * self.robot.n))
         z = np.zeros(self.system.states) if z is None else np.asarray(z, dtype=float)
         held = np.zeros(self.robot.n) if command is None else np.array(command, dtype=float)
         tau_J = np.array(self.system.accelerations(x, dx, z, held, self._loop.constants)[2]).ravel()
@@ -273,11 +273,13 @@ class Simulator:
             raise
 
     def _change_effects(self, effects: Sequence[EffectInstance]) -> None:
-        x, dx = (self.state.y[k * self.system.dof : (k + 1) * self.system.dof] for k in (0, 1))
+        x = self.state.y[: self.system.dof]
+        dx = self.state.y[self.system.dof : 2 * self.system.dof]
         before = self.state
         self._build(effects)
         dof = self.system.dof
-        x, dx = (np.pad(values[:dof], (0, max(0, dof - len(values)))) for values in (x, dx))
+        x = np.pad(x[:dof], (0, max(0, dof - len(x))))
+        dx = np.pad(dx[:dof], (0, max(0, dof - len(dx))))
         self.reset(x[self.robot.n : 2 * self.robot.n] if self.robot.elastic else x)
         self.state = replace(before, y=np.concatenate([x, dx, np.zeros(self.system.states)]))
 

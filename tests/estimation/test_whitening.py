@@ -115,6 +115,15 @@ def test_the_whitener_inverts_the_covariance() -> None:
     )
 
 
+def test_the_autocovariance_leaves_the_covariance_as_it_is() -> None:
+    """Beyond the band it takes other powers than the noise model, which whitens up to its edge."""
+    layout, band = setting()
+    (noise,) = noise_models(MODEL, observation(), layout, band, (FLOOR,))
+    before = noise.covariance.copy()
+    noise.autocovariance(band)
+    np.testing.assert_array_equal(noise.covariance, before)
+
+
 def test_the_floor_of_a_joint_is_a_part_of_its_own_sensors_noise() -> None:
     """The fine sensors of a wrist are not given a part of the coarse ones' noise at the base, those
     of a kind are."""

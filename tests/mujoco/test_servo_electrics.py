@@ -192,6 +192,7 @@ def test_the_firmware_gain_of_a_recording_is_kept_in_its_bag(base: Path, tmp_pat
     assert read.select(["lift"]).firmware_gains == {"lift": 400.0}
 
 
+@pytest.mark.slow(18)
 def test_a_supply_that_sags_is_named_with_its_share(base: Path) -> None:
     """Of a sweep of two gains the sag of one joint is found, its share to a quarter."""
     arm = open_mjcf(base)
@@ -223,6 +224,7 @@ def test_friction_by_load_sticks_in_a_played_model(base: Path) -> None:
     assert error(rubbing, run) < 2e-4 < error(arm, run)
 
 
+@pytest.mark.slow(4)
 def test_gains_are_refined_at_another_number_in_the_registers(base: Path) -> None:
     """A torque constant a fifth smaller is found to 2 % of a recording at another firmware gain
     than that of the description, with a supply that sags."""

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from elastic_arm.errors import RecordingError
-from elastic_arm.recording.foreign.arrays import import_arrays
+from elastic_arm.recording.foreign.arrays import import_arrays, import_runs
+from elastic_arm.recording.foreign.guess import guess_mapping
 
 RANGES = {"pan": (1000, 3048), "gripper": (2000, 3024)}  # half a turn, a quarter of one
 MAPPING = """
@@ -67,3 +68,19 @@ def test_a_file_that_is_no_calibration_is_told(folder: Path, content: str, words
     (folder / "so101.json").write_text(content)
     with pytest.raises(RecordingError, match=words):
         import_arrays(folder / "run.npz", folder / "map.yaml")
+
+
+def test_the_calibration_may_be_an_option(folder: Path, tmp_path: Path) -> None:
+    """It takes the place of the one of the mapping, and a draft states it instead of units."""
+    expected = import_arrays(folder / "run.npz", folder / "map.yaml")
+    (folder / "map.yaml").write_text(MAPPING.replace("calibration: so101.json\n", ""))
+    (found,) = import_runs(folder / "run.npz", folder / "map.yaml", folder / "so101.json").values()
+    np.testing.assert_allclose(found.link.position, expected.link.position)
+    np.testing.assert_allclose(found.reference.position, expected.reference.position)
+    t = np.arange(400) / 50.0
+    state = 90.0 * np.sin(np.stack([t, 1.3 * t], axis=1))
+    arrays = {"timestamp": t, "state": state, "action": 1.1 * state}
+    text = guess_mapping(arrays, ["pan", "gripper"], calibration="so101.json").to_yaml()
+    assert "calibration: so101.json" in text
+    assert "unit: deg" not in text and "factor" not in text
+    assert text.count("by the calibration") == 2

@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 
 from elastic_arm.recording import Recording, Side
-from elastic_arm.recording.inspection.check import looked_through
+from elastic_arm.recording.inspection.check import looked_through, misread
+from tests.helpers.servo_arms import recorded, servo_arm
 
 STAMPS = np.arange(600) * 20_000_000
 
@@ -77,3 +78,15 @@ def test_recordings_without_commands_are_not_looked_at() -> None:
     """Nothing is said of commands that are not there."""
     alone = replace(recording(motion(), motion(0.1)), reference=None)
     assert not {"commands", "not_followed"} & {one.code for one in looked_through(alone)}
+
+
+def test_commands_that_are_the_next_positions_are_misread() -> None:
+    """No torque is made of what no drive received: a diagnosis seeks no cause and writes no
+    file."""
+    arm = servo_arm().robot
+    given = recorded(servo_arm(), 50.0, 12)
+    assert misread([given], arm, explained=True) is None
+    position = given.link.position
+    copied = replace(given.reference, position=np.vstack([position[1:], position[-1:]]))
+    words = misread([replace(given, reference=copied)], arm, explained=True)
+    assert words is not None and "positions of 1 sample later" in words

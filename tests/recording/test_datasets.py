@@ -1,5 +1,6 @@
 """Datasets of robot learners in, and recordings as arrays out and back."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -251,3 +252,33 @@ def test_other_endings_are_refused(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match=r"extensions .csv, .npz, .parquet, .h5"):
         export_arrays(two_sided(np.random.default_rng(0), 50), tmp_path / "run.xlsx")
     assert "extensions .csv" in refusal("bag", "export", tmp_path, "--out", tmp_path / "run.xlsx")
+
+
+@pytest.mark.parametrize("older", [False, True], ids=["list", "motors"])
+def test_columns_are_those_of_the_joints_by_the_names_of_the_dataset(
+    tmp_path: Path, older: bool
+) -> None:
+    """A gripper between the joints, and another order, are told by meta/info.json, not assumed."""
+    root = lerobot(tmp_path / "set", 3)
+    names = ["shoulder_lift.pos", "shoulder_pan.pos"]
+    feature = {"names": {"motors": names} if older else names}
+    pictures = {"names": ["height", "width", "channels"], "dtype": "video"}
+    features = {"observation.state": feature, "action": feature, "observation.image": pictures}
+    (root / "meta" / "info.json").write_text(json.dumps({"features": features}))
+    draft = guess_mapping(load_arrays(root), ["shoulder_pan", "shoulder_lift"])
+    text = draft.to_yaml()
+    assert text.count("columns: [1, 0]") == 2 and "an assumption" not in text
+    assert text.count("by their names in meta/info.json") == 2
+    (tmp_path / "map.yaml").write_text(text)
+    run = import_runs(root, tmp_path / "map.yaml")["episode_index_0"]
+    np.testing.assert_allclose(run.link.position, np.deg2rad(motion(0)[:, ::-1]), rtol=0, atol=1e-6)
+    others = guess_mapping(load_arrays(root), ["base", "arm"])
+    assert "which is an assumption" in others.to_yaml()
+
+
+def test_a_damaged_description_of_a_dataset_is_told(tmp_path: Path) -> None:
+    """The error names the file."""
+    root = lerobot(tmp_path / "set", 3)
+    (root / "meta" / "info.json").write_text("{")
+    with pytest.raises(RecordingError, match=r"info\.json is no description of a dataset"):
+        load_arrays(root)

@@ -29,7 +29,12 @@ from elastic_arm.recording import read_recording
 from elastic_arm.recording.message_types import typestore
 from elastic_arm.recording.storage.messages import read_messages
 from elastic_arm.report.diagnosis import sections, write_gap_report
-from elastic_arm.report.diagnosis_figures import angle_within_turn, shown_sides
+from elastic_arm.report.diagnosis_figures import (
+    angle_within_turn,
+    friction_at,
+    places_with_friction,
+    shown_sides,
+)
 from elastic_arm.report.html import Table
 from elastic_arm.report.legend import meaning
 from tests.helpers.browser import rendered_page
@@ -61,7 +66,7 @@ def test_report_shows_verdict_map_causes_and_prediction_in_a_browser(
     assert page.index("explained: ") < page.index("<svg")
     # Map, two causes, horizons are drawings; what is over time can be zoomed: two causes, and nine
     # residuals.
-    assert (page.count("<svg"), page.count("<canvas")) == (4, 2 + 9)
+    assert (page.count("<svg"), page.count("<canvas")) == (5, 2 + 9)
     assert len(page.encode()) < 3e6 and not re.findall(r'(?:src|href)="http', page)
     for words in (
         "velocity [rad/s]",
@@ -335,6 +340,22 @@ def test_repeatable_options_take_several_values(given: str, meant: str) -> None:
     """`--validate A B` judges on both, as the usage line says; what stands before any argument is
     an argument."""
     assert spelled_out(given.split(), load("diagnose").params) == meant.split()
+
+
+def test_friction_by_the_recordings_is_drawn_where_the_model_has_it(two_causes: Diagnosis) -> None:
+    """Joint 2 has the dry friction that was found; by the recordings, too, it changes its sign with
+    the velocity."""
+    context = two_causes.context
+    assert context is not None
+    (row,) = places_with_friction(context)
+    sides = context.validate.layout.sides
+    side = sides[row // len(two_causes.joints)]
+    assert (two_causes.joints[row % len(two_causes.joints)], side) == ("joint_2", "motor")
+    w, measured, _ = friction_at(context, row, side)
+    fast = np.abs(w) > 0.3 * np.abs(w).max()
+    assert np.mean(np.sign(measured[fast]) == np.sign(w[fast])) > 0.95
+    assert np.mean(measured[fast] * np.sign(w[fast])) == pytest.approx(6.0, rel=0.1)
+    assert "Friction curves" in [section.title for section in sections(two_causes)]
 
 
 def test_sides_without_a_residual_are_not_drawn(two_causes: Diagnosis, tmp_path: Path) -> None:

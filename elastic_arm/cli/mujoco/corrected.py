@@ -33,13 +33,23 @@ from elastic_arm.robot.mjcf import MjcfArm, open_mjcf
 
 SUFFIX = "_corrected"
 NAMED = 6  # numbers that a note names
-NO_FILE = (
-    "without the laws of robot.yaml that an MJCF does not state, every joint would move worse than"
-    " as described"
-)
 
 # What is taken back -> the corrected arm without it.
 Corrected = Callable[[frozenset[str]], Robot]
+
+
+def no_file(lacking: Mapping[str, Sequence[str]]) -> str:
+    """Return why there is no file for a corrected arm, and how to use the arm itself.
+
+    lacking: what no file states of each joint, in words.
+    """
+    laws = listed(list(dict.fromkeys(word for words in lacking.values() for word in words)))
+    return (
+        f"without {laws}, which an MJCF does not state, every joint would move worse than as"
+        " described. robot.yaml has them, and its errors are those of the closed loop below; for"
+        " friction in your own simulation, write a file with `elastic-arm export` and load"
+        " robot.yaml with elastic_arm.mujoco.attach (docs/mujoco.md)"
+    )
 
 
 @dataclass(frozen=True)
@@ -305,7 +315,7 @@ class Correction:
         back = frozenset(alone.taken_back)
         if back >= set(base.robot.joint_names):
             path.unlink()
-            return replace(found, file=NO_FILE)
+            return replace(found, file=no_file(lacking))
         found = replace(found.with_alone(alone.errors), kept_in_file=alone.taken_back)
         if arm is not opened.robot or back:
             last = self._exported(with_joints_of(arm, base.robot, back), path, alone=True)

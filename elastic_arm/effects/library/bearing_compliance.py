@@ -11,11 +11,12 @@ tilts by the moment that is missing then.
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
 import scipy  # its parts are loaded when they are used
+from numpy.typing import NDArray
 
 from elastic_arm.arrays import Array
 from elastic_arm.dynamics import Model, build_model
@@ -61,9 +62,11 @@ def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
     zero = ca.SX.zeros(2 * motion.n)
     _check(motion.robot)
     whole = ArmEquations(motion.robot, motion.equations.model_name, bearings=True)
-    x, dx, ddx, dddx, ddddx = (
-        ca.SX.sym(name, 2 * n) for name in ("x", "dx", "ddx", "dddx", "ddddx")
-    )
+    x = ca.SX.sym("x", 2 * n)
+    dx = ca.SX.sym("dx", 2 * n)
+    ddx = ca.SX.sym("ddx", 2 * n)
+    dddx = ca.SX.sym("dddx", 2 * n)
+    ddddx = ca.SX.sym("ddddx", 2 * n)
 
     def left_side(tilt: ca.SX, rate: ca.SX, acceleration: ca.SX) -> ca.SX:
         parts = ((x, tilt), (dx, rate), (ddx, acceleration))
@@ -80,7 +83,8 @@ def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
     rate = rate_of(tilt)
     rows = left_side(tilt, rate, rate_of(rate))[: 2 * n] - rigid[: 2 * n]
     known = ca.vertcat(x, dx, ddx, dddx, ddddx, whole.Psi)
-    jerk, snap = (ca.SX.zeros(2 * n) + value for value in (motion.dddx, motion.ddddx))
+    jerk = ca.SX.zeros(2 * n) + motion.dddx
+    snap = ca.SX.zeros(2 * n) + motion.ddddx
     here = ca.vertcat(motion.x, motion.dx, motion.ddx, jerk, snap, ca.DM(whole.nominal))
     return motion.everywhere(ca.substitute(rows, known, here))
 
@@ -152,10 +156,10 @@ class TiltRegressor:
         motion = [signals.values[name][thin] for name in ("x", "dx", "ddx")]
         tilts = np.zeros((3, len(t), 2 * n))
         rest = moving = self._left_side(motion, tilts)
-        response = self._response(t, motion[0], scale, min(SMOOTH, SMOOTHER * signals.cutoff))
+        swing = self._swing(t, motion[0], scale, min(SMOOTH, SMOOTHER * signals.cutoff))
         for _ in range(STEPS):
             missing = moving[:, 2 * n :] + (scale - 1.0) * self._bearings[0] * tilts[0]
-            tilts = tilts + _driven(-missing, t, response)
+            tilts = tilts + swing.driven(-missing)
             moving = self._left_side(motion, tilts)
         change = scipy.interpolate.CubicSpline(t, (moving - rest)[:, : 2 * n])(signals.t)
         return np.concatenate([change[:, :n], np.zeros((len(change), n)), change[:, n:]], axis=1)
@@ -165,41 +169,62 @@ class TiltRegressor:
             *(np.hstack(pair) for pair in zip(motion, tilts, strict=True))
         )
 
-    def _response(self, t: Array, x: Array, scale: float, smooth: float) -> Array:
-        """Return the tilts per moment (F, 2n, 2n) over frequency, at mean inertia, up to `smooth`
-        Hz."""
+    def _swing(self, t: Array, x: Array, scale: float, smooth: float) -> "Swing":
+        """Return how the tilts follow moments at mean inertia, up to `smooth` Hz."""
         n = self.equations.robot.n
         stiffness, damping = self._bearings
         poses = x[:: max(1, len(x) // POSES)]
         inertia = self._model.mass_matrix(np.hstack([poses, np.zeros_like(poses)])).mean(axis=0)[
             2 * n :, 2 * n :
         ]
-        f = _frequencies(t)
+        return Swing.of(t, scale * stiffness, damping, inertia, smooth)
+
+
+class Swing(NamedTuple):
+    """Tilts by moments over frequency: s theta = theta' and M s theta' = m - D theta' - K theta, by
+    the modes of this system.
+
+        theta = V (s - poles)^-1 W m
+    """
+
+    padding: tuple[int, int]  # samples that are added before and after
+    s: NDArray[np.complex128]  # (F,)
+    smoothing: Array  # (F,) of the moments
+    poles: NDArray[np.complex128]  # (4n, 1)
+    # (4n, 2n), (2n, 4n): W and V
+    into: NDArray[np.complex128]
+    out: NDArray[np.complex128]
+
+    @staticmethod
+    def of(t: Array, stiffness: Array, damping: Array, inertia: Array, smooth: float) -> "Swing":
+        """Return that of bearings (2n,) under an inertia (2n, 2n), at times t (N,)."""
+        count = min(len(t) - 1, round(PADDING / (t[1] - t[0])))
+        whole = scipy.fft.next_fast_len(len(t) + 2 * count, real=True)
+        f = np.fft.rfftfreq(whole, t[1] - t[0])
         f = f[f <= BEYOND * smooth]
-        s = 2j * np.pi * f[:, None, None]
-        response = np.linalg.inv(np.diag(scale * stiffness) + s * np.diag(damping) + s**2 * inertia)
-        return np.asarray(response * np.exp(-0.5 * (f / smooth) ** 2)[:, None, None])
+        tilts = len(inertia)
+        mobility = np.linalg.inv(inertia)
+        rates = np.hstack([np.zeros((tilts, tilts)), np.eye(tilts)])
+        accelerations = np.hstack([-mobility * stiffness, -mobility * damping])
+        poles, modes = np.linalg.eig(np.vstack([rates, accelerations]))
+        return Swing(
+            (count, whole - len(t) - count),
+            2j * np.pi * f,
+            np.exp(-0.5 * (f / smooth) ** 2),
+            poles[:, None],
+            np.linalg.inv(modes)[:, tilts:] @ mobility,
+            modes[:tilts],
+        )
 
-
-def _frequencies(t: Array) -> Array:
-    return np.fft.rfftfreq(len(t) + 2 * _padding(t), t[1] - t[0])
-
-
-def _padding(t: Array) -> int:
-    return min(len(t) - 1, round(PADDING / (t[1] - t[0])))
-
-
-def _driven(moment: Array, t: Array, response: Array) -> Array:
-    """Return tilts and their first and second derivatives (3, N, 2n) under moments (N, 2n)."""
-    count = _padding(t)
-    padded = np.pad(moment, ((count, count), (0, 0)), mode="reflect")
-    tilt = (response @ scipy.fft.rfft(padded, axis=0)[: len(response), :, None])[:, :, 0]
-    s = 2j * np.pi * _frequencies(t)[: len(response), None]
-    return np.asarray(
-        scipy.fft.irfft([tilt * s**k for k in range(3)], len(padded), axis=1)[
-            :, count : -count or None
-        ]
-    )
+    def driven(self, moment: Array) -> Array:
+        """Return tilts and their first and second derivatives (3, N, 2n) under moments (N, 2n)."""
+        padded = np.pad(moment.T, ((0, 0), self.padding), mode="reflect")
+        spectrum = scipy.fft.rfft(padded)[:, : len(self.s)] * self.smoothing
+        tilt = self.out @ ((self.into @ spectrum) / (self.s - self.poles))
+        each = [tilt, tilt * self.s, tilt * self.s**2]
+        found = scipy.fft.irfft(each, padded.shape[1])
+        inside = slice(self.padding[0], self.padding[0] + len(moment))
+        return np.asarray(found[:, :, inside].transpose(0, 2, 1))
 
 
 EFFECT: Effect = StructuralEffect(

@@ -43,7 +43,9 @@ class FilteredTorques:
         """Return recorded less true torque in link, drive and motor residuals, (N, 3 n)."""
         n = self.equations.robot.n
         joints = list(values["joints"])
-        link, drive, motor = (np.zeros((len(signals.t), n)) for _ in range(3))
+        link = np.zeros((len(signals.t), n))
+        drive = np.zeros((len(signals.t), n))
+        motor = np.zeros((len(signals.t), n))
         for channel in (c for c in values["channels"] if c in CHANNELS):
             error = self._error(signals, CHANNELS[channel], joints, values)
             if channel == "motor_torque":

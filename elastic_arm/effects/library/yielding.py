@@ -75,14 +75,18 @@ def _stopped(d: Any, v: Any, free: Any, inertia: Any, h: Any, p: Any) -> Any:
 def _recursion(rate: Callable[..., Any]) -> Recursion:
     """Return d, its rate, and its rate half a sample later, from load, inertia and slope now and a
     sample later."""
-    z, now, p = (ca.SX.sym(name, size) for name, size in (("z", 3), ("now", 6), ("p", 2)))
+    z = ca.SX.sym("z", 3)
+    now = ca.SX.sym("now", 6)
+    p = ca.SX.sym("p", 2)
     d = z[0]
     v = z[1]
     half = z[2]
     h = p[1] / STEPS
     for k in range(STEPS):
         share = (k + 1) / STEPS
-        load, inertia, slope = ((1.0 - share) * now[j] + share * now[3 + j] for j in range(3))
+        load = (1.0 - share) * now[0] + share * now[3]
+        inertia = (1.0 - share) * now[1] + share * now[4]
+        slope = (1.0 - share) * now[2] + share * now[5]
         v = rate(d, v, -(load + slope * d) / inertia, inertia, h, p[0])
         d = d + h * v
         half = v if k == STEPS // 2 - 1 else half

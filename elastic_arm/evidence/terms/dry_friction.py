@@ -57,10 +57,13 @@ class DryFrictionTerm(Term):
 
 
 def dry_friction_terms(linear: Linearisation) -> Iterator[DryFrictionTerm]:
-    """Yield the terms of all places at which dry friction acts; their curves are linearised where
-    it turns over at once."""
+    """Yield the terms of all places at which dry friction acts, made once; their curves are
+    linearised where it turns over at once."""
+    made: dict[FrictionPlace, list[DryFrictionTerm]] = linear.cache.setdefault("dry friction", {})
     for place in places_of_friction(linear.acting):
-        yield from _at(linear, place, np.zeros(SHARES))
+        if place not in made:
+            made[place] = _at(linear, place, np.zeros(SHARES))
+        yield from made[place]
 
 
 def _at(linear: Linearisation, place: FrictionPlace, turned: Array) -> list[DryFrictionTerm]:

@@ -8,10 +8,12 @@ prior of theta over its range.
 
 from collections.abc import Iterator, Sequence, Set
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import product
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elastic_arm.arrays import Array
 from elastic_arm.codegen.parallel import ahead
@@ -323,14 +325,20 @@ def _spread(parameter: Parameter, count: int) -> list[float]:
 def monomials(points: Array) -> Array:
     """Return all monomials (M, m) up to the second degree of k numbers (M, k): one, the numbers,
     their products."""
-    first, second = np.triu_indices(points.shape[1])
+    first, second = _products(points.shape[1])
     return np.hstack([np.ones((len(points), 1)), points, points[:, first] * points[:, second]])
+
+
+@lru_cache
+def _products(k: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return the factors of all products of two of k numbers."""
+    return np.triu_indices(k)
 
 
 def monomial_slopes(point: Array) -> Array:
     """Return the derivatives (m, k) of :func:`monomials` at one point (k,)."""
     k = len(point)
-    first, second = np.triu_indices(k)
+    first, second = _products(k)
     one = np.eye(k)
     products = one[first] * point[second, None] + one[second] * point[first, None]
     return np.vstack([np.zeros((1, k)), one, products])

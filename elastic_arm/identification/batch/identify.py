@@ -14,6 +14,7 @@ from elastic_arm.effects.text import parse_laws
 from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.identification.batch.derivatives import DerivativeStage
+from elastic_arm.identification.batch.ignored_commands import without_ignored_commands
 from elastic_arm.identification.batch.imperfections import nuisance_effects
 from elastic_arm.identification.batch.mounting import other_mounting
 from elastic_arm.identification.batch.selection import (
@@ -123,7 +124,7 @@ def identify_with(
         raise IdentificationError("no recording was given", "Give at least one.")
     report = progress or (lambda what, share: None)
     robot = at_common_gain(robot, [*chosen, *validate])
-    chosen = [_cleared(one, robot) for one in chosen]
+    chosen = [_cleared(one, robot, settings.model) for one in chosen]
     prepared = [recording.samples() for recording in chosen]
     held_out = _held_out(validate, prepared[0], robot, settings.model)
     motored = any(samples.tau_m is not None for samples in prepared)
@@ -141,24 +142,16 @@ def identify_with(
     trials = Trials(recorded, robot, settings, report, unasked=bool(known))
     choice = trials.selected()
     if not any(instance.effect.id == TILT for instance in known):
-        longest = trials(choice).derived[0].longest
-        mounting = other_mounting(robot, settings.model, [longest])
-        if mounting is not None:
-            robot = mounting.of(robot)
-            effects = (*effects, *parse_laws([TILT], robot, settings.catalogue))
-            settings = replace(settings, effects=effects)
-            trials = replace(trials, robot=robot, settings=settings, _known={})
-            choice = trials.selected()
-            notes.append(mounting.note)
+        trials, choice, mounting_notes = _mounted(trials, choice)
+        notes += mounting_notes
+    robot = trials.robot
     result, trial, correlated = _estimated(trials, choice)
-    equations = {name for rms in result.noise.values() for name in rms}
-    bare = [name for name in prepared[0].without_torque(robot.joint_names) if name not in equations]
-    said = ((moved, FELT), (bare, BARE), (unseen, UNSEEN))
-    notes += [f"{', '.join(names)}: {words}" for names, words in said if names]
+    without_torque = prepared[0].without_torque(robot.joint_names)
+    notes += _channel_notes(result, moved, without_torque, unseen)
     result = result.with_(notes=tuple(dict.fromkeys([*result.notes, *notes])))
     if validate:
         motions = _held_out_motions(held_out, trial, not choice.sticking, report)
-        laws = (*effects, *choice.laws)
+        laws = (*trials.effects, *choice.laws)
         result = validated(result, trial.identifier, robot, laws, motions, correlated)
     if result.identified is not None:
         # Of the arm that is written, after validation has had its say.
@@ -167,11 +160,45 @@ def identify_with(
     return result, trial.identifier, trial.derived[0].first
 
 
-def _cleared(recording: Recording, robot: Robot) -> Recording:
+def _mounted(trials: Trials, choice: BatchChoice) -> tuple[Trials, BatchChoice, list[str]]:
+    """Return the trials of an arm that is mounted as its torques show, the choice among them, and a
+    note; the same trials where they show the described mounting."""
+    settings = trials.settings
+    longest = trials(choice).derived[0].longest
+    mounting = other_mounting(trials.robot, settings.model, [longest])
+    if mounting is None:
+        return trials, choice, []
+    robot = mounting.of(trials.robot)
+    tilt = parse_laws([TILT], robot, settings.catalogue)
+    settings = replace(settings, effects=(*settings.effects, *tilt))
+    trials = replace(trials, robot=robot, settings=settings, _known={})
+    return trials, trials.selected(), [mounting.note]
+
+
+def _channel_notes(
+    result: Identification,
+    moved: Sequence[str],
+    without_torque: Sequence[str],
+    unseen: Sequence[str],
+) -> list[str]:
+    """Return notes on laws and joints without a torque that shows them."""
+    equations: set[str] = set()
+    for of_side in result.noise.values():
+        equations.update(of_side)
+    bare = [name for name in without_torque if name not in equations]
+    listed = ((moved, FELT), (bare, BARE), (unseen, UNSEEN))
+    return [f"{', '.join(names)}: {words}" for names, words in listed if names]
+
+
+def _cleared(recording: Recording, robot: Robot, model: str) -> Recording:
     """Return the joints of the arm in motion, without outliers, by the encoders that its equations
-    take."""
+    take, and without stretches in which commands were ignored."""
     moving = without_outliers(without_standstill(recording.select(robot.joint_names)))
-    return with_made_torque(by_motor_encoders(moving, robot), robot)
+    made = with_made_torque(by_motor_encoders(moving, robot), robot)
+    followed, ignored = without_ignored_commands(made, robot, model)
+    where = recording.source or "the recording"
+    notes = [f"{where}: {one.words}" for one in ignored]
+    return replace(followed, notes=(*followed.notes, *notes))
 
 
 def _estimated(trials: Trials, choice: BatchChoice) -> tuple[Identification, BatchTrial, float]:
@@ -240,7 +267,7 @@ def _held_out(
     """
     stages = {}
     for recording in recordings:
-        samples = _cleared(recording, robot).samples()
+        samples = _cleared(recording, robot, model).samples()
         channels = identifier_of(robot, model)
         for each in (fitted, samples):
             channels.choose_equations(each)

@@ -110,9 +110,8 @@ def other_mounting(robot: Robot, model: str, motions: Sequence[Motion]) -> Mount
     measured, moved, pull, joints, springs = (each[:, turning] for each in torques)
     coefficients, left = _least_squares(np.concatenate([pull, joints], axis=2), measured - moved)
     # Each joint has its own friction and zero: what they leave of it does not depend on the others.
-    stands, reversed_ = (
-        _left_by_joint(joints, sign * measured - moved - pull @ described) for sign in (1.0, -1.0)
-    )
+    stands = _left_by_joint(joints, measured - moved - pull @ described)
+    reversed_ = _left_by_joint(joints, -measured - moved - pull @ described)
     sprung = _left_by_joint(
         np.concatenate([joints, springs], axis=2), measured - moved - pull @ described
     )
@@ -137,23 +136,41 @@ def _torques(robot: Robot, model: str, motion: Motion) -> tuple[Array, ...] | No
 
     None if the motion lacks torques or angles of all joints.
     """
+    every = slice(0, None, max(1, len(motion) // ENOUGH))
+    n = robot.n
+    chosen = motion[every]
+    torques = described_torques(robot, model, chosen)
+    if torques is None:
+        return None
+    links = chosen.q if chosen.q is not None else chosen.theta
+    motors = chosen.dtheta if robot.elastic and chosen.dtheta is not None else chosen.dq
+    rates = motors if motors is not None else chosen.dtheta
+    assert links is not None and rates is not None
+    friction = np.sign(rates)[:, :, None] * np.eye(n)
+    joints = np.concatenate([friction, np.broadcast_to(np.eye(n), friction.shape)], axis=2)
+    return *torques, joints, links[:, :, None] * np.eye(n)
+
+
+def described_torques(
+    robot: Robot, model: str, motion: Motion
+) -> tuple[Array, Array, Array] | None:
+    """Return recorded torques (N, n), and of the described arm those of the motion and of gravity
+    (N, n, 3) in its three directions.
+
+    None if the motion lacks torques or angles of all joints.
+    """
     sides = [(motion.q, motion.dq, motion.ddq), (motion.theta, motion.dtheta, motion.ddtheta)]
     recorded: list[Any] = [side for side in sides if all(rate is not None for rate in side)]
     torque = motion.tau_m if motion.tau_m is not None else motion.tau_J
     if torque is None or not recorded or motion.lacking:
         return None
-    every = slice(0, None, max(1, len(motion) // ENOUGH))
-    n = robot.n
     # Links stand in for their motors, and the other way about: a deflection hardly turns what
     # gravity pulls at.
     taken = (recorded[0], recorded[-1]) if robot.elastic else recorded[:1]
-    x, dx, ddx = (np.hstack(rates)[every] for rates in zip(*taken, strict=True))
-    moved, pull = ArmEquations(robot, model).moved_and_pulled(
-        x, dx, ddx, motors=motion.tau_m is not None
-    )
-    friction = np.sign(dx[:, -n:])[:, :, None] * np.eye(n)
-    joints = np.concatenate([friction, np.broadcast_to(np.eye(n), friction.shape)], axis=2)
-    return torque[every], moved, pull, joints, x[:, :n, None] * np.eye(n)
+    x, dx, ddx = (np.hstack(rates) for rates in zip(*taken, strict=True))
+    motors = motion.tau_m is not None
+    moved, pull = ArmEquations(robot, model).moved_and_pulled(x, dx, ddx, motors=motors)
+    return torque, moved, pull
 
 
 def _chance(before: float, left: float, motion: Motion, laws: tuple[int, ...]) -> float:

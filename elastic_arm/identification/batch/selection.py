@@ -215,14 +215,18 @@ class Trials:
 
     def selected(self) -> BatchChoice:
         """Return the choices that the recordings decide."""
-        possible = self._possible()
-        choice = self._sticking(self._speed(self._averaged(BatchChoice(imperfections=possible))))
+        choice = self._sticking(self.turning())
+        possible = choice.imperfections
         if not possible:
             return choice
         trial = self(choice)
         equations = trial.identifier.equations
         kept = judged_imperfections(possible, trial.fit, equations, held=equations.rigid)
         return replace(choice, imperfections=kept)
+
+    def turning(self) -> BatchChoice:
+        """Return the choice of the speed within which dry friction reverses."""
+        return self._speed(self._averaged(BatchChoice(imperfections=self._possible())))
 
     def _possible(self) -> tuple[NuisanceLaw, ...]:
         """Return the imperfections that the channels can separate from everything else."""
@@ -284,9 +288,8 @@ class Trials:
         held = share > 0.0
         if not held.any():
             return choice
-        whole, left = (
-            _errors_by_block(each, rest.fit).sum(axis=0) for each in (self(choice), rest)
-        )
+        whole = _errors_by_block(self(choice), rest.fit).sum(axis=0)
+        left = _errors_by_block(rest, rest.fit).sum(axis=0)
         precision = held / rest.fit.noise**2
         stuck = precision @ (whole - left) / share.sum()
         moving = precision @ left / np.sum(1.0 - share[held])
@@ -417,7 +420,7 @@ def turning_speeds(recordings: Sequence[Recording], robot: Robot) -> Array | Non
     settings = IdentificationSettings(model="mod1", effects=laws)
     trials = Trials(recorded, robot, settings, report=lambda what, share: None, unasked=True)
     try:
-        speeds = trials.selected().sign_speed
+        speeds = trials.turning().sign_speed
     except IdentificationError:
         return None
     return np.broadcast_to(np.asarray(speeds, dtype=float), (robot.n,)).copy()

@@ -209,9 +209,9 @@ class TrajectoryAction:
         error = Row(
             desired.position - actual.position, desired.velocity - actual.velocity, np.zeros(0)
         )
-        feedback.desired, feedback.actual, feedback.error = (
-            _point(row, elapsed) for row in (desired, actual, error)
-        )
+        feedback.desired = _point(desired, elapsed)
+        feedback.actual = _point(actual, elapsed)
+        feedback.error = _point(error, elapsed)
         active.handle.publish_feedback(feedback)
 
 

@@ -47,7 +47,8 @@ class Follower:
         self._origin = origin_ns
         self._step_ns = step_ns
         self._policy = policy
-        self._stated, self._assumed = (JointLimits.of(robot, assumed) for assumed in (False, True))
+        self._stated = JointLimits.of(robot, False)
+        self._assumed = JointLimits.of(robot, True)
         self._step = 0
         self._made = 0
 

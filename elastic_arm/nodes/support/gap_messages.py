@@ -99,7 +99,8 @@ def _change(change: Mapping[str, Any]) -> GapChange:
 
 
 def _parameter(name: str, estimate: Mapping[str, Any], stated: Any = None) -> GapParameter:
-    value, std = (_listed(estimate[part]) for part in ("value", "std"))
+    value = _listed(estimate["value"])
+    std = _listed(estimate["std"])
     words = [part for part in value if isinstance(part, str)]
     if words:
         return GapParameter(name=name, words=words, unit=estimate["unit"])

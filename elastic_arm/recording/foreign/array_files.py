@@ -19,6 +19,7 @@ import numpy as np
 from elastic_arm.errors import MissingExtraError, RecordingError
 from elastic_arm.recording import limits
 from elastic_arm.recording.foreign.compiled_readers import load_compiled
+from elastic_arm.recording.foreign.lerobot import INFO, lerobot_columns
 from elastic_arm.recording.foreign.text_layouts import has_layout
 from elastic_arm.recording.foreign.text_tables import (
     WHOLE_TABLE,
@@ -126,7 +127,9 @@ def load_arrays(path: Path, decimal: str | None = ".") -> Arrays:
     numbered = all(file.stem[-1:].isdecimal() for file in learned)
     if len(learned) > 1 and not (alike and numbered):
         return _side_by_side(path, parts)
-    return _stacked(episodes)
+    stacked = _stacked(episodes)
+    stacked.columns = lerobot_columns(path)
+    return stacked
 
 
 def _files_of(folder: Path) -> tuple[list[Path], list[Path]]:
@@ -137,7 +140,7 @@ def _files_of(folder: Path) -> tuple[list[Path], list[Path]]:
             for file in sorted(folder.iterdir())
             if file.suffix.lower() in ARRAY_FILES and file.suffix.lower() not in LEARNERS
         ]
-        is_lerobot = (folder / "meta" / "info.json").is_file()
+        is_lerobot = (folder / INFO).is_file()
         root = folder / "data" if is_lerobot else folder
         below = [file for depth in ("*", "*/*", "*/*/*") for file in root.glob(depth)]
         learned = [file for file in below if file.suffix.lower() in LEARNERS and file.is_file()]

@@ -242,10 +242,18 @@ def import_arrays(path: str | Path, mapping: str | Path) -> Recording:
     return next(iter(runs.values()))
 
 
-def import_runs(path: str | Path, mapping: str | Path) -> dict[str, Recording]:
+def import_runs(
+    path: str | Path, mapping: str | Path, calibration: str | Path | None = None
+) -> dict[str, Recording]:
     """Make recordings of a file or folder of arrays, by the names of the runs; one alone has an
-    empty name."""
-    rules = _calibrated(load_array_map(mapping), Path(mapping).parent)
+    empty name.
+
+    calibration: LeRobot's calibration file, instead of the one that the mapping states.
+    """
+    rules = load_array_map(mapping)
+    if calibration is not None:
+        rules = rules.model_copy(update={"calibration": str(Path(calibration).absolute())})
+    rules = _calibrated(rules, Path(mapping).parent)
     arrays = load_arrays(Path(path), rules.decimal)
     urdf = None
     if rules.robot_description is not None:

@@ -49,6 +49,7 @@ class Draft:
     ignored: tuple[tuple[str, str], ...]  # arrays left out, and why
     runs: tuple[str, int] | None = None  # array that numbers several runs, and how many there are
     decimal: str = "."
+    calibration: str | None = None  # file that states the ranges of positions in per cent
 
     @property
     def missing(self) -> list[str]:
@@ -83,6 +84,8 @@ class Draft:
         if self.decimal != ".":
             lines += [f"decimal: {_inline(self.decimal)}"]
         lines += [f"joints: {_inline(list(self.joints))}"]
+        if self.calibration is not None:
+            lines += [f"calibration: {_inline(self.calibration)}"]
         for side in SIDE_NAMES:
             if chosen := [guess for guess in self.channels if guess.side == side]:
                 lines.append(f"{side}:")
@@ -126,7 +129,8 @@ def _channel_lines(guess: Guess, joints: Sequence[str]) -> list[str]:
         keys["columns"] = [columns[k] for k in places]
     if table.flat:
         keys["flat"] = True
-    keys["unit"] = [guess.units[k] for k in places] if guess.units else guess.unit
+    if guess.units or guess.unit:
+        keys["unit"] = [guess.units[k] for k in places] if guess.units else guess.unit
     for name, values in guess.scales.items():
         number = int if name == "sign" else float
         keys[name] = [number(values[k]) for k in places]

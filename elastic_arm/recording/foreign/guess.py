@@ -106,14 +106,20 @@ _MEASURED = r"act(?=_|ual)|meas|rec|sens|raw|abs"
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")
 def guess_mapping(
-    arrays: Mapping[str, np.ndarray], joints: Sequence[str], prismatic: Collection[str] = ()
+    arrays: Mapping[str, np.ndarray],
+    joints: Sequence[str],
+    prismatic: Collection[str] = (),
+    calibration: str | None = None,
 ) -> Draft:
     """Return a draft of the mapping from arrays to a recording.
 
     Units follow from names, ranges and slopes of derivatives; sides and kinds of torque from names.
+
+    calibration: file of LeRobot's calibration, as the mapping is to state it: positions without a
+    unit in their names are per cent of its ranges.
     """
     arrays = arrays if isinstance(arrays, Arrays) else Arrays(arrays)
-    contents = find_tables(arrays, joints, arrays.units)
+    contents = find_tables(arrays, joints, arrays.units, arrays.columns)
     slides = np.array([joint in prismatic for joint in joints])
     whole = {table.keys: table for table in contents.tables}
     if not slides.all():
@@ -154,9 +160,26 @@ def guess_mapping(
             ignored += [(key, DEAD) for key in dead]
     ordered = [found[place] for place in product(SIDE_NAMES, CHANNEL_NAMES) if place in found]
     ignored += [(key, f"not numbers: {fault}") for key, fault in faults.items()]
+    if calibration is not None:
+        ordered = [_by_calibration(guess) for guess in ordered]
     return Draft(
-        tuple(joints), contents.times, tuple(ordered), tuple(ignored), contents.runs, arrays.decimal
+        tuple(joints),
+        contents.times,
+        tuple(ordered),
+        tuple(ignored),
+        contents.runs,
+        arrays.decimal,
+        calibration,
     )
+
+
+def _by_calibration(guess: Guess) -> Guess:
+    """Return a position without a unit in its name as per cent of calibrated ranges."""
+    if guess.channel != "position" or known_unit(guess.table.stated) is not None:
+        return guess
+    *others, _ = guess.reasons
+    why = "per cent of each joint's range, by the calibration"
+    return replace(guess, reasons=(*others, why), unit="", units=(), scales={}, missing={})
 
 
 def _chosen(guesses: Sequence[Guess | LeftOut]) -> tuple[Chosen, list[tuple[str, str]]]:
@@ -188,7 +211,8 @@ def _compare_commands(chosen: Chosen) -> None:
     followed = chosen.get(("link", "position")) or chosen.get(("motor", "position"))
     if command is None or followed is None:
         return
-    far, asked = (np.median(np.std(one.table.values, axis=0)) for one in (followed, command))
+    far = np.median(np.std(followed.table.values, axis=0))
+    asked = np.median(np.std(command.table.values, axis=0))
     why = f"the positions, {followed.table.name}, swing {far / asked:.3g} times as far"
     chosen["command", "position"] = _alike(command, followed).because(why)
 
@@ -342,7 +366,8 @@ class _Reader:
                 count = len(position.values) - later
                 apart = np.abs(table.values[:count] - position.values[later:])
                 if np.all(apart.mean(axis=0) < least * spread):
-                    when = f" {later} sample{'s' if later > 1 else ''} later" if later else ""
+                    samples = "sample" if later == 1 else "samples"
+                    when = f" {later} {samples} later" if later else ""
                     return f"the numbers of {position.name}{when}: not commands that were sent"
         return ""
 
@@ -386,7 +411,9 @@ class _Reader:
             reasons.append(f"{side} side according to {word!r} in its name")
         elif channel != "effort":
             reasons.append("link side, as its name does not indicate the motor")
-        if not table.pattern and n > 1:
+        if table.called:
+            reasons.append("the columns of the joints, by their names in meta/info.json")
+        elif not table.pattern and n > 1:
             reasons.append("in the order of the arm's joints, which is an assumption: check it")
         if table.flat:
             reasons.append(f"numbers one after the other, {n} per sample")
@@ -517,7 +544,9 @@ def _quantity(table: JointTable) -> tuple[Any, str]:
             return quantity, table.name
     unit = known_unit(table.stated)
     of_unit = [name for name in CHANNEL_NAMES if unit is not None and unit[0] in TO_SI[name]]
-    return (of_unit[0], table.name) if of_unit else (None, table.name if stem != table.stem else "")
+    if of_unit:
+        return of_unit[0], table.name
+    return None, "" if stem == table.stem else table.name
 
 
 def _side_by_name(name: str) -> tuple[SideName | None, str]:

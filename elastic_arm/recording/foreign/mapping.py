@@ -93,9 +93,10 @@ def _parts(messages: Series, sources: Mapping[str, Channel]) -> list[tuple[Serie
     if not messages.names() or any(source.index is not None for source in sources.values()):
         return [(messages, list(sources))]
     called = {source.name: joint for joint, source in sources.items()}
-    return [
-        (part, [called[name] for name in names]) for part, names in messages.holding(list(called))
-    ]
+    found = []
+    for part, names in messages.holding(list(called)):
+        found.append((part, [called[name] for name in names]))
+    return found
 
 
 def _one(messages: Series, source: Channel, name: ChannelName) -> Array:

@@ -42,6 +42,7 @@ class JointTable:
     available: int = 0  # columns that there are; 0 where these are all
     flat: bool = False  # the numbers of all joints stand one after the other
     stated: str = ""  # unit by the name of the first array, or by a row of units
+    called: bool = False  # whether its columns are those of the joints by their names
 
     @property
     def name(self) -> str:
@@ -87,12 +88,16 @@ class Contents:
 
 
 def find_tables(
-    arrays: Mapping[str, np.ndarray], joints: Sequence[str], units: Mapping[str, str] = _NONE
+    arrays: Mapping[str, np.ndarray],
+    joints: Sequence[str],
+    units: Mapping[str, str] = _NONE,
+    columns: Mapping[str, Sequence[str]] = MappingProxyType({}),
 ) -> Contents:
     """Sort arrays into times, tables of n joints, and others; of several runs the first one is
     used.
 
-    An array of more than n columns is a table of its first n columns. Columns whose names contain
+    An array of more than n columns is a table of its first n columns, or of those that `columns`
+    calls by the names of the joints. Columns whose names contain
     the names of the joints form a table, as do columns whose names count the joints. Columns
     without names are taken n at a time. For one joint every column is a table.
     """
@@ -112,6 +117,7 @@ def find_tables(
         if values.ndim in (1, 2) and values.size
     }
     n = len(joints)
+    chosen = {key: _places_of(names, joints) for key, names in columns.items()}
     count = _sample_count(numeric)
     times, tables = _sorted(numeric, joints, count, units)
     if not tables and n > 1 and count % n == 0:
@@ -125,6 +131,12 @@ def find_tables(
     )
     tables = [
         replace(table, stated=stated_unit(table.keys[0], units.get(table.keys[0], "")))
+        for table in tables
+    ]
+    tables = [
+        _called(table, numeric[table.keys[0]], places)
+        if (places := chosen.get(table.keys[0])) is not None and len(table.keys) == 1
+        else table
         for table in tables
     ]
     return Contents(times, tuple(tables), tuple(key for key in arrays if key not in used), runs)
@@ -240,6 +252,30 @@ def _whole(key: str, values: np.ndarray, count: int, n: int) -> JointTable | Non
         return None
     return JointTable(
         (key,), None if width == n else tuple(range(n)), values[:, :n], available=width
+    )
+
+
+def _places_of(names: Sequence[str], joints: Sequence[str]) -> tuple[int, ...] | None:
+    """Return which columns are those of the joints, by names such as `shoulder_pan.pos` or
+    `main_shoulder_pan`; None if that of a joint is missing or not the only one."""
+    found = []
+    for joint in joints:
+        own = re.compile(rf"(?<![a-zA-Z0-9]){re.escape(joint)}(?![a-zA-Z0-9])")
+        places = [k for k, name in enumerate(names) if own.search(name)]
+        if len(places) != 1:
+            return None
+        found += places
+    return tuple(found)
+
+
+def _called(table: JointTable, values: np.ndarray, places: tuple[int, ...]) -> JointTable:
+    """Return a table with the columns that are called as the joints."""
+    if values.ndim != 2 or max(places) >= values.shape[1]:
+        return table
+    whole = values[:, list(places)].astype(np.float64)
+    is_all = places == tuple(range(values.shape[1]))
+    return replace(
+        table, columns=None if is_all else places, values=whole, available=0, called=True
     )
 
 

@@ -37,6 +37,8 @@ class Arrays(dict[str, np.ndarray]):
         # of columns that are no numbers: what is none, with its line where it is known
         self.faults: dict[str, str] = {}
         self.decimal = "."
+        # of arrays of several columns, what each column is called, where a dataset states it
+        self.columns: dict[str, tuple[str, ...]] = {}
 
     @property
     def nbytes(self) -> int:

@@ -30,6 +30,7 @@ from elastic_arm.recording.inspection.report import (
 )
 from elastic_arm.recording.inspection.stuck_channels import channel_findings, frozen
 from elastic_arm.recording.inspection.two_encoders import disagreeing
+from elastic_arm.recording.made_torque import is_commanded
 from elastic_arm.recording.reading import Content, contents, recording_of, urdf_joints
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.series import Series
@@ -172,6 +173,8 @@ def misread(
     for recording in recordings:
         whole = cleared(recording)[0]
         words = [] if explained else [finding.message for finding in disagreeing(whole)]
+        if is_commanded(whole):  # torques would be made of commands that no drive received
+            words += [one.message for one in followed(whole) if one.code == "copied_command"]
         if first := next(
             filter(None, [*words, misread_channels(whole, robot, weight=not explained)]), None
         ):

@@ -46,7 +46,7 @@ def followed(recording: Recording) -> Iterator[Finding]:
     yield from _copied(joints, fit, copied)
     if apart.any():
         words = f"{listed(joints, apart)} did not follow the recorded commands"
-        remedy = "check for exchanged joints or another controller"
+        remedy = "check for exchanged joints, another controller or torque that was switched off"
         yield warning("not_followed", words, remedy)
     late = f"lag the commands by {span_of(1e3 * fit.lag[good])} ms (delay and drive together)"
     error = f"deviations {span_of(1e2 * fit.left[good])} % of their spread"

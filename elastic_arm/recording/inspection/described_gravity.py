@@ -31,7 +31,8 @@ Society 98 (1935) 536).
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import lru_cache, partial
+from hashlib import blake2b
 from itertools import chain, combinations
 from typing import NamedTuple, Self
 
@@ -192,9 +193,10 @@ def contradicted(motions: Motions, robot: Robot) -> list[Finding]:
     and "gravity_size" for the sign, direction and size of gravity; and "gravity_missing" if the
     torques contain no gravity.
     """
-    found = []
+    found = list[Finding]()
     for side, motion, fit in _fits(motions, robot):
-        found += [one for stage in _told(motion, side, fit, robot) for one in stage]
+        confused, judged = _known(motion, side, fit, robot)
+        found += [*confused, *judged]
     return found
 
 
@@ -204,9 +206,8 @@ def misread_channels(recording: Recording, robot: Robot, *, weight: bool) -> str
     weight: whether torques without gravity count as misread.
     """
     for side, motion, fit in _fits([*side_motions(recording, robot)], robot):
-        told = _told(motion, side, fit, robot)
-        confused = next(told)
-        lacking = (one for one in (next(told) if weight else []) if one.code == MISSING)
+        confused, judged = _known(motion, side, fit, robot)
+        lacking = (one for one in (judged if weight else []) if one.code == MISSING)
         if (first := next(chain(confused, lacking), None)) is not None:
             return first.message
     return None
@@ -348,8 +349,28 @@ class _Arm(NamedTuple):
     body: NDArray[np.intp]
 
 
-def _told(motion: SideMotion, side: str, fit: GravityFit, robot: Robot) -> Iterator[list[Finding]]:
-    """Yield the findings about confused channels, and then, if there are none, all others."""
+Told = tuple[list[Finding], list[Finding]]
+
+
+@lru_cache(maxsize=8)
+def _told_before(robot: Robot, side: str, motion: bytes) -> dict[str, Told]:
+    """Return what :func:`_known` keeps of a motion: a recording is checked where it is read, and
+    again before a corrected arm is written."""
+    return {}
+
+
+def _known(motion: SideMotion, side: str, fit: GravityFit, robot: Robot) -> Told:
+    """Return the findings about confused channels, and, if there are none, all others; made
+    once."""
+    content = blake2b(b"".join(one.tobytes() for one in motion[:4])).digest()
+    kept = _told_before(robot, side, content)
+    if not kept:
+        kept[side] = _told(motion, side, fit, robot)
+    return kept[side]
+
+
+def _told(motion: SideMotion, side: str, fit: GravityFit, robot: Robot) -> Told:
+    """Return the same, made anew."""
     few = motion.every(max(1, len(motion.q) // 500))  # are tried with every other arrangement
     # Of joints that creep friction is of either sign, by the encoders' steps, and its error
     # outweighs what is compared.
@@ -364,7 +385,6 @@ def _told(motion: SideMotion, side: str, fit: GravityFit, robot: Robot) -> Itera
         confused = []
     if several and not confused:
         confused = _arranged(few, side, robot, arm, _shown(fit))
-    yield confused
     # None where a single joint, or too little motion, leaves it open.
     upside = _upside_down(few, side, robot, arm) if several and not confused else None
     judged = [] if confused else _judged(fit, side, robot, upside)
@@ -376,7 +396,7 @@ def _told(motion: SideMotion, side: str, fit: GravityFit, robot: Robot) -> Itera
             replace(one, message=one.message + carried) if one.code == MISSING else one
             for one in judged
         ]
-    yield judged
+    return confused, judged
 
 
 def _arm(robot: Robot, side: str) -> _Arm:
@@ -386,7 +406,9 @@ def _arm(robot: Robot, side: str) -> _Arm:
 
     def regressor(q: Array, dq: Array, ddq: Array) -> Array:
         if robot.elastic:
-            q, dq, ddq = (np.hstack([rate, rate]) for rate in (q, dq, ddq))
+            q = np.hstack([q, q])
+            dq = np.hstack([dq, dq])
+            ddq = np.hstack([ddq, ddq])
         Y = model.regressor(q, dq, ddq)
         return Y[:, :n] + Y[:, n:] if robot.elastic and side == "motor" else Y[:, :n]
 
@@ -872,9 +894,8 @@ def _judged(fit: GravityFit, side: str, robot: Robot, upside: bool | None) -> li
     columns = fit.pull.reshape(-1, 3)
     target = fit.torque.ravel()
     shown = _shown(fit)
-    left, straight = (
-        float(np.sum((target - columns @ g) ** 2)) for g in (shown, fit.factor * robot.gravity)
-    )
+    left = float(np.sum((target - columns @ shown) ** 2))
+    straight = float(np.sum((target - columns @ (fit.factor * robot.gravity)) ** 2))
     turned = angle_between(shown, robot.gravity)
     size = float(np.linalg.norm(shown) / np.linalg.norm(robot.gravity))
     if left < LEFT * straight and turned > TURNED and SIZE[0] < size < SIZE[1]:

@@ -71,7 +71,8 @@ def _shift_ns(base: Side, side: Side) -> int | None:
     joints = joints_with(base.position) & joints_with(side.position)
     lasting = max(int(one.stamp_ns[-1] - one.stamp_ns[0]) for one in (base, side)) * 1e-9
     step = lasting / _GRID
-    first, second = (_even(one, step, joints) for one in (base, side))
+    first = _even(base, step, joints)
+    second = _even(side, step, joints)
     if not first.size or not second.size:
         return None
     both = sum(fftconvolve(a, b[::-1]) for a, b in zip(first.T, second.T, strict=True))

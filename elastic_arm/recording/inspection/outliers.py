@@ -120,9 +120,10 @@ def without_zeros(recording: Recording, found: list[Finding]) -> Recording:
         if not len(sent) or not len(others):
             continue
         place = np.clip(np.searchsorted(others, sent), 1, len(others) - 1)
-        far, before, after, later = (
-            q[others[np.clip(place + k, 0, len(others) - 1)]] for k in (-2, -1, 0, 1)
-        )
+        far = q[others[np.clip(place - 2, 0, len(others) - 1)]]
+        before = q[others[np.clip(place - 1, 0, len(others) - 1)]]
+        after = q[others[np.clip(place, 0, len(others) - 1)]]
+        later = q[others[np.clip(place + 1, 0, len(others) - 1)]]
         pose = q[sent[0]]
         least = [max(_STEPS * _resolution(column), _LEAST["position"]) for column in q[others].T]
         around = np.abs(after - before) + np.abs(before - far) + np.abs(later - after)

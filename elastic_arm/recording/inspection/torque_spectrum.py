@@ -64,9 +64,8 @@ def torque_spectrum(effort: Array, rate: float) -> TorqueSpectrum:
     power = power.T
     white = np.where(varying, effort.var(axis=0), 1.0) / (0.5 * rate)
     level = 10.0 * np.log10(np.maximum(power / white, 1e-30))
-    middle, top = (
-        _between(frequency / (0.5 * rate), level, *edges) for edges in ((0.3, 0.5), (0.7, 0.95))
-    )
+    middle = _between(frequency / (0.5 * rate), level, 0.3, 0.5)
+    top = _between(frequency / (0.5 * rate), level, 0.7, 0.95)
     quiet = varying & (top < NOISELESS)
     # 10.0 dB: white noise over the upper two thirds of the band
     # -150.0 dB: nothing is left but the rounding of floating-point numbers

@@ -229,9 +229,8 @@ def _by_smoothness(position: Array, k: NDArray[np.int64], jitter: Array, rate: f
     own = own[k[own + ROUGHNESS] - k[own] == ROUGHNESS]
     if not len(own):
         return Evidence(0.0, np.inf, "")
-    rough, expected = (
-        np.diff(x, ROUGHNESS, axis=0)[own] for x in (position, smooth * jitter[:, None])
-    )
+    rough = np.diff(position, ROUGHNESS, axis=0)[own]
+    expected = np.diff(smooth * jitter[:, None], ROUGHNESS, axis=0)[own]
     return _share(rough, expected, "the motion is smooth")
 
 

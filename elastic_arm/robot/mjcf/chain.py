@@ -73,7 +73,8 @@ def _plays(model: Any, joints: Sequence[int]) -> Iterator[tuple[int, int]]:
     for joint, play in itertools.permutations(joints, 2):
         if slides(model, play) != slides(model, joint) or not model.jnt_limited[play]:
             continue
-        axis, other = (np.array(model.jnt_axis[k], dtype=float) for k in (play, joint))
+        axis = np.array(model.jnt_axis[play], dtype=float)
+        other = np.array(model.jnt_axis[joint], dtype=float)
         apart = np.array(model.jnt_pos[play] - model.jnt_pos[joint], dtype=float)
         coaxial = np.allclose(np.cross(axis, other), 0.0) and np.allclose(
             np.cross(axis, apart), 0.0

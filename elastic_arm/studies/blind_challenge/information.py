@@ -101,9 +101,8 @@ class TrueMotion:
     @staticmethod
     def of(channels: TrueChannels) -> TrueMotion:
         """Differentiate the velocities of a motion."""
-        ddq, ddtheta = (
-            CubicSpline(channels.t, v)(channels.t, 1) for v in (channels.dq, channels.dtheta)
-        )
+        ddq = CubicSpline(channels.t, channels.dq)(channels.t, 1)
+        ddtheta = CubicSpline(channels.t, channels.dtheta)(channels.t, 1)
         return TrueMotion(channels, ddq, ddtheta)
 
     def rows(self) -> tuple[Array, Array, Array]:

@@ -44,10 +44,8 @@ class ServoJoint:
 
     def scaled(self, name: str, ratio: float) -> Self:
         """Return it with an attribute of joint or actuator times a ratio."""
-        numbers, servo = (
-            {k: ratio * v if k == name else v for k, v in own.items()}
-            for own in (self.numbers, self.servo)
-        )
+        numbers = {k: ratio * v if k == name else v for k, v in self.numbers.items()}
+        servo = {k: ratio * v if k == name else v for k, v in self.servo.items()}
         return replace(self, numbers=numbers, servo=servo)
 
 
@@ -168,7 +166,8 @@ def mjcf(joints: list[ServoJoint], step: float) -> str:
     bodies = ""
     place = "0 0 0"
     for k, one in enumerate(joints):
-        com, moments = (" ".join(f"{v:.9g}" for v in values) for values in (one.com, one.moments))
+        com = " ".join(f"{v:.9g}" for v in one.com)
+        moments = " ".join(f"{v:.9g}" for v in one.moments)
         bodies += (
             f'<body name="link_{k + 1}" pos="{place}"><joint name="joint_{k + 1}" axis="{AXES[k]}" '
         )
@@ -251,7 +250,8 @@ def drawn(folder: Path, request: Request, level: Level) -> ServoArm:
     plain = record_commands(opened(true, folder / f"{request.name}.xml", step), told[0], rate=rate)
     assert plain.link is not None and plain.link.position is not None
     q = plain.link.position
-    kp, kv = (np.array([one.servo[name] for one in true]) for name in ("kp", "kv"))
+    kp = np.array([one.servo["kp"] for one in true])
+    kv = np.array([one.servo["kv"] for one in true])
     peaks = np.abs(kp * (told[0] - q) - kv * np.gradient(q, 1.0 / rate, axis=0)).max(axis=0)
     for effect in request.effects:
         true, fault = with_effect(true, effect, peaks, rng)

@@ -224,7 +224,8 @@ def _difference_linear(result: StudyResult) -> Judged:
     "for joint 3 the tau^l error is constant over r_tot in mod1 and zero in mod2",
 )
 def _last_joint(result: StudyResult) -> Judged:
-    one, two = (result.against_mod3.e_max["link", model][:, -1] for model in ("mod1", "mod2"))
+    one = result.against_mod3.e_max["link", "mod1"][:, -1]
+    two = result.against_mod3.e_max["link", "mod2"][:, -1]
     finding = f"mod1: {one.min():.3g} to {one.max():.3g} Nm; mod2: at most {two.max():.1g} Nm"
     return finding, [bool(np.ptp(one) < 0.05 * one.mean()), bool(two.max() < 1e-9)]
 
@@ -340,9 +341,9 @@ def _last_link_identical(result: StudyResult) -> Judged:
     "the torque of rotor and harmonic drive in B dominates tau^m, as r_b and r_hd multiply it",
 )
 def _motor_inertia_dominates(result: StudyResult) -> Judged:
-    B, S, drive = (
-        result.inertial[k] for k in ("B ddtheta", "S' ddq", "K (theta - q) + D (dtheta - dq)")
-    )
+    B = result.inertial["B ddtheta"]
+    S = result.inertial["S' ddq"]
+    drive = result.inertial["K (theta - q) + D (dtheta - dq)"]
     finding = (
         f"rms of B ddtheta {listed(B, 3)} Nm against {listed(S)} Nm of S' ddq and"
         f" {listed(drive, 3)} Nm of the drive (gravity included)"

@@ -84,7 +84,8 @@ def invert(
     """Return the command that drives a model's link along one period of q, dq, ddq (M, n)."""
     n = model.n
     names = [parameter.name.rpartition(".")[2] for parameter in model.parameters]
-    K, D = (Psi[[k for k, name in enumerate(names) if name == letter]] for letter in ("K", "D"))
+    K = Psi[[k for k, name in enumerate(names) if name == "K"]]
+    D = Psi[[k for k, name in enumerate(names) if name == "D"]]
     loose = np.where([name in ("K", "D") for name in names], 0.0, Psi)
     omega = 2.0 * np.pi * np.fft.rfftfreq(len(q[0]), period / len(q[0]))[:, None]
     delta = [np.zeros_like(q[0]) for _ in range(3)]

@@ -276,7 +276,12 @@ def _inertial(body: _MovingBody, numbers: Any) -> tuple[Any, Any]:
     """Force and moment about the frame's origin that a body's motion requires."""
     mass = numbers[0]
     com = numbers[1:4]
-    xx, xy, xz, yy, yz, zz = (numbers[4 + k] for k in range(6))
+    xx = numbers[4]
+    xy = numbers[5]
+    xz = numbers[6]
+    yy = numbers[7]
+    yz = numbers[8]
+    zz = numbers[9]
     inertia = ca.vertcat(ca.horzcat(xx, xy, xz), ca.horzcat(xy, yy, yz), ca.horzcat(xz, yz, zz))
     force = mass * (body.a + ca.cross(body.dw, com) + ca.cross(body.w, ca.cross(body.w, com)))
     moment = inertia @ body.dw + ca.cross(body.w, inertia @ body.w)

@@ -48,10 +48,10 @@ def measure(
         columns = [spline(np.maximum(taken - delay, t[0]))[:, j] for j, delay in enumerate(delays)]
         return np.stack(columns, axis=1)
 
-    q, dq = (sampled(values, "link_encoder", taken) for values in (course.q, course.dq))
-    theta, dtheta = (
-        sampled(values, "", taken_of_motor) for values in (course.theta, course.dtheta)
-    )
+    q = sampled(course.q, "link_encoder", taken)
+    dq = sampled(course.dq, "link_encoder", taken)
+    theta = sampled(course.theta, "", taken_of_motor)
+    dtheta = sampled(course.dtheta, "", taken_of_motor)
     tau_J = sampled(course.tau_J, "joint_torque", taken)
     tau_m = sampled(course.tau_m, "motor_torque", taken_of_motor)
     torques = {"joint_torque": tau_J, "motor_torque": tau_m}

@@ -187,10 +187,8 @@ class Prototype:
         size = self.T.shape[1] - self.n
         rest = np.zeros(self.T.shape[1])
         inverse = np.linalg.inv(self.reduced(rest, rest).mass[n:, n:])
-        stiffness, damping = (
-            values @ self.T[:, n:]
-            for values in (self._model.jnt_stiffness, self._model.dof_damping)
-        )
+        stiffness = self._model.jnt_stiffness @ self.T[:, n:]
+        damping = self._model.dof_damping @ self.T[:, n:]
         system = np.block(
             [[np.zeros((size, size)), np.eye(size)], [-inverse * stiffness, -inverse * damping]]
         )
@@ -331,7 +329,9 @@ class Prototype:
                 )
             )
         angles = np.array(links)  # joint, derivative, sample, (q_y, q_x, q)
-        q_y, q_x, q = (np.moveaxis(angles[..., k], 0, 2) for k in range(3))
+        q_y = np.moveaxis(angles[..., 0], 0, 2)
+        q_x = np.moveaxis(angles[..., 1], 0, 2)
+        q = np.moveaxis(angles[..., 2], 0, 2)
         theta = [part[:, : self.n] for part in (y, dy, ddy)]
         tilt = np.concatenate([q_x, q_y], axis=2)
         tau_J = -y[:, self._delta] * self._drive[:, 0] - dy[:, self._delta] * self._drive[:, 1]
