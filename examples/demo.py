@@ -60,7 +60,7 @@ PATIENCE, ABANDONED = (
 # Effects of which one is drawn, of a size that is clearly seen on an industrial arm.
 EFFECTS = (
     "coulomb_friction:{}:torque=13", "viscous_friction:{}:coefficient=20",
-    "hysteresis:{}:torque=12,width=0.0005", "stiffness_mismatch:{}:stiffness=0.8",
+    "hysteresis:{}:torque=12,width=0.0005", "stiffness_mismatch:{}:stiffness=0.5",
     "joint_torque_offset:{}:offset=5", "joint_zero:{}:offset=0.05",
     "transmission_error:{}:amplitude=5e-5,phase=1", "joint_spring:{}:stiffness=120",
 )  # fmt: skip
