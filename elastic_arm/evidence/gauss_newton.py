@@ -8,6 +8,8 @@ of effects and the effects that act in the predicted torques move together.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -42,19 +44,21 @@ def about_itself(
 
     Gauss and Newton: numbers of the arm and nonlinear numbers of effects move together. A step that
     loses much was too long. A set that is further below a score than its last step moved it will
-    not reach it.
+    not reach it; one that has not settled after all steps counts by its lowest score.
 
     start: in which frame scores are; least: the score; settled: steps of numbers that are none, in
     their deviations.
     """
     assumed = fit.model.assumed
     before: Fit | None = None
+    lowest = np.inf
     share = 1.0
     for _ in range(STEPS):
         if share == 1.0 and _has_settled(linear, fit, settled):
             break
         there = moved(linear, fit, share)
         own = linear_model(there, assumed).fit(again(fit, there)).compared_in(start)
+        lowest = min(lowest, own.score)
         gain = np.inf if before is None else own.score - before.score
         if gain < -COMPARED and share == 1.0:
             share = SHORTER
@@ -67,7 +71,11 @@ def about_itself(
         before = own
         if abs(gain) < WORTH or own.score + abs(gain) < least:
             break
-    return linear, fit.compared_in(start)
+    found = fit.compared_in(start)
+    if is_far(found) and np.isfinite(lowest):
+        # Its noise is that of other numbers than its own, and may be far too large.
+        found = replace(found, correction=found.correction + lowest - found.score)
+    return linear, found
 
 
 def _has_settled(linear: Linearisation, fit: Fit, none: float) -> bool:
