@@ -93,7 +93,8 @@ def dry_friction_columns(
         late = np.array([over_distance(angle, sign, distance) - sign for distance in DISTANCES])
         z = sign + turned @ late
         x = 2.0 * part.signals.values["progress"][:, 0]
-        values = np.vstack([late, z * curve.bends(w, load, x), curve.sides(w)]) * size
+        bends, sides = curve.shapes(w, load, x)
+        values = np.vstack([late, z * bends, sides]) * size
         columns = Entries(values.T, rows, np.arange(count), (3 * n, count))
         found.append(data.in_band(part, columns))
     return data.weighted(found, in_place=True)
@@ -119,17 +120,13 @@ class Curve(NamedTuple):
         means = phi.mean(axis=1, keepdims=True)
         return Curve(fastest, heaviest, plain, means, float(load.mean()) / heaviest)
 
-    def bends(self, w: Array, load: Array, x: Array) -> Array:
-        """Return the shapes (FUNCTIONS + 3, N) of S at speeds (N,) rad/s, loads (N,) Nm and times
-        (N,)."""
-        laws = np.array([np.ones_like(w), w])
-        f = functions_of_speed(w, self.fastest) - self.plain @ laws
-        return np.array([*f, load / self.heaviest - self.load, x, 1.5 * x**2 - 0.5])
-
-    def sides(self, w: Array) -> Array:
-        """Return the shapes (OF_DIRECTION, N) of A at speeds (N,) rad/s."""
-        g = functions_of_speed(w, self.fastest) - self.means
-        return g[:OF_DIRECTION]
+    def shapes(self, w: Array, load: Array, x: Array) -> tuple[Array, Array]:
+        """Return the shapes of S (FUNCTIONS + 3, N) and of A (OF_DIRECTION, N) at speeds (N,)
+        rad/s, loads (N,) Nm and times (N,)."""
+        phi = functions_of_speed(w, self.fastest)
+        f = phi - self.plain @ np.array([np.ones_like(w), w])
+        bends = np.array([*f, load / self.heaviest - self.load, x, 1.5 * x**2 - 0.5])
+        return bends, (phi - self.means)[:OF_DIRECTION]
 
 
 def over_distance(angle: Array, sign: Array, distance: float) -> Array:
