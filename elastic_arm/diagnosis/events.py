@@ -28,6 +28,7 @@ from scipy.special import gammainc, gammaln
 from elastic_arm.arrays import Array
 from elastic_arm.estimation.whitening import EDGE, WhitenedData
 from elastic_arm.evidence.priors import EVENT, LARGER
+from elastic_arm.evidence.runs import Runs, most_probable_runs
 
 BLOCK = 0.3  # s: a contact lasts longer
 SPREADS = np.geomspace(0.5, 1e4, 40)[
@@ -35,8 +36,6 @@ SPREADS = np.geomspace(0.5, 1e4, 40)[
 ]  # a that are tried: from powers of any size to equal ones
 NOISE = (1e4, 1e4)  # a, b of blocks of the sensors' noise alone
 STEPS = 50  # of b for each, and of runs and b in turns; numerical
-
-Runs = list[tuple[int, int]]  # first block, and the one after the last
 
 
 @dataclass(frozen=True)
@@ -220,18 +219,4 @@ def _most_probable(n: Array, s: Array, a: float, b: float, price: float) -> Runs
     first, end = np.triu_indices(len(n) + 1, 1)
     to = np.full((len(n) + 1, len(n) + 1), -np.inf)
     to[first, end] = _runs(_events(*_sums(n, s), b / a), first, end) - price
-    rest = _ordinary(n, s, a, b)
-    best = np.zeros(len(n) + 1)
-    came = np.zeros(len(n) + 1, int)
-    for j in range(1, len(n) + 1):
-        runs = best[:j] + to[:j, j]
-        i = int(np.argmax(runs))
-        ordinary = best[j - 1] + rest[j - 1]
-        best[j], came[j] = (runs[i], i) if runs[i] > ordinary else (ordinary, -1)
-    found: Runs = []
-    j = len(n)
-    while j:
-        if came[j] >= 0:
-            found.append((int(came[j]), j))
-        j = int(came[j]) if came[j] >= 0 else j - 1
-    return found[::-1]
+    return most_probable_runs(_ordinary(n, s, a, b), lambda j: to[:j, j])

@@ -29,6 +29,7 @@ from elastic_arm.arrays import Array
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.estimation.observation import observe
 from elastic_arm.evidence.priors import EVENT
+from elastic_arm.evidence.runs import Runs, most_probable_runs
 from elastic_arm.identification.batch.mounting import described_torques
 from elastic_arm.recording import Recording
 from elastic_arm.recording.standstill import within
@@ -98,7 +99,7 @@ def without(recording: Recording, spans: Sequence[tuple[float, float]]) -> Recor
     return within(recording, kept)
 
 
-def ignoring(needed: Array, made: Array) -> list[tuple[int, int]]:
+def ignoring(needed: Array, made: Array) -> Runs:
     """Return the most probable runs of blocks, first and the one after the last, whose commands are
     ignored.
 
@@ -113,26 +114,8 @@ def ignoring(needed: Array, made: Array) -> list[tuple[int, int]]:
     more = np.sum(np.log((size + follows) / (size + ignores)), axis=1)
     count = len(more)
     price = float(-np.log(EVENT) + np.log(count * (count + 1) / 2))
-    return _best_runs(more, price)
-
-
-def _best_runs(more: Array, price: float) -> list[tuple[int, int]]:
-    """Return the runs with the largest sum of `more` (M,), each at a price."""
     sums = np.concatenate([[0.0], np.cumsum(more)])
-    best = np.zeros(len(sums))
-    came = np.full(len(sums), -1)
-    for j in range(1, len(sums)):
-        runs = best[:j] + sums[j] - sums[:j] - price
-        i = int(np.argmax(runs))
-        best[j] = max(best[j - 1], runs[i])
-        came[j] = i if runs[i] > best[j - 1] else -1
-    found = []
-    j = len(more)
-    while j:
-        if came[j] >= 0:
-            found.append((int(came[j]), j))
-        j = int(came[j]) if came[j] >= 0 else j - 1
-    return found[::-1]
+    return most_probable_runs(np.zeros(count), lambda j: sums[j] - sums[:j] - price)
 
 
 def _blocks(motion: Motion, robot: Robot, model: str) -> tuple[Array, Array, Array] | None:
