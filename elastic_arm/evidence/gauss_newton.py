@@ -69,7 +69,9 @@ def about_itself(
         fit = own
         share = 1.0
         before = own
-        if abs(gain) < WORTH or own.score + abs(gain) < least:
+        # An unchanged score far from the numbers is that of steps which overshoot.
+        is_still = abs(gain) < WORTH and not is_far(own)
+        if is_still or own.score + abs(gain) < least:
             break
     found = fit.compared_in(start)
     if is_far(found) and np.isfinite(lowest):

@@ -1,0 +1,95 @@
+"""Sets linearised about themselves, on made-up nonlinear regressions with one number."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from elastic_arm.evidence.fit import Fit, LinearModel
+from elastic_arm.evidence.gauss_newton import about_itself, is_far
+from tests.evidence.made_up import HARMONICS, Array, model, quiet
+
+SIGNAL = 3.0  # of the column, in deviations of the noise of a row
+
+
+@dataclass(frozen=True)
+class Curve:
+    """y = f(nu) u + noise at one value of nu: the part of a linearisation that the steps use."""
+
+    f: Callable[[float], float]
+    y: Array  # (rows,)
+    u: Array  # (rows,)
+    at: float
+    acting: tuple[Any, ...] = ()
+
+    @property
+    def values(self) -> Array:
+        """The number (1,)."""
+        return np.array([self.at])
+
+    @property
+    def problem(self) -> Any:
+        """The number's limit."""
+        return SimpleNamespace(numbers=[SimpleNamespace(limit=10.0)])
+
+    @property
+    def cache(self) -> dict[str, LinearModel]:
+        """Residual and column at this value, by central differences."""
+        step = 1e-6
+        slope = (self.f(self.at + step) - self.f(self.at - step)) / (2 * step)
+        residual = self.y - self.f(self.at) * self.u
+        return {"model": model(residual, slope * self.u[:, None], mean=-self.values)}
+
+    def moved(self, values: Array, _acting: Any) -> Curve:
+        """Return it at another value."""
+        return Curve(self.f, self.y, self.u, float(values[0]))
+
+    def fit(self) -> Fit:
+        """Return the posterior of the number alone."""
+        return self.cache["model"].fit([])
+
+
+def curve(f: Callable[[float], float], true: float, start: float) -> Any:
+    """Return a curve whose record was made at one value, linearised at another one."""
+    rng = np.random.default_rng(5)
+    u = SIGNAL * rng.standard_normal(2 * 2 * HARMONICS)
+    return Curve(f, f(true) * u + quiet(rng), u, start)
+
+
+@pytest.fixture(autouse=True)
+def _no_known_effects(monkeypatch: pytest.MonkeyPatch) -> None:
+    """None of these regressions has an effect that is known to be there."""
+    monkeypatch.setattr("elastic_arm.evidence.gauss_newton.known_terms", lambda _: ([], []))
+
+
+def test_a_number_is_found_where_the_curve_is_far_from_its_first_tangent() -> None:
+    start = curve(lambda nu: np.expm1(nu), true=1.5, start=0.0)
+    fit = start.fit()
+    found, own = about_itself(start, fit, fit.frame)
+    assert not is_far(own)
+    assert found.at + own.numbers[0] == pytest.approx(1.5, abs=0.1)
+
+
+def test_an_unchanged_score_does_not_end_steps_that_overshoot() -> None:
+    """Newton's steps for the arc tangent change the sign of the number and hardly its size from a
+    start of 1.39, and the score of both is the same."""
+    start = curve(np.arctan, true=0.0, start=1.39)
+    fit = start.fit()
+    found, own = about_itself(start, fit, fit.frame)
+    assert not is_far(own)
+    assert found.at + own.numbers[0] == pytest.approx(0.0, abs=0.1)
+
+
+def test_a_set_that_does_not_settle_counts_by_its_lowest_score() -> None:
+    """Each step for the cube root overshoots by twice the number, whose score grows with it."""
+    start = curve(np.cbrt, true=0.0, start=1e-3)
+    fit = start.fit()
+    found, own = about_itself(start, fit, fit.frame)
+    there = found.fit().compared_in(fit.frame)
+    assert is_far(own)
+    assert own.score < there.score - 1.0
