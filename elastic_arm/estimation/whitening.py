@@ -77,8 +77,7 @@ class NoiseModel:
     apart: Array
     # (F, n) of the load that the model predicts for the quiet motion, Nm², in units as `covariance`
     load: Array | None = None
-    # (F,) ln of the determinant of the part of the channels that follow from the motion
-    measure: Array | None = None
+    measure: Array | None = None  # (F,) ln of the determinant of the sensors' part of it
     _whiteners: dict[bytes, NDArray[np.complex128]] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )
@@ -88,8 +87,8 @@ class NoiseModel:
 
     @cached_property
     def density(self) -> Array:
-        """Ln of |dr/dw|² over the determinant of the noise of the residuals r, (F,), up to a
-        constant: w are the channels that follow from the motion (:func:`_following`)."""
+        """Ln of the determinant of the sensors' noise over that of all noise, (F,): how much the
+        floors, which are given in Nm, add at these numbers of the arm."""
         assert self.measure is not None
         return np.asarray(self.measure - np.linalg.slogdet(self.covariance)[1])
 
@@ -170,34 +169,13 @@ def noise_models(
     level = _torque_levels(torque.mean(axis=0).reshape(2, n).max(axis=0))
     accelerations = (2 * np.pi * f[:, None]) ** 4 * observation.quiet_link_spectrum(f)
     load = accelerations @ np.mean([M**2 for M, _, _ in poses], axis=0)
-    following = _following(observation, spectrum)
-    of_following = _covariance(way, inertial, following, speed2)
-    measure = np.linalg.slogdet(of_following + LEAST * np.eye(equations.rows))[1]
+    measure = np.linalg.slogdet(covariance + LEAST * np.eye(equations.rows))[1]
     found = []
     for floor in floors:
         own = covariance * (1.0 + floor**2 * np.eye(equations.rows))
         own += np.diag(np.tile(floor**2 * level + LEAST, equations.rows // n))
         found.append(NoiseModel(f, own, observation.rate, equations.apart, load, measure))
     return found
-
-
-def _following(observation: Observation, spectrum: Array) -> Array:
-    """Return the noise (F, 4 n) of the channels that follow from the motion by the equations.
-
-    With a flat prior for the motion q of a joint, the density of what was recorded is that of the
-    residuals times the Jacobian of the channels w that follow from q::
-
-        p(z | nu) = p(r | nu) |det dr/dw|        |det dr/dw|² = det(A_w s_w A_w^H) / det s_w
-
-    A joint whose torque its commands make has no free motion.
-    """
-    n = spectrum.shape[1] // 4
-    recorded = observation.pieces[0].encoders
-    moves_freely = np.ones(n)
-    moves_freely[list(observation.made_by)] = 0.0
-    by_link = np.diag(recorded)[:n]
-    free = np.concatenate([np.zeros(2 * n), moves_freely * by_link, moves_freely * (1 - by_link)])
-    return np.asarray(spectrum * (1.0 - free))
 
 
 def _torques_and_springs(
@@ -541,9 +519,10 @@ class WhitenedData:
 
     @property
     def density(self) -> float:
-        """Ln of the density of the recorded values over that of the whitened rows.
+        """Ln of the density of the recorded values, in the noise of the sensors, over that of the
+        rows.
 
-        It depends on the linearisation.
+        Through the floors of the noise it depends on the linearisation.
         """
         found = 0.0
         for part, own in zip(self.parts, self.harmonics, strict=True):

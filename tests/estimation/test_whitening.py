@@ -200,23 +200,3 @@ def test_a_scale_common_to_arm_and_torques_is_told_by_nothing() -> None:
     one = WhitenedData(MODEL, [observation()], *setting())
     other = WhitenedData(larger, [observation().corrected({}, gains)], *setting())
     assert other.density == pytest.approx(one.density, abs=0.01 * len(one.white))
-
-
-@pytest.mark.parametrize("encoder", [1e-7, 1e-3])
-def test_the_density_counts_the_gain_of_a_torque_however_noisy_the_encoders_are(
-    encoder: float,
-) -> None:
-    """Torques follow from the motion by the equations, so that a reading of g tau_m has 1/g of the
-    density of tau_m at every frequency."""
-    gain = 0.8
-    noise = replace(observation().noise, q=np.full(MODEL.n, encoder))
-    seen = replace(observation(), noise=noise)
-    equations, band = setting()
-    gains = {"tau_m": np.full(MODEL.n, gain)}
-    (one,) = noise_models(MODEL, seen, equations, band, (0.0,))
-    (other,) = noise_models(MODEL, seen.corrected({}, gains), equations, band, (0.0,))
-    assert one.measure is not None
-    assert other.measure is not None
-    low = one.f < band.cutoff
-    change = other.measure - one.measure
-    np.testing.assert_allclose(change[low], -2 * MODEL.n * np.log(gain), atol=0.02)
