@@ -150,10 +150,10 @@ class Causes:
         holding = [(p, fit, t) for p, fit in beliefs.sets for t in beliefs.terms_of(fit, name)]
         # The best set without what was not confirmed may be none of those met.
         holding = holding or [(confidence, best, t) for t in beliefs.terms_of(best, name)]
-        _, fit, term = holding[0]
+        likeliest, fit, term = holding[0]
         values = self.parts.explanation.linear.values
         _, instance = estimated(fit.model.of_fitted(fit), term, problem.numbers, values)
-        shown = [t for p, _, t in holding if p > SHOWN * confidence]
+        shown = [t for p, _, t in holding if p > SHOWN * likeliest]
         sides = dict.fromkeys(side for t in shown for side in t.feature.sides)
         here = beliefs.term_of_best(name)
         alone = self.parts.before
@@ -166,7 +166,7 @@ class Causes:
             joint=name[1],
             sides=tuple(sides),
             regime=effect.regime,
-            parameters=self._sizes(holding, confidence),
+            parameters=self._sizes(holding),
             shrink=0.0 if share is None else share,
             shrink_without=self._share_without(name),
             confidence=confidence,
@@ -177,16 +177,16 @@ class Causes:
         )
         return cause, alone
 
-    def _sizes(self, holding: list[Holding], confidence: float) -> dict[str, ParameterEstimate]:
+    def _sizes(self, holding: list[Holding]) -> dict[str, ParameterEstimate]:
         """Return the parameters of a cause over the sets in which it is the same kind of term as in
         the first."""
         numbers = self.parts.problem.numbers
         values = self.parts.explanation.linear.values
-        first = holding[0][2]
+        likeliest, _, first = holding[0]
         each: list[tuple[float, dict[str, ParameterEstimate]]] = []
         for p, fit, term in holding:
             is_alike = (type(term), term.key, term.count) == (type(first), first.key, first.count)
-            if is_alike and p >= LISTED * confidence:
+            if is_alike and p >= LISTED * likeliest:
                 sized = fit.model.of_fitted(fit)
                 each.append((p, estimated(sized, term, numbers, values)[0]))
         return averaged(each)

@@ -37,6 +37,11 @@ class DryFrictionTerm(Term):
     kind = "dry friction"
     says_cause = False
 
+    @property
+    def _details(self) -> tuple[float, ...]:
+        """Its columns are those of a curve linearised where so much of it turns over."""
+        return tuple(self.turned.tolist())
+
     def doubt(self, is_usual: bool) -> float:
         """Return -ln of its prior odds."""
         return 0.0
