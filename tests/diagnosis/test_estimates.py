@@ -1,8 +1,15 @@
 """Sizes of causes: what the posterior says within the bounds of physics."""
 
-import numpy as np
+from types import SimpleNamespace
+from typing import Any, cast
 
+import numpy as np
+import pytest
+
+from elastic_arm.diagnosis.causes import Causes
 from elastic_arm.diagnosis.estimates import within
+from elastic_arm.diagnosis.result import ParameterEstimate
+from elastic_arm.evidence.terms.term import Term
 
 
 def test_a_size_stays_within_its_bounds_and_takes_others_along() -> None:
@@ -15,3 +22,25 @@ def test_a_size_stays_within_its_bounds_and_takes_others_along() -> None:
     np.testing.assert_allclose(mean, draws.mean(axis=0), atol=0.01)
     np.testing.assert_allclose(covariance, np.cov(draws.T), atol=0.004)
     assert mean[0] > -2.0
+
+
+def test_a_cause_that_very_many_sets_share_has_the_mean_size_of_these(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Each set has a hundredth of the probability."""
+    sizes = iter(np.linspace(1.0, 2.0, 100))
+
+    def estimated(*_: Any) -> tuple[dict[str, ParameterEstimate], None]:
+        return {"torque": ParameterEstimate(float(next(sizes)), 0.1, "Nm")}, None
+
+    monkeypatch.setattr("elastic_arm.diagnosis.causes.estimated", estimated)
+    term = Term(("coulomb_friction", "elbow", ()), np.zeros((4, 1)), np.ones(1))
+    fit = SimpleNamespace(model=SimpleNamespace(of_fitted=lambda fit: fit))
+    parts = SimpleNamespace(
+        problem=SimpleNamespace(numbers=()),
+        explanation=SimpleNamespace(linear=SimpleNamespace(values=np.zeros(0))),
+    )
+    confirmed: Any = SimpleNamespace(parts=parts)
+    causes = Causes(confirmed, unknown=cast(Any, None))
+    found = causes._sizes([(0.01, cast(Any, fit), term)] * 100)
+    assert found["torque"].value == pytest.approx(1.5)
