@@ -66,6 +66,22 @@ class Kernel:
         shaped = tuple(array.reshape(shape) for array, shape in zip(flat, shapes, strict=True))
         return shaped if len(shaped) > 1 else shaped[0]
 
+    def at_each(self, name: str, points: np.ndarray, *arrays: np.ndarray) -> np.ndarray:
+        """Return the only output (P, m, N), a vector, at several values (P, k) of a shared input.
+
+        arrays: as for a call; of this input any value.
+        """
+        place = [own for own, _ in self.program.inputs].index(name)
+        if not isinstance(self.engine, NumpyEngine):
+            each = [self(*arrays[:place], point, *arrays[place + 1 :]) for point in points]
+            return np.stack([np.asarray(values).T for values in each])
+        ready, samples = self.check(arrays)
+        ready[place] = points.T[:, :, None]
+        (output,) = self.program.outputs
+        found = np.zeros((len(points), output.size, samples))
+        self.engine.run_at(ready, [found.swapaxes(0, 1)], len(points))
+        return found
+
     def _shapes(self, samples: int) -> list[tuple[int, ...]]:
         return [
             (samples, out.size) if out.shape[1] == 1 else (samples, *out.shape)

@@ -80,19 +80,38 @@ class NumpyEngine:
         """
         for out in () if fresh else outputs:
             out.fill(0.0)
+        self._fill(arrays, [out.T for out in outputs], 1)
+
+    def run_at(
+        self, arrays: Sequence[np.ndarray], outputs: Sequence[np.ndarray], points: int
+    ) -> None:
+        """Fill `outputs`, which hold zeros, at several values of shared inputs.
+
+        What does not depend on these is evaluated once.
+
+        arrays: as for :meth:`run`, but (k, P, 1) for an input of several values; outputs: (size, P,
+        N) each.
+        """
+        self._fill(arrays, outputs, points)
+
+    def _fill(
+        self, arrays: Sequence[np.ndarray], outputs: Sequence[np.ndarray], points: int
+    ) -> None:
+        """Fill `outputs`, (size, ..., N) each."""
         shared: list[Any] = [None] * len(self._constant)
         with np.errstate(all="ignore"):
             self._evaluate(self._once, shared, arrays, outputs, slice(None))
+        chunk = -(-CHUNK // points)
 
         def part(start: int, stop: int) -> None:
             # Both sides of a branch are computed: faults on the side not taken do not matter.
             with np.errstate(all="ignore"):
-                for first in range(start, stop, CHUNK):
-                    rows = slice(first, min(first + CHUNK, stop))
+                for first in range(start, stop, chunk):
+                    rows = slice(first, min(first + chunk, stop))
                     self._evaluate(self._each, shared.copy(), arrays, outputs, rows)
 
         # NumPy releases the interpreter while it works on an array this long: threads do help.
-        in_chunks(len(outputs[0]), part)
+        in_chunks(outputs[0].shape[-1], part)
 
     def _evaluate(
         self,
@@ -109,12 +128,12 @@ class NumpyEngine:
             elif operation == "input":
                 array, element = operands
                 given = arrays[array]
-                value = given[element] if given.ndim == 1 else given[rows, element].copy()
+                value = given[rows, element].copy() if given.ndim == 2 else given[element]
             else:
                 value = _FUNCTIONS[operation](*[values[k] for k in operands])
             values[number] = value
             for output, place in places:
-                outputs[output][rows, place] = value
+                outputs[output][place][..., rows] = value
             for k in spent:
                 values[k] = None
 

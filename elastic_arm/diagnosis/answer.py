@@ -70,12 +70,18 @@ def diagnose(
     prepared = prepare(recordings, validate, question)
     watch.say(f"diagnosed: {len(prepared.problem.sources)} recordings")
     parts = _explained(prepared, question, watch)
+    # Events may come back that were left out before, and with them the answer.
+    known = {prepared.events: parts}
     for _ in range(AGAIN):
         events = events_in(parts)
         if events == parts.prepared.events or watch.is_over():
             break
         watch.say(f"{len(events)} events excluded")
-        parts = _explained(parts.prepared.without(events), question, watch)
+        if events not in known:
+            known[events] = _explained(prepared.without(events), question, watch)
+        parts = known[events]
+        # The torques that act in them are those that were found now.
+        parts = replace(parts, prepared=replace(parts.prepared, events=events))
     watch.say("confirmation on the validation recordings")
     return diagnosis_of(confirmed(parts))
 

@@ -215,14 +215,30 @@ class Feature:
 
         start: of all internal states, where the motion before the first sample is not known.
         """
-        if self.friction:
-            torques = sum(
-                feature.entries(signals, values).weighted(np.ones(1))
-                for feature, values in self.friction
-            )
-            link, _, motor = np.split(torques, 3, axis=1)
-            signals = signals.with_friction(link, motor)
-        return self._compiled.entries(signals, searched, start)
+        return self._compiled.entries(self._with_friction(signals), searched, start)
+
+    def entries_at(
+        self, signals: Signals, points: Sequence[Sequence[float]], starts: Sequence[float]
+    ) -> Entries:
+        """Return those at several points of the searched numbers, side by side.
+
+        starts: of all internal states, one a point.
+        """
+        if self.effect.states:
+            each = zip(points, starts, strict=True)
+            return Entries.side_by_side([self.entries(signals, *one) for one in each])
+        return self._compiled.entries_at(self._with_friction(signals), points)
+
+    def _with_friction(self, signals: Signals) -> Signals:
+        """Return the signals with the friction that it scales."""
+        if not self.friction:
+            return signals
+        torques = sum(
+            feature.entries(signals, values).weighted(np.ones(1))
+            for feature, values in self.friction
+        )
+        link, _, motor = np.split(torques, 3, axis=1)
+        return signals.with_friction(link, motor)
 
     def parameters(
         self, coefficients: Sequence[float], searched: Sequence[float] = ()
@@ -325,6 +341,12 @@ class OwnRegressor(Whole):
         joints = range(robot.n) if self.joint is None else [robot.joint_names.index(self.joint)]
         values = {**self.choices, **self.parameters((), searched), "joints": joints}
         return Entries.of(self._regressor.residuals(signals, values)[:, :, None])
+
+    def entries_at(
+        self, signals: Signals, points: Sequence[Sequence[float]], starts: Sequence[float]
+    ) -> Entries:
+        """Return those at several values of its parameters, side by side."""
+        return Entries.side_by_side([self.entries(signals, point) for point in points])
 
 
 def _changed_channels(

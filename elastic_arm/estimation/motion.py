@@ -300,3 +300,37 @@ def rates_of(t: Array, values: Array) -> Array:
     spline = scipy.interpolate.CubicSpline(t, values)
     # At an instant the derivative is a coefficient of the piece that begins there.
     return np.concatenate([spline.c[2], spline(t[-1:], 1)])
+
+
+def moved_in_time(spline: scipy.interpolate.CubicSpline, later: float) -> Array:
+    """Return what a spline through samples is `later` s after each of them, (N,).
+
+    Beyond the first and the last sample it is what it is there.
+    """
+    t = spline.x
+    steps = int(np.floor(later * (len(t) - 1) / (t[-1] - t[0])))
+    moved = slice(max(0, -steps), min(len(t), len(t) - 1 - steps))
+    pieces = slice(moved.start + steps, moved.stop + steps)
+    # Of samples at nearly regular times each comes to lie in the same piece beside its own: nothing
+    # needs to be looked for.
+    is_regular = moved.start < moved.stop
+    if is_regular:
+        after = t[moved] + later - t[pieces]
+        is_regular = bool(np.all((after >= 0.0) & (after <= np.diff(t)[pieces])))
+    if not is_regular:
+        return np.asarray(spline(np.clip(t + later, t[0], t[-1])))
+    found = np.empty(len(t))
+    found[: moved.start] = spline.c[-1, 0]
+    found[moved] = _cubic(spline.c[:, pieces], after)
+    found[moved.stop :] = spline(t[-1])
+    return found
+
+
+def _cubic(c: Array, after: Array) -> Array:
+    """Return cubic polynomials of coefficients (4, N), highest first, each at its place (N,)."""
+    found = c[0] * after
+    for one in c[1:-1]:
+        found += one
+        found *= after
+    found += c[-1]
+    return np.asarray(found)

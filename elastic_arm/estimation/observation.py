@@ -28,7 +28,12 @@ from scipy.interpolate import CubicSpline
 
 from elastic_arm.arrays import Array
 from elastic_arm.errors import DiagnosisError
-from elastic_arm.estimation.motion import Motion, rates_of, with_filtered_deflection
+from elastic_arm.estimation.motion import (
+    Motion,
+    moved_in_time,
+    rates_of,
+    with_filtered_deflection,
+)
 from elastic_arm.estimation.noise import (
     SideNoise,
     Telegraph,
@@ -191,10 +196,8 @@ class Observation:
 
     def _at_other_times(self, motion: Motion, name: str, later: Array) -> Array:
         """Return a channel (N, n) that each joint had `later` (n,) s after each sample."""
-        columns = []
-        for spline, by in zip(self._splines_of(motion, name), later, strict=True):
-            columns.append(spline(np.clip(motion.t + by, motion.t[0], motion.t[-1])))
-        return np.stack(columns, axis=1)
+        each = zip(self._splines_of(motion, name), later.tolist(), strict=True)
+        return np.stack([moved_in_time(spline, by) for spline, by in each], axis=1)
 
     def _splines_of(self, motion: Motion, name: str) -> list[CubicSpline]:
         """Return a spline through each joint's samples of a channel; a calibration moves the same

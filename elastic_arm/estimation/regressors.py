@@ -413,6 +413,27 @@ class CompiledColumns:
         values = self._kernel(*signals.arrays, argument, states, self._equations.nominal)
         return Entries(np.asarray(values), row, column, (rows, count))
 
+    def entries_at(self, signals: Signals, points: Sequence[Sequence[float]]) -> Entries:
+        """Return those at several points of the searched numbers, side by side.
+
+        Of a law without internal states; what does not depend on these numbers is evaluated once.
+        """
+        if len(points) == 1 or self._kernel is None or not self._arguments:
+            return Entries.side_by_side([self.entries(signals, point) for point in points])
+        rows, count = self._shape
+        column, row = np.divmod(self.places, rows)
+        arguments = np.asarray(points, dtype=float)
+        states = np.zeros((len(signals.t), 1))
+        arrays = (*signals.arrays, arguments[0], states, self._equations.nominal)
+        values = self._kernel.at_each("searched", arguments, *arrays)
+        begins = count * np.arange(len(points))
+        return Entries(
+            values.reshape(-1, len(signals.t)).T,
+            np.tile(row, len(points)),
+            np.add.outer(begins, column).ravel(),
+            (rows, count * len(points)),
+        )
+
 
 def _stacked(symbols: Mapping[str, ca.SX], name: str) -> ca.SX:
     """Stack symbols to one column, a stand-in where there are none."""

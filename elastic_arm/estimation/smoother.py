@@ -18,7 +18,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
-from scipy.signal import oaconvolve
 
 from elastic_arm.arrays import Array
 from elastic_arm.codegen.parallel import share_out
@@ -167,10 +166,9 @@ class Smoother:
         The ends are continued.
         """
         lag = self.lag * finer
-        taps = _even_taps(self.cutoff / (self.rate * finer), lag, self.order)
-        return oaconvolve(
-            np.pad(values, ((lag, lag), (0, 0)), mode="edge"), taps[:, None], "valid", axes=0
-        )[::finer]
+        response = _even_taps(self.cutoff / (self.rate * finer), lag, self.order)[None, None]
+        continued = np.pad(values, ((lag, lag), (0, 0)), mode="edge")
+        return np.asarray(convolve([continued], response, finer)[0])
 
     def _require(self, samples: int) -> None:
         if samples <= 2 * self.lag:

@@ -448,10 +448,8 @@ class WhitenedData:
     def _in_band_of(self, k: int, feature: Feature, points: Sequence[Sequence[float]]) -> Array:
         """Return a feature's columns in stretch k."""
         part = self.parts[k]
-        each = [
-            feature.entries(part.signals, point, self._start(k, feature, point)) for point in points
-        ]
-        columns = self.in_band(part, Entries.side_by_side(each))
+        starts = [self._start(k, feature, point) for point in points]
+        columns = self.in_band(part, feature.entries_at(part.signals, points, starts))
         gain = part.gain(feature)
         return columns if gain == 1.0 else columns / gain
 
