@@ -541,6 +541,8 @@ def _likelihood(products: _Products, coefficients: Array, free: Array, near: _Fi
     power = np.maximum(power, 1e-300)
     bodies = np.unique(products.body[products.body >= 0])
     belongs = (products.body[:, None] == bodies).astype(float)
+    numbers = belongs.sum(axis=0)
+    flat = grams.reshape(len(grams), -1)
     of_gains = products.body < 0
     squares = power if near is None else near.squares
     scale2 = np.where(of_gains, 1.0, MASSES**2) if near is None else near.scale2
@@ -548,15 +550,16 @@ def _likelihood(products: _Products, coefficients: Array, free: Array, near: _Fi
         weight = free / np.maximum(squares, 1e-12 * power)
         std = np.sqrt(scale2)
         scales = np.outer(std, std)
-        known = np.eye(len(std)) + scales * np.tensordot(weight, grams, 1)
+        known = scales * (weight @ flat).reshape(scales.shape)
+        known[np.diag_indices_from(known)] += 1.0
         inverse, logdet = _inverse(known)
         covariance = scales * inverse
         right = weight @ rights
         size = covariance @ right
         left = power - 2.0 * rights @ size + (grams @ size) @ size
-        left += np.tensordot(grams, covariance)
+        left += flat @ covariance.ravel()
         second = (size**2 + np.diag(covariance)) @ belongs
-        off = (TAILS * MASSES**2 + second) / (TAILS + belongs.sum(axis=0) + 2.0)
+        off = (TAILS * MASSES**2 + second) / (TAILS + numbers + 2.0)
         before = np.concatenate([squares, scale2])
         used = squares, scale2
         squares = np.maximum(left, 1e-12 * power)
@@ -569,7 +572,7 @@ def _likelihood(products: _Products, coefficients: Array, free: Array, near: _Fi
         free @ np.log(squares / products.samples) + weight @ power - right @ covariance @ right
     )
     likely -= 0.5 * logdet
-    own2 = scale2[~of_gains] @ belongs[~of_gains] / belongs.sum(axis=0)
+    own2 = scale2[~of_gains] @ belongs[~of_gains] / numbers
     likely -= float(((TAILS / 2.0 + 1.0) * np.log(own2) + TAILS * MASSES**2 / 2.0 / own2).sum())
     return _Fit(likely, size, squares, scale2)
 
@@ -578,9 +581,10 @@ def _inverse(matrix: Array) -> tuple[Array, float]:
     """Return the inverse of a positive definite matrix (Q, Q), and ln of its determinant."""
     factor, _ = lapack.dpotrf(matrix, lower=1)
     half, _ = lapack.dpotri(factor, lower=1)
-    lower = np.tril(half)
+    inverse = half + half.T  # LAPACK's lower half and zeros above it
+    np.fill_diagonal(inverse, np.diag(half))
     logdet = 2.0 * float(np.sum(np.log(np.diag(factor))))
-    return lower + np.tril(lower, -1).T, logdet
+    return inverse, logdet
 
 
 def _given(products: _Products) -> tuple[_Fit, Array]:
