@@ -484,8 +484,9 @@ def test_no_arm_is_written_by_channels_that_are_not_what_they_are_taken_for(tmp_
     why."""
     robot = arm()
     save_robot(robot, tmp_path / "arm.yaml")
-    wrong = arranged(recorded(robot), "link", (0, 1, 2, 3), (1.0, 1.0, -1.0, 1.0), "all")
-    for name, recording in (("wrong", wrong), ("right", recorded(robot))):
+    right = recorded(robot, seconds=8.0)
+    wrong = arranged(right, "link", (0, 1, 2, 3), (1.0, 1.0, -1.0, 1.0), "all")
+    for name, recording in (("wrong", wrong), ("right", right)):
         bag = write_recording(tmp_path / name, recording)
         told = CliRunner().invoke(
             app, ["identify", str(bag), "--robot", str(tmp_path / "arm.yaml"), "--out", f"{bag}_o"]
