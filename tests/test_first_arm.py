@@ -14,7 +14,7 @@ from elastic_arm.robot import load_robot
 from tests.helpers import six_axes
 from tests.helpers.pages import run_page
 
-pytestmark = pytest.mark.slow(25)
+pytestmark = pytest.mark.slow(8)
 
 ROOT = Path(__file__).parents[1]
 MASS = 2.0

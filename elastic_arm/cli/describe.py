@@ -66,8 +66,8 @@ def describe(
     # Without transmissions all models are the rigid links.
     of_model = f" of {model}" if robot.elastic else ""
     known = (
-        f"of the {len(told.parameters)} parameters{of_model}, motion determines {len(parameters)}"
-        " combinations"
+        f"motion determines {len(parameters)} combinations of the {len(told.parameters)}"
+        f" parameters{of_model}"
     )
     out.print(f"\n{known}, the base parameters{':' if base else ' (--base lists them)'}")
     if base:

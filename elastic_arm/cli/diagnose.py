@@ -51,8 +51,9 @@ COMPARISON = "comparison.json"
 TABLES = ("causes.csv", "gap.csv", "parameters.csv", "residuals.csv")
 RESULTS = ("diagnosis.json", "report.html", ROBOT, SEPARATING, COMPARISON)
 CUT_SHORT = (
-    "The closed loop ended early: numbers may not be refined to the end, and corrections that were"
-    " not found to move as well as the description are not written."
+    "The closed-loop simulation ended early: the refinement of the parameters may be incomplete,"
+    " and corrections that were not yet shown to move the arm as well as the description are not"
+    " written."
 )
 
 Judges = Annotated[

@@ -149,8 +149,8 @@ def _print_judgement(judgement: Excitation, periods: int, model: Model) -> None:
         counted = ", ".join(f"{count} of {body}" for body, count in bodies.items())
         out.print(f"  not determined: {escape(counted)}", soft_wrap=True)
     out.print(
-        "  Higher limits (--acceleration, --velocity) allow a faster motion. Links whose torques"
-        " stay below the noise show with a known mass at the flange.",
+        "  Higher limits (--acceleration, --velocity) allow a faster motion. A known mass at the"
+        " flange raises torques of links that stay below the noise.",
         soft_wrap=True,
     )
 
@@ -207,9 +207,9 @@ def _print_result(
             f" [bold green]{result.value_after:.4g}[/] after {result.evaluations} evaluations"
         )
     out.print(
-        f"condition number of the base regressor: [bold]{result.condition_after:.4g}[/]; of the"
-        f" motion that the search began with {result.condition_before:.4g}, of"
-        f" {len(result.random)} random motions {low:.4g} … {median:.4g} (median) … {high:.4g}",
+        f"condition number of the base regressor: [bold]{result.condition_after:.4g}[/]; at the"
+        f" start of the search: {result.condition_before:.4g}; {len(result.random)} random motions:"
+        f" {low:.4g} … {median:.4g} (median) … {high:.4g}",
         soft_wrap=True,
     )
     for sentence in indistinct_words(result, base, model):

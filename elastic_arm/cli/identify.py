@@ -207,8 +207,8 @@ def _print(result: Identification, out_dir: Path, corrected: Exported | str | No
     if result.excitation["poor"]:
         reasons = "; ".join(result.excitation["reasons"])
         remedy = (
-            "`elastic-arm excite` finds a better motion. What this one determines all the same has"
-            " the word `well` below."
+            "`elastic-arm excite` finds a better motion. Parameters that this motion determines"
+            " nevertheless are marked `well` below."
         )
         out.print(
             "[bold yellow]the excitation is poor[/], judged by the motion alone:"

@@ -29,6 +29,10 @@ LOW_PASSED = (
     " missing above, with an assumed noise of 0.5 % of the torque, as the recording"
     " contains none"
 )
+SWITCHED_ON = (
+    "Record next: the same motion with the drives switched on throughout. Alternatively, cut this"
+    " part out of the recording."
+)
 REPEATED_MOTION = (
     "The validation data repeat the motion of the fit and are therefore not independent."
 )
@@ -197,7 +201,8 @@ def unseen_notes(instances: Sequence[EffectInstance], bare: Sequence[str]) -> li
 
 
 REJECTED = (
-    "The closed loop rejects its correction: neither robot.yaml nor the corrected file contains it."
+    "The closed-loop simulation rejects this correction: neither robot.yaml nor the corrected file"
+    " contains it."
 )
 UNFINISHED = (
     "The search ended early with the best answer so far. Exchanges of several causes and"
@@ -216,8 +221,8 @@ def law_note(joint: str, law: GeneralLaw) -> str:
 def unnamed_note(joint: str, effect: str) -> str:
     """Return the note on a number that is far off and has no cause in the catalogue."""
     return (
-        f"A parameter of {joint} is far from its description: it acts as {effect}, which is not in"
-        " the catalogue of this diagnosis."
+        f"A parameter of {joint} is far from its described value: the deviation acts as {effect},"
+        " which is not in the catalogue of this diagnosis."
     )
 
 
@@ -302,7 +307,7 @@ def unknown_sentences(found: Diagnosis) -> list[str]:
     if ignored := ignored_sentences(found.events):
         return [
             f"The verdict is unknown because of {ignored[0]}",
-            "Record next: the motion with the drives switched on throughout, or cut that part out.",
+            SWITCHED_ON,
         ]
     first, *others = found.unexplained
     place = (first.joint, first.side)
@@ -480,9 +485,9 @@ def _ordinary_sentence(found: Diagnosis) -> str:
     joint, side = place = _worst_place(found)
     unit = found.units.at(joint, "Nm")
     return (
-        ", with only ordinary deviations of the parameters of arm and sensors. As described, the"
-        f" model errs by {found.before.rmse[place]:.3g} {unit} at {joint} ({side} side), with these"
-        f" deviations by {found.after.rmse[place]:.3g} {unit}"
+        ", with only ordinary deviations of the parameters of arm and sensors. At"
+        f" {joint} ({side} side), the model's error is {found.before.rmse[place]:.3g} {unit} as"
+        f" described and {found.after.rmse[place]:.3g} {unit} with these deviations"
     )
 
 
@@ -504,10 +509,9 @@ def cause_sentence(cause: Cause, model: str) -> str:
     sizes = {name: both[told[name]] for name, both in texts.items()}
     given = {c.name: chosen(values[c.name]).replace("_", " ") for c in effect.choices}
     given |= {p.name: _short(values[p.name], p.unit) for p in effect.parameters}
-    generic = (
-        f"has {effect.id.replace('_', ' ')} of"
-        f" {listed([f'{n} {size}' for n, size in sizes.items()] or ['it'])}"
-    )
+    generic = f"has {effect.id.replace('_', ' ')}"
+    if sizes:
+        generic += f" of {listed([f'{n} {size}' for n, size in sizes.items()])}"
     what = effect.plain.format(**{**given, **sizes}) if effect.plain else generic
     if cause.stated is not None:
         what += f", where the description states {_stated_text(cause)}"
@@ -524,7 +528,7 @@ def cause_sentence(cause: Cause, model: str) -> str:
         )
     subject = (cause.joint or "the arm").replace("_", " ")
     if cause.rejected:
-        return f"By the torques alone, {subject} {what}. {REJECTED}"
+        return f"According to the torques alone, {subject} {what}. {REJECTED}"
     return f"{subject[:1].upper()}{subject[1:]} {what}."
 
 

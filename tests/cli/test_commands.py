@@ -64,7 +64,7 @@ def test_describe_tells_joints_and_base_parameters() -> None:
     assert [joint["name"] for joint in told["robot"]["joints"]] == ["joint_1", "joint_2", "joint_3"]
     assert len(told["base_parameters"]) == 26
     assert "joint_3.K [Nm/rad]" in run("describe", "--base").stdout
-    assert "parameters of mod3, motion" in " ".join(run("describe").stdout.split())
+    assert "parameters of mod3, the base" in " ".join(run("describe").stdout.split())
 
 
 def test_a_rigid_arm_is_described_without_a_model(tmp_path: Path) -> None:
@@ -77,7 +77,8 @@ def test_a_rigid_arm_is_described_without_a_model(tmp_path: Path) -> None:
     save_robot(load_robot().with_(joints=joints), rigid)
     for file in (urdf, rigid):
         told = run("describe", "--robot", file).stdout
-        assert "mod3" not in told and "parameters, motion determines" in " ".join(told.split())
+        assert "mod3" not in told
+        assert re.search(r"motion determines \d+ combinations of", " ".join(told.split()))
 
 
 def test_a_servo_is_described_with_its_electrics(tmp_path: Path) -> None:

@@ -22,7 +22,7 @@ def ordinary_arm() -> tuple[Diagnosis, list[Fault], Robot]:
     have, and itself."""
     rng = np.random.default_rng(31)
     true, ordinary = imprecise(ROBOT, rng), ordinary_faults(ROBOT.n, rng)
-    first, judge = record(true, ordinary, (16.0, 8.0), rng)
+    first, judge = record(true, ordinary, (8.0, 4.0), rng)
     return diagnose([first], Question(ROBOT, refit=True, given=FRICTION), [judge]), ordinary, true
 
 

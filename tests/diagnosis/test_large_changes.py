@@ -6,6 +6,8 @@ from elastic_arm.diagnosis import Question, diagnose
 from tests.helpers.gap_recordings import ROBOT, motions, record
 from tests.helpers.nightly import nightly
 
+MECHANICAL = ("stiffness_mismatch", "damping_mismatch", "payload")
+
 
 @pytest.mark.parametrize("stiffness", [0.4, *nightly([1.8])])
 def test_a_stiffness_far_off_is_a_cause_and_no_reason_to_trust_the_description_less(
@@ -17,7 +19,7 @@ def test_a_stiffness_far_off_is_a_cause_and_no_reason_to_trust_the_description_l
     fitted, judged = (record(motion, effect, seed=k) for k, motion in enumerate(motions()))
     found = diagnose(
         [fitted],
-        Question(ROBOT, effects=["stiffness_mismatch", "damping_mismatch", "payload"]),
+        Question(ROBOT, effects=MECHANICAL),
         [judged],
     )
     (cause,) = found.causes
@@ -35,7 +37,7 @@ def test_a_drive_half_as_stiff_is_no_law_over_its_load() -> None:
     win."""
     effect = "stiffness_mismatch:joint_2:stiffness=0.5"
     fitted, judged = (record(motion, effect, seed=k) for k, motion in enumerate(motions()))
-    found = diagnose([fitted], Question(ROBOT), [judged])
+    found = diagnose([fitted], Question(ROBOT, effects=MECHANICAL), [judged])
     assert found.verdict == "explained"
     assert [(cause.effect, cause.joint) for cause in found.causes] == [
         ("stiffness_mismatch", "joint_2")

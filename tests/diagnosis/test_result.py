@@ -353,9 +353,9 @@ def test_the_summary_says_what_the_arm_has_and_how_right_the_model_is_then() -> 
         replace(diagnosis(), verdict="none", shrink_by_place={("joint_2", "motor"): 0.9})
     )
     assert off.endswith(
-        "of the sensors, with only ordinary deviations of the parameters of arm and sensors. As"
-        " described, the model errs by 0.4 Nm at joint_2 (motor side), with these deviations by"
-        " 0.4 Nm."
+        "of the sensors, with only ordinary deviations of the parameters of arm and sensors. At"
+        " joint_2 (motor side), the model's error is 0.4 Nm as described and 0.4 Nm with these"
+        " deviations."
     )
     (alone,) = summary(replace(diagnosis(), verdict="none", shrink_by_place={}))
     assert alone == "none: recording and model agree within the noise of the sensors."
@@ -454,7 +454,7 @@ def test_a_joint_that_moves_worse_is_said_first_and_not_explained(tmp_path: Path
     assert "joint_3 until the simulation diverges" in first
     assert "The correction of joint_2 and joint_3 is not written" in first
     assert second.startswith(
-        "By the torques alone, joint 2 has dry friction of 6 Nm, which the model lacks"
+        "According to the torques alone, joint 2 has dry friction of 6 Nm, which the model lacks"
     )
     assert second.endswith("neither robot.yaml nor the corrected file contains it.")
     written = found.to_dict()

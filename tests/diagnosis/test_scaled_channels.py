@@ -23,7 +23,7 @@ def refitted(seed: int, fault: Fault) -> Diagnosis:
     true, ordinary = imprecise(ROBOT, rng), ordinary_faults(ROBOT.n, rng)
     others = [one for one in ordinary if (one.effect, one.joint) != (fault.effect, fault.joint)]
     # The engine lets sensors' errors act in this order: a zero is in what is read.
-    first, judge = record(true, [fault, *others], (16.0, 8.0), rng)
+    first, judge = record(true, [fault, *others], (8.0, 4.0), rng)
     question = Question(ROBOT, refit=True, given=FRICTION, effects=[fault.effect])
     return diagnose([first], question, [judge])
 

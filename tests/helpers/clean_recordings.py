@@ -61,7 +61,7 @@ def clean_arm(seed: int) -> CleanArm:
         size * rng.uniform(8.0, 25.0, 6),
         size * 3.0,
     )
-    return CleanArm(robot, build_model(robot, "mod3"), dry, viscous, armature)
+    return CleanArm(robot, build_model(robot, "mod3", engine="numpy"), dry, viscous, armature)
 
 
 def sines(rng: np.random.Generator, t: Array) -> Motion:

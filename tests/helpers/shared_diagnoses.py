@@ -11,6 +11,7 @@ from elastic_arm.cli import diagnose as command
 from elastic_arm.diagnosis import Diagnosis, Question, diagnose, follow_up
 from elastic_arm.effects import EFFECTS
 from elastic_arm.recording import write_recording
+from tests.helpers.candidates import candidates
 from tests.helpers.command_line import run
 from tests.helpers.gap_recordings import ROBOT, gentle, motions, record
 
@@ -50,7 +51,8 @@ def with_play(folder: Path) -> Commanded:
         write_recording(folder / f"bag_{k}", record(gentle(k), PLAY, seed=k))
     bags = (folder / "bag_1", "--validate", folder / "bag_2")
     files = ("--csv", "--mcap", folder / "residuals")
-    with mock.patch.object(command, "write_diagnosis", wraps=command.write_diagnosis) as written:
+    written_by = mock.patch.object(command, "write_diagnosis", wraps=command.write_diagnosis)
+    with candidates(command, "backlash", "encoder_offset"), written_by as written:
         told = run("diagnose", *bags, "--out", folder / "diagnosis", *files)
     assert told.exit_code == 0, told.output
     return Commanded(folder, told, written.call_args.args[0])

@@ -54,7 +54,7 @@ def changed(arm: MjcfArm, joint: str, **numbers: float) -> MjcfArm:
 def run_at(arm: MjcfArm, gain: float, seed: int) -> Recording:
     """Return a recording with another number in the registers of all joints."""
     gains = dict.fromkeys(arm.robot.joint_names, gain)
-    found = recorded(at_gains(arm, gains), 250.0, 17, seed=seed)
+    found = recorded(at_gains(arm, gains), 250.0, 17, seed=seed, seconds=8.0)
     return replace(found, firmware_gains=gains, source=f"gain_{gain:g}_{seed}")
 
 

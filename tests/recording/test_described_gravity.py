@@ -16,6 +16,8 @@ from elastic_arm.dynamics import build_model
 from elastic_arm.recording import Recording, Side, read_recording, write_recording
 from elastic_arm.recording.inspection.check import check_bag
 from elastic_arm.recording.inspection.described_gravity import (
+    _comparisons,
+    _findings,
     contradicted,
     misread_channels,
     side_motions,
@@ -113,6 +115,29 @@ def test_a_joint_of_the_wrong_sign_is_named(side: str, elastic: bool) -> None:
     assert words.startswith(
         f"{side} side: the torque of joint_2 has the opposite sign of the description"
     )
+
+
+def test_findings_are_those_of_the_joints_with_a_measured_torque() -> None:
+    """Findings are kept by motion; the same samples with fewer measured torques are another
+    motion."""
+    robot = arm()
+    ((side, motion),) = side_motions(recorded(robot, flipped=(1,)), robot)
+    fewer = motion._replace(measured=[0, 2, 3])
+    assert [one.code for one in contradicted([(side, motion)], robot)] == ["gravity_sign"]
+    assert contradicted([(side, fewer)], robot) == contradicted([(side, fewer)], arm()) == []
+
+
+def test_findings_that_are_kept_cannot_be_changed() -> None:
+    """A caller that changes the list of findings changes no later one."""
+    robot = arm()
+    motions = list(side_motions(recorded(robot, flipped=(1,)), robot))
+    first = contradicted(motions, robot)
+    kept = list(first)
+    first.clear()
+    assert contradicted(motions, robot) == kept
+    for comparison in _comparisons(motions, robot):
+        assert all(type(findings) is tuple for findings in _findings(comparison))
+        assert not comparison.motion.torque.flags.writeable
 
 
 def test_the_parts_of_a_recording_are_judged_together() -> None:
@@ -459,8 +484,9 @@ def test_no_arm_is_written_by_channels_that_are_not_what_they_are_taken_for(tmp_
     why."""
     robot = arm()
     save_robot(robot, tmp_path / "arm.yaml")
-    wrong = arranged(recorded(robot), "link", (0, 1, 2, 3), (1.0, 1.0, -1.0, 1.0), "all")
-    for name, recording in (("wrong", wrong), ("right", recorded(robot))):
+    right = recorded(robot, seconds=8.0)
+    wrong = arranged(right, "link", (0, 1, 2, 3), (1.0, 1.0, -1.0, 1.0), "all")
+    for name, recording in (("wrong", wrong), ("right", right)):
         bag = write_recording(tmp_path / name, recording)
         told = CliRunner().invoke(
             app, ["identify", str(bag), "--robot", str(tmp_path / "arm.yaml"), "--out", f"{bag}_o"]

@@ -30,9 +30,8 @@ Society 98 (1935) 536).
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
-from hashlib import blake2b
 from itertools import chain, combinations
 from typing import NamedTuple, Self
 
@@ -194,8 +193,8 @@ def contradicted(motions: Motions, robot: Robot) -> list[Finding]:
     torques contain no gravity.
     """
     found = list[Finding]()
-    for side, motion, fit in _fits(motions, robot):
-        confused, judged = _known(motion, side, fit, robot)
+    for comparison in _comparisons(motions, robot):
+        confused, judged = _findings(comparison)
         found += [*confused, *judged]
     return found
 
@@ -205,16 +204,45 @@ def misread_channels(recording: Recording, robot: Robot, *, weight: bool) -> str
 
     weight: whether torques without gravity count as misread.
     """
-    for side, motion, fit in _fits([*side_motions(recording, robot)], robot):
-        confused, judged = _known(motion, side, fit, robot)
+    for comparison in _comparisons([*side_motions(recording, robot)], robot):
+        confused, judged = _findings(comparison)
         lacking = (one for one in (judged if weight else []) if one.code == MISSING)
         if (first := next(chain(confused, lacking), None)) is not None:
             return first.message
     return None
 
 
-def _fits(motions: Motions, robot: Robot) -> Iterator[tuple[str, SideMotion, GravityFit]]:
-    """Yield the torques of each side, of all its motions together, with the described gravity."""
+@dataclass(frozen=True)
+class _Comparison:
+    """The motion of one side and the description with which its torques are compared.
+
+    Equal comparisons have equal findings. Descriptions are equal if they are the same object.
+    """
+
+    robot: Robot
+    side: str
+    samples: tuple[bytes, ...]  # q, dq, ddq and torque of the motion: float64, (N, n)
+    measured: tuple[int, ...]
+    window: float  # s
+
+    @classmethod
+    def of(cls, motion: SideMotion, side: str, robot: Robot) -> Self:
+        """Return the comparison of a motion with the torques of one side."""
+        arrays = (motion.q, motion.dq, motion.ddq, motion.torque)
+        samples = tuple(np.asarray(array, dtype=np.float64).tobytes() for array in arrays)
+        return cls(robot, side, samples, tuple(motion.measured), motion.window)
+
+    @property
+    def motion(self) -> SideMotion:
+        """The motion, with arrays that cannot be written to."""
+        q, dq, ddq, torque = (
+            np.frombuffer(content).reshape(-1, self.robot.n) for content in self.samples
+        )
+        return SideMotion(q, dq, ddq, torque, list(self.measured), self.window)
+
+
+def _comparisons(motions: Motions, robot: Robot) -> Iterator[_Comparison]:
+    """Yield the comparison of each side, with all its motions together."""
     for side in SIDES.values():
         own = [motion for name, motion in motions if name == side]
         if not own:
@@ -225,11 +253,8 @@ def _fits(motions: Motions, robot: Robot) -> Iterator[tuple[str, SideMotion, Gra
         )
         measured = sorted(set.intersection(*(set(motion.measured) for motion in own)))
         whole = SideMotion(q, dq, ddq, torque, measured, own[0].window)
-        if len(whole.q) < FEWEST:  # holes everywhere
-            continue
-        fit = _fit_gravity(whole, robot, motors=side == "motor")
-        if fit.gravity.any():
-            yield side, whole, fit
+        if len(whole.q) >= FEWEST:  # fewer are left if there are holes everywhere
+            yield _Comparison.of(whole, side, robot)
 
 
 def side_motions(recording: Recording, robot: Robot) -> Iterator[tuple[str, SideMotion]]:
@@ -349,28 +374,19 @@ class _Arm(NamedTuple):
     body: NDArray[np.intp]
 
 
-Told = tuple[list[Finding], list[Finding]]
+Findings = tuple[Finding, ...]
 
 
+# A recording is checked when it is read, and again before a corrected arm is written.
 @lru_cache(maxsize=8)
-def _told_before(robot: Robot, side: str, motion: bytes) -> dict[str, Told]:
-    """Return what :func:`_known` keeps of a motion: a recording is checked where it is read, and
-    again before a corrected arm is written."""
-    return {}
-
-
-def _known(motion: SideMotion, side: str, fit: GravityFit, robot: Robot) -> Told:
-    """Return the findings about confused channels, and, if there are none, all others; made
-    once."""
-    content = blake2b(b"".join(one.tobytes() for one in motion[:4])).digest()
-    kept = _told_before(robot, side, content)
-    if not kept:
-        kept[side] = _told(motion, side, fit, robot)
-    return kept[side]
-
-
-def _told(motion: SideMotion, side: str, fit: GravityFit, robot: Robot) -> Told:
-    """Return the same, made anew."""
+def _findings(comparison: _Comparison) -> tuple[Findings, Findings]:
+    """Return the findings about confused channels, and, if there are none, all others."""
+    robot = comparison.robot
+    side = comparison.side
+    motion = comparison.motion
+    fit = _fit_gravity(motion, robot, motors=side == "motor")
+    if not fit.gravity.any():
+        return (), ()
     few = motion.every(max(1, len(motion.q) // 500))  # are tried with every other arrangement
     # Of joints that creep friction is of either sign, by the encoders' steps, and its error
     # outweighs what is compared.
@@ -396,7 +412,7 @@ def _told(motion: SideMotion, side: str, fit: GravityFit, robot: Robot) -> Told:
             replace(one, message=one.message + carried) if one.code == MISSING else one
             for one in judged
         ]
-    return confused, judged
+    return tuple(confused), tuple(judged)
 
 
 def _arm(robot: Robot, side: str) -> _Arm:
@@ -525,6 +541,8 @@ def _likelihood(products: _Products, coefficients: Array, free: Array, near: _Fi
     power = np.maximum(power, 1e-300)
     bodies = np.unique(products.body[products.body >= 0])
     belongs = (products.body[:, None] == bodies).astype(float)
+    numbers = belongs.sum(axis=0)
+    flat = grams.reshape(len(grams), -1)
     of_gains = products.body < 0
     squares = power if near is None else near.squares
     scale2 = np.where(of_gains, 1.0, MASSES**2) if near is None else near.scale2
@@ -532,15 +550,16 @@ def _likelihood(products: _Products, coefficients: Array, free: Array, near: _Fi
         weight = free / np.maximum(squares, 1e-12 * power)
         std = np.sqrt(scale2)
         scales = np.outer(std, std)
-        known = np.eye(len(std)) + scales * np.tensordot(weight, grams, 1)
+        known = scales * (weight @ flat).reshape(scales.shape)
+        known[np.diag_indices_from(known)] += 1.0
         inverse, logdet = _inverse(known)
         covariance = scales * inverse
         right = weight @ rights
         size = covariance @ right
         left = power - 2.0 * rights @ size + (grams @ size) @ size
-        left += np.tensordot(grams, covariance)
+        left += flat @ covariance.ravel()
         second = (size**2 + np.diag(covariance)) @ belongs
-        off = (TAILS * MASSES**2 + second) / (TAILS + belongs.sum(axis=0) + 2.0)
+        off = (TAILS * MASSES**2 + second) / (TAILS + numbers + 2.0)
         before = np.concatenate([squares, scale2])
         used = squares, scale2
         squares = np.maximum(left, 1e-12 * power)
@@ -553,7 +572,7 @@ def _likelihood(products: _Products, coefficients: Array, free: Array, near: _Fi
         free @ np.log(squares / products.samples) + weight @ power - right @ covariance @ right
     )
     likely -= 0.5 * logdet
-    own2 = scale2[~of_gains] @ belongs[~of_gains] / belongs.sum(axis=0)
+    own2 = scale2[~of_gains] @ belongs[~of_gains] / numbers
     likely -= float(((TAILS / 2.0 + 1.0) * np.log(own2) + TAILS * MASSES**2 / 2.0 / own2).sum())
     return _Fit(likely, size, squares, scale2)
 
@@ -562,9 +581,10 @@ def _inverse(matrix: Array) -> tuple[Array, float]:
     """Return the inverse of a positive definite matrix (Q, Q), and ln of its determinant."""
     factor, _ = lapack.dpotrf(matrix, lower=1)
     half, _ = lapack.dpotri(factor, lower=1)
-    lower = np.tril(half)
+    inverse = half + half.T  # LAPACK's lower half and zeros above it
+    np.fill_diagonal(inverse, np.diag(half))
     logdet = 2.0 * float(np.sum(np.log(np.diag(factor))))
-    return lower + np.tril(lower, -1).T, logdet
+    return inverse, logdet
 
 
 def _given(products: _Products) -> tuple[_Fit, Array]:
