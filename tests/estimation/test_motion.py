@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 from scipy.signal import butter, sosfiltfilt
 
 from elastic_arm.dynamics import build_model
@@ -14,6 +15,7 @@ from elastic_arm.estimation.motion import (
     Motion,
     completed,
     drive_constants,
+    moved_in_time,
     with_filtered_deflection,
 )
 from elastic_arm.estimation.residuals import raw_residuals
@@ -118,3 +120,14 @@ def test_a_deflection_is_filtered_of_both_encoders_noise() -> None:
             for one in (motion, found)
         )
         assert after < 0.4 * before
+
+
+@pytest.mark.parametrize("later", [0.0, 4e-4, -4e-4, 2.34e-2, -2.37e-2, 0.5, -3.0])
+@pytest.mark.parametrize("jitter", [0.0, 5e-5])
+def test_samples_moved_in_time_are_those_of_the_spline(later: float, jitter: float) -> None:
+    """A channel is at other times what its spline is there, and at the ends stays as it is."""
+    rng = np.random.default_rng(0)
+    t = 3.0 + 1e-3 * np.arange(2000) + jitter * rng.uniform(-1.0, 1.0, 2000)
+    spline = CubicSpline(t, np.sin(5.0 * t) + 0.1 * rng.standard_normal(2000))
+    expected = spline(np.clip(t + later, t[0], t[-1]))
+    np.testing.assert_allclose(moved_in_time(spline, later), expected, atol=1e-12)
