@@ -410,6 +410,33 @@ def test_times_that_do_not_increase_are_named_and_kept(
     assert "sort the rows" in refused.value.remedy
 
 
+def test_states_of_named_joints_are_positions(tmp_path: Path) -> None:
+    """A dataset as a table has a column a joint; its commands are then compared with the states."""
+    sent = {f"action.{joint}": Q[1:, k] for k, joint in enumerate(JOINTS)}
+    states = {f"observation.state.{joint}": Q[:-1, k] for k, joint in enumerate(JOINTS)}
+    np.savez(tmp_path / "run.npz", timestamp=T[:-1], **states, **sent)
+    draft = guess_mapping(load_arrays(tmp_path / "run.npz"), JOINTS)
+    (only,) = draft.channels
+    assert (only.side, only.channel, only.table.name) == ("link", "position", "observation.state.*")
+    assert "1 sample later: not commands that were sent" in draft.to_yaml()
+
+
+@pytest.mark.parametrize(
+    ("name", "size"),
+    [("torque_{}_Ncm", 1e-2), ("tau {} [kg·cm]", 9.80665e-2), ("m_{} [cNm]", 1e-2)],
+)
+def test_torques_of_small_drives_have_their_units(tmp_path: Path, name: str, size: float) -> None:
+    """The factor follows from the name, as for mNm."""
+    torques = {name.format(joint): TAU[:, k] / size for k, joint in enumerate(JOINTS)}
+    angles = {f"q_{joint}": Q[:, k] for k, joint in enumerate(JOINTS)}
+    np.savez(tmp_path / "run.npz", time=T, **angles, **torques)
+    draft = guess_mapping(load_arrays(tmp_path / "run.npz"), JOINTS)
+    (tmp_path / "map.yaml").write_text(draft.to_yaml())
+    taken = import_arrays(tmp_path / "run.npz", tmp_path / "map.yaml")
+    assert taken.motor is not None
+    np.testing.assert_allclose(taken.motor.effort, TAU)
+
+
 def test_times_that_are_no_numbers_are_named(tmp_path: Path) -> None:
     """A table with thousands separators in its times says so where it asks for the rate."""
     rows = [f"{1e6 * t:,.1f};{q[0]};{q[1]};{q[2]}" for t, q in zip(T, Q, strict=True)]

@@ -76,7 +76,7 @@ _WORDS = {
     ),
     "position": (
         r"pos|winkel|ang|theta|enc(?=_|\d|$)|encoder|(?<![a-z])q(?=_|\.|\d|$)"
-        r"|joint_state|(?<![a-z])state$"
+        r"|joint_state|(?<![a-z])state(?=[^a-z\d]*$)"
     ),
 }
 # What the arm was told; without a further word its positions, as a dataset's `action`.
