@@ -211,10 +211,13 @@ class Causes:
         if rest is not None:
             found.remove(rest)
             small = dict(rest[0].parameters)
-        x, y = mounting.tilted(small["x"].value, small["y"].value)
+        further = float(small["x"].value), float(small["y"].value)
+        x, y = mounting.tilted(*further)
+        own = [MOUNTED if small[axis].std is None else float(small[axis].std) for axis in "xy"]
+        x_std, y_std = mounting.tilted_by((own[0], own[1]), *further)
         values = {
-            "x": ParameterEstimate(x, small["x"].std, "rad"),
-            "y": ParameterEstimate(y, small["y"].std, "rad"),
+            "x": ParameterEstimate(x, x_std, "rad"),
+            "y": ParameterEstimate(y, y_std, "rad"),
         }
         alone = without_parts(self.parts.before, [self.parts.mounting_added])
         share = shrink(self.parts.gaps[0], self.parts.gap(alone)).share

@@ -9,6 +9,8 @@ from elastic_arm.diagnosis.context import DiagnosisContext
 from elastic_arm.diagnosis.result import Diagnosis
 from elastic_arm.effects import EffectInstance
 from elastic_arm.effects.effect import Plant, SensorEffect
+from elastic_arm.effects.library.base_tilt import TILT
+from elastic_arm.identification.batch.mounting import mounted
 from elastic_arm.robot import Robot, with_joints_of
 from elastic_arm.sensors import Sensors
 
@@ -34,6 +36,10 @@ def repaired_robot(robot: Robot, diagnosis: Diagnosis, taken_back: Collection[st
     for cause in written:
         if cause.held_as == "controller" and not cause.instance.effect.number:
             arm = cause.instance.effect.added_to(Plant(arm, Sensors.exact()), cause.instance).robot
+        if cause.effect == TILT and cause.held_as == "number":
+            # The whole turn from the described base; the model stands at a rounded one.
+            x, y = (float(cause.parameters[axis].value) for axis in "xy")
+            arm = mounted(arm.with_(base_placement=robot.base_placement), x, y)
     return arm
 
 

@@ -498,3 +498,19 @@ def test_no_arm_is_written_by_channels_that_are_not_what_they_are_taken_for(tmp_
             and "joint_3 turns in the opposite direction" in told.output
         )
         assert said == (name == "wrong")
+
+
+def test_a_tool_is_seen_on_an_arm_whose_motor_inertia_is_stated() -> None:
+    """The last parameter is then that of the last motor, which weighs nothing."""
+    t, q, dq, ddq = six_axes.motion(2)
+    still = np.zeros_like(q)
+    bare = six_axes.torques(q, still, still, mass=0.0)
+    torque = six_axes.torques(q, dq, ddq, mass=2.0) - bare
+    stamp_ns = np.rint(1e9 * t).astype(np.int64)
+    recording = Recording(six_axes.JOINTS, Side(stamp_ns, q), Side(stamp_ns, effort=torque))
+    robot = parse_urdf(six_axes.urdf())
+    motors = zip(robot.joints, six_axes.ARMATURES.tolist(), strict=True)
+    stated = robot.with_(joints=tuple(replace(joint, armature=b) for joint, b in motors))
+    (finding,) = contradicted_gravity(recording, stated)
+    assert "gravity was subtracted" in finding.message
+    assert "the gravity of about 2 kg on the last link" in finding.message

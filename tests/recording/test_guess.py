@@ -384,3 +384,63 @@ def test_units_after_an_underscore_name_the_channel() -> None:
     }
     found = {(g.side, g.channel): g.unit for g in guess_mapping(arrays, ["a", "b"]).channels}
     assert found == {("link", "position"): "deg", ("motor", "effort"): "A"}
+
+
+@pytest.mark.parametrize(
+    ("rows", "fault"),
+    [
+        (np.random.default_rng(2).permutation(len(T)), "jumps back in time"),
+        (np.repeat(np.arange(len(T)), 2), "repeats the stamp"),
+        (np.r_[2000:4000, 0:2000], "jumps back in time"),
+    ],
+    ids=["unsorted", "repeated", "two files joined"],
+)
+def test_times_that_do_not_increase_are_named_and_kept(
+    tmp_path: Path, rows: np.ndarray, fault: str
+) -> None:
+    """A sample rate in their place would take rows in a wrong order for motion; the import refuses
+    them and names what to do."""
+    np.savez(tmp_path / "run.npz", time=T[rows], q=Q[rows], tau=TAU[rows])
+    draft = guess_mapping(load_arrays(tmp_path / "run.npz"), JOINTS)
+    assert draft.times is not None and fault in draft.times.fault
+    assert fault in draft.to_yaml() and "times.rate" not in draft.missing
+    (tmp_path / "map.yaml").write_text(draft.to_yaml())
+    with pytest.raises(RecordingError, match=fault) as refused:
+        import_arrays(tmp_path / "run.npz", tmp_path / "map.yaml")
+    assert "sort the rows" in refused.value.remedy
+
+
+def test_states_of_named_joints_are_positions(tmp_path: Path) -> None:
+    """A dataset as a table has a column a joint; its commands are then compared with the states."""
+    sent = {f"action.{joint}": Q[1:, k] for k, joint in enumerate(JOINTS)}
+    states = {f"observation.state.{joint}": Q[:-1, k] for k, joint in enumerate(JOINTS)}
+    np.savez(tmp_path / "run.npz", timestamp=T[:-1], **states, **sent)
+    draft = guess_mapping(load_arrays(tmp_path / "run.npz"), JOINTS)
+    (only,) = draft.channels
+    assert (only.side, only.channel, only.table.name) == ("link", "position", "observation.state.*")
+    assert "1 sample later: not commands that were sent" in draft.to_yaml()
+
+
+@pytest.mark.parametrize(
+    ("name", "size"),
+    [("torque_{}_Ncm", 1e-2), ("tau {} [kg·cm]", 9.80665e-2), ("m_{} [cNm]", 1e-2)],
+)
+def test_torques_of_small_drives_have_their_units(tmp_path: Path, name: str, size: float) -> None:
+    """The factor follows from the name, as for mNm."""
+    torques = {name.format(joint): TAU[:, k] / size for k, joint in enumerate(JOINTS)}
+    angles = {f"q_{joint}": Q[:, k] for k, joint in enumerate(JOINTS)}
+    np.savez(tmp_path / "run.npz", time=T, **angles, **torques)
+    draft = guess_mapping(load_arrays(tmp_path / "run.npz"), JOINTS)
+    (tmp_path / "map.yaml").write_text(draft.to_yaml())
+    taken = import_arrays(tmp_path / "run.npz", tmp_path / "map.yaml")
+    assert taken.motor is not None
+    np.testing.assert_allclose(taken.motor.effort, TAU)
+
+
+def test_times_that_are_no_numbers_are_named(tmp_path: Path) -> None:
+    """A table with thousands separators in its times says so where it asks for the rate."""
+    rows = [f"{1e6 * t:,.1f};{q[0]};{q[1]};{q[2]}" for t, q in zip(T, Q, strict=True)]
+    (tmp_path / "run.csv").write_text("\n".join(["time_us;q_a;q_b;q_c", *rows]) + "\n")
+    draft = guess_mapping(load_arrays(tmp_path / "run.csv"), JOINTS)
+    assert draft.times is None
+    assert "time_us is named like times, but not numbers" in draft.to_yaml()

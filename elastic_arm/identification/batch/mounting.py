@@ -39,6 +39,7 @@ CHANCE = 1e-5
 # degree to which a mounting is known: masses are off, and what is compiled for an arm serves the
 # next one
 STEP = 1.0
+UNKNOWN_ANGLE = float(np.pi / np.sqrt(3.0))  # rad, of an angle that is uniform over a turn
 WORDS = (
     "the torques show gravity of {} m/s², but the description has {}: the arm is"
     " mounted differently, and the rotation Rx({:.0f}°) Ry({:.0f}°) is assumed"
@@ -59,9 +60,7 @@ class Mounting:
 
     def of(self, robot: Robot) -> Robot:
         """Return the arm with this mounting."""
-        return robot.with_(
-            base_placement=placed(turned(self.x, self.y)) @ robot.base_placement, base_dh=None
-        )
+        return mounted(robot, self.x, self.y)
 
     @property
     def note(self) -> str:
@@ -76,10 +75,42 @@ class Mounting:
         """Return both turns as one, rad: this one and a further Rx(x) Ry(y)."""
         return tilt_of(turned(self.x, self.y).T @ turned(x, y).T @ self.described)
 
+    def tilted_by(self, deviations: tuple[float, float], x: float, y: float) -> tuple[float, float]:
+        """Return the standard deviations of both turns as one, rad, from those of the further turns
+        x and y.
+
+        Near a base on its side a turn about the vertical is no tilt: gravity hardly shows it. Of an
+        angle of which nothing is known the deviation is that of a uniform distribution.
+        """
+        down, *rates = _down_and_rates(x, y) @ turned(self.x, self.y)
+        # What of gravity is across the y axis: its length falls as x rises, its angle is y.
+        across = np.array([down[0], -down[2]])
+        size = float(np.linalg.norm(across))
+        along = across / size if size else np.array([0.0, 1.0])
+        moved = np.array([[rate[0], -rate[2]] for rate in rates])
+        by_x = down[1] * (moved @ along) - size * np.array(rates)[:, 1]
+        by_y = moved @ [along[1], -along[0]]
+        x_std, y_moved = (float(np.linalg.norm(by * deviations)) for by in (by_x, by_y))
+        y_std = min(y_moved / size, UNKNOWN_ANGLE) if size else UNKNOWN_ANGLE
+        return x_std, y_std
+
+
+def mounted(robot: Robot, x: float, y: float) -> Robot:
+    """Return the arm with its base turned by Rx(x) Ry(y) in the ground frame, rad."""
+    base = placed(turned(x, y)) @ robot.base_placement
+    return robot.with_(base_placement=base, base_dh=None)
+
 
 def turned(x: float, y: float) -> Array:
     """Return the rotation (3, 3) Rx(x) Ry(y)."""
     return np.asarray(Rotation.from_euler("XY", [x, y]).as_matrix())
+
+
+def _down_and_rates(x: float, y: float) -> Array:
+    """Return the direction of gravity in a base turned by Rx(x) Ry(y), and its derivatives by both
+    (3, 3)."""
+    sx, cx, sy, cy = np.sin(x), np.cos(x), np.sin(y), np.cos(y)
+    return np.array([[sy * cx, -sx, -cy * cx], [-sy * sx, -cx, cy * sx], [cy * cx, 0.0, sy * cx]])
 
 
 def tilt_of(gravity: Array) -> tuple[float, float]:

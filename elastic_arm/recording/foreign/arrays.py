@@ -42,7 +42,10 @@ from elastic_arm.recording.inspection.report import REPAIR, checked
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Array, Side, Stamps, joints_with
 
-MEND = "Correct these samples in the file: times have to increase, and numbers have to be finite."
+MEND = (
+    "Correct these samples in the file: times have to increase (sort the rows, remove repeated"
+    " ones, export times in double precision), and numbers have to be finite."
+)
 # The columns of a table without names are called by their numbers.
 Key = Annotated[str, BeforeValidator(lambda key: str(key) if type(key) is int else key)]
 

@@ -58,10 +58,13 @@ _WRITTEN: dict[str, tuple[Unit, float]] = {unit.lower(): (unit, 1.0) for unit in
 _WRITTEN |= {word: (unit, 1.0) for unit, words in _CALLED.items() for word in words.split()}
 _WRITTEN |= {"mrad": ("rad", 1e-3), "mrad/s": ("rad/s", 1e-3), "ma": ("A", 1e-3)}
 _WRITTEN |= {"mnm": ("Nm", 1e-3), "knm": ("Nm", 1e3), "kn": ("N", 1e3)}
+_WRITTEN |= dict.fromkeys(("ncm", "n*cm", "n·cm", "n.cm", "cnm"), ("Nm", 1e-2))
+# 1 kgf is 9.80665 N; data sheets of servos state kg cm.
+_WRITTEN |= dict.fromkeys(("kgcm", "kg*cm", "kg·cm", "kgf*cm", "kgf·cm"), ("Nm", 9.80665e-2))
 # The unit in a column's name: in brackets, unless it is a number; in parentheses, unless it is a
 # remark; at the end.
 _IN_NAME = re.compile(
-    r"\[\s*([^\]\d][^\]]*?)\s*\]|_((?:deg|m?rad)(?:_s)?|[mk]?Nm|rpm|m[mA])$"
+    r"\[\s*([^\]\d][^\]]*?)\s*\]|_((?:deg|m?rad)(?:_s)?|[mkc]?Nm|Ncm|rpm|m[mA])$"
     r"|\(\s*([^()\d][^()]*?)\s*\)|\s(?:/|in)\s+(\S.*?)\s*$"
 )
 _OF_A_RANGE = re.compile(r"%|‰|per ?cent|per ?mille?", re.I)

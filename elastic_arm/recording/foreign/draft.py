@@ -11,7 +11,12 @@ from typing import Any
 import yaml
 
 from elastic_arm.recording.foreign.channels import SIDE_NAMES, ChannelName, SideName
-from elastic_arm.recording.foreign.tables import JointTable, TimeArray
+from elastic_arm.recording.foreign.tables import TIME_NAME, JointTable, TimeArray
+
+_FAULTY_TIMES = (
+    "# Sort the rows by time, remove repeated ones, or export the times in double precision; or",
+    "# give {rate: HZ} in place of the key, if the rows are in order and none is repeated.",
+)
 
 
 @dataclass(frozen=True)
@@ -72,11 +77,7 @@ class Draft:
         lines += [
             "# correct it (docs/channel_maps.md). Signs and zeros of the joints cannot be guessed."
         ]
-        if self.times is None:
-            lines += ["# No array resembles times: give the sample rate, Hz.", "times: {rate: }"]
-        else:
-            times = _inline({"key": self.times.key, "unit": self.times.unit})
-            lines += [f"times: {times}          # {self.times.rate:.6g} Hz"]
+        lines += self._times_lines()
         if self.runs is not None:
             key, count = self.runs
             comment = f"# {count} runs, one bag each; value: N selects one"
@@ -97,6 +98,21 @@ class Draft:
             for key, reason in self._ignored_patterns()
         ]
         return "\n".join(lines) + "\n"
+
+    def _times_lines(self) -> list[str]:
+        if self.times is None:
+            named = [
+                f"# {_comment(key)} is named like times, but {_comment(reason)}."
+                for key, reason in self.ignored
+                if TIME_NAME.search(key)
+            ]
+            asked = "# No array resembles times: give the sample rate, Hz."
+            return [*named, asked, "times: {rate: }"]
+        times = _inline({"key": self.times.key, "unit": self.times.unit})
+        if self.times.fault:
+            fault = f"# {_comment(self.times.fault)}: bag import refuses these times."
+            return [fault, *_FAULTY_TIMES, f"times: {times}"]
+        return [f"times: {times}          # {self.times.rate:.6g} Hz"]
 
     def _ignored_patterns(self) -> list[tuple[str, str]]:
         """Return the arrays left out; counted names, and structs without a used array, become one

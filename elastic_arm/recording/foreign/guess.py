@@ -76,7 +76,7 @@ _WORDS = {
     ),
     "position": (
         r"pos|winkel|ang|theta|enc(?=_|\d|$)|encoder|(?<![a-z])q(?=_|\.|\d|$)"
-        r"|joint_state|(?<![a-z])state$"
+        r"|joint_state|(?<![a-z])state(?=[^a-z\d]*$)"
     ),
 }
 # What the arm was told; without a further word its positions, as a dataset's `action`.
@@ -263,7 +263,8 @@ class _Reader:
 
     def __init__(self, contents: Contents) -> None:
         self.tables = contents.tables
-        self.times = contents.times
+        times = contents.times
+        self.times = times if times is not None and not times.fault else None
         named = [(table, *_quantity(table)) for table in self.tables]
         measured = [(table, quantity) for table, quantity, _ in named if not _is_command(table)]
         self.positions = [table for table, quantity in measured if quantity == "position"]

@@ -12,7 +12,7 @@ import numpy as np
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording.foreign.channels import NANOSECONDS, stated_unit, time_unit
 from elastic_arm.recording.foreign.text_layouts import RUN_NAME
-from elastic_arm.recording.inspection.report import check_stamped
+from elastic_arm.recording.inspection.report import check_stamped, check_times
 from elastic_arm.recording.sides import Array, short_names
 
 # Sample rates of arms, Hz: the unit of the times is the one with which the rate is among them.
@@ -67,6 +67,7 @@ class TimeArray:
     key: str  # key, unit: name of the array, and what its numbers count
     unit: str
     seconds: Array  # (N,) from the first sample
+    fault: str = ""  # why they cannot be used as they are: they repeat or decrease
 
     @property
     def rate(self) -> float:
@@ -209,7 +210,11 @@ def _find_times(
     arrays: Mapping[str, np.ndarray], count: int, units: Mapping[str, str]
 ) -> TimeArray | None:
     """Return the array that increases from sample to sample at a rate that arms have; arrays named
-    like times come first."""
+    like times come first.
+
+    An array named like times that does not increase has a `fault`: its samples are in another
+    order, or repeated, and a sample rate in its place would hide that.
+    """
     found = []
     called = [
         key for key, values in arrays.items() if values.shape == (count,) and TIME_NAME.search(key)
@@ -235,14 +240,41 @@ def _find_times(
         if np.all(steps >= 0) and np.mean(steps > 0) > 0.5:
             step = float(np.median(steps[steps > 0]))
             # An index grows by one too: times that are whole milliseconds are called times.
-            rates = {unit: 1e9 / (step * size) for unit, size in NANOSECONDS.items()}
-            likely = (unit for unit, rate in rates.items() if _RATES[0] <= rate <= _RATES[1])
-            unit = time_unit(stated_unit(key, units.get(key, ""))) or next(likely, None)
+            unit = _unit_of_times(key, step, units)
             named = bool(TIME_NAME.search(key)) or key == next(iter(arrays))
             if unit is not None and (named or np.ptp(steps) > 0):
                 seconds = (values - values[0]).astype(np.float64) * (NANOSECONDS[unit] * 1e-9)
                 found.append((not TIME_NAME.search(key), TimeArray(key, unit, seconds)))
-    return min(found, key=lambda pair: pair[0])[1] if found else None
+    if found:
+        return min(found, key=lambda pair: pair[0])[1]
+    return _faulty_times(arrays, called, units)
+
+
+def _unit_of_times(key: str, step: float, units: Mapping[str, str]) -> str | None:
+    """Return the unit by the name of an array, or the one in which its step gives a rate that arms
+    have."""
+    rates = {unit: 1e9 / (step * size) for unit, size in NANOSECONDS.items()}
+    likely = (unit for unit, rate in rates.items() if _RATES[0] <= rate <= _RATES[1])
+    return time_unit(stated_unit(key, units.get(key, ""))) or next(likely, None)
+
+
+def _faulty_times(
+    arrays: Mapping[str, np.ndarray], called: Sequence[str], units: Mapping[str, str]
+) -> TimeArray | None:
+    """Return the first array that is named like times and has their steps, but repeats or
+    decreases, with that fault."""
+    for key in called:
+        values = arrays[key].astype(np.float64)
+        steps = np.diff(np.unique(values))
+        unit = _unit_of_times(key, float(np.median(steps)), units) if len(steps) else None
+        if unit is None:
+            continue
+        seconds = (values - values[0]) * (NANOSECONDS[unit] * 1e-9)
+        try:
+            check_times(np.round(seconds * 1e9).astype(np.int64), key)
+        except RecordingError as error:
+            return TimeArray(key, unit, seconds, error.problem)
+    return None
 
 
 def _whole(key: str, values: np.ndarray, count: int, n: int) -> JointTable | None:

@@ -366,12 +366,13 @@ def _independent(one: Array, other: Array) -> float:
 
 class _Arm(NamedTuple):
     """The regressor Y(q, dq, ddq) (N, n, P) of the torques of a side, mean and spread of its
-    parameters (P,), and the body of each parameter (P,)."""
+    parameters (P,), the body of each parameter (P,), and which are of the last link (P,)."""
 
     regressor: Callable[[Array, Array, Array], Array]
     mean: Array
     spread: Array
     body: NDArray[np.intp]
+    of_last_link: NDArray[np.bool_]
 
 
 Findings = tuple[Finding, ...]
@@ -428,7 +429,10 @@ def _arm(robot: Robot, side: str) -> _Arm:
         Y = model.regressor(q, dq, ddq)
         return Y[:, :n] + Y[:, n:] if robot.elastic and side == "motor" else Y[:, :n]
 
-    return _Arm(regressor, model.Psi, *_spread(model))
+    spread, body = _spread(model)
+    # The last body may be the rotor of the last joint, of which no parameter is a mass.
+    masses = [k for k, one in enumerate(model.parameters) if one.name.endswith(".m")]
+    return _Arm(regressor, model.Psi, spread, body, body == body[masses[-1]])
 
 
 def _spread(model: Model) -> tuple[Array, NDArray[np.intp]]:
@@ -668,7 +672,7 @@ def _load_alone(motion: SideMotion, arm: _Arm) -> float | None:
     Y = arm.regressor(motion.q, still, still)
     weight = Y @ arm.mean
     moved = arm.regressor(*motion[:3]) @ arm.mean - weight
-    of_load = Y[:, :, arm.body == arm.body[-1]]
+    of_load = Y[:, :, arm.of_last_link]
     parts = []
     for j in motion.measured:
         basis = _own(motion, j, moved[:, j])
