@@ -40,7 +40,7 @@ from elastic_arm.identification.batch.mounting import CHANCE, STEP
 MOUNTED = float(np.radians(STEP))
 SHOWN = 0.05  # least part of a cause's probability at which its sides are listed
 
-Holding = tuple[float, Fit, Term]  # probability of a set that has a cause, the set, and the term
+SetWithCause = tuple[float, Fit, Term]  # probability of a set that has a cause, the set, the term
 
 
 @dataclass(frozen=True)
@@ -177,7 +177,7 @@ class Causes:
         )
         return cause, alone
 
-    def _sizes(self, holding: list[Holding]) -> dict[str, ParameterEstimate]:
+    def _sizes(self, holding: list[SetWithCause]) -> dict[str, ParameterEstimate]:
         """Return the parameters of a cause over the sets in which it is the same kind of term as in
         the first."""
         numbers = self.parts.problem.numbers

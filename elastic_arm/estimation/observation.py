@@ -7,8 +7,8 @@ smoother
     H(w) = 1 / (1 + (w / w_s)^(2 STEEP))
 
 The derivative stage is identification's: grid, noise and smoother are the same. Only H differs. The
-residuals are nonlinear in the smoothed motion, so H leaves their band as it is: what it took of the
-motion there would not be what it takes of the torques. Its cutoff w_s is 2.2 times that band at
+residuals are nonlinear in the smoothed motion, so H must not attenuate their band: an attenuated
+motion gives other torques than attenuated torques. Its cutoff w_s is 2.2 times that band at
 high rates and a third of the sample rate at low ones, where a steeper H keeps the images of the
 sampled response out of the band. The band itself (:mod:`.band`) follows and takes the same share of
 every term. The *quiet* motion, of which columns are made, has w_s = min(w_s, w_c):
@@ -253,9 +253,8 @@ class Observation:
     def impedance(self, f: Array, n: int) -> NDArray[np.complex128]:
         """Return kp + s kd (F, n) of the controllers that made motor torques.
 
-        The gains are those at present, but kd in its described ratio to kp: what a joint's friction
-        makes of the noise of its angle is no part of the noise either, and kd would explain what
-        friction does.
+        The gains are the present ones, but kd keeps its described ratio to kp: otherwise the noise
+        model would separate kd from viscous friction.
         """
         found = np.zeros((len(f), n), np.complex128)
         for i, controller in self.made_by.items():

@@ -48,6 +48,9 @@ from elastic_arm.evidence.terms.term import Term, odds_among
 from elastic_arm.evidence.terms.unnamed import unnamed_terms
 from elastic_arm.evidence.watch import Watch
 
+# Moves by which a set is expanded: at first, and where these find no better set.
+STAGES = (SIMPLE, ALL)
+
 
 @dataclass
 class Shared:
@@ -95,7 +98,9 @@ class _Exploration:
         self.frame: Frame = start.fit.frame  # in which all scores compare
         self.first_score: float = start.fit.score
         is_over = shared.watch.is_over
-        self.frontier = Frontier(start, self._linearise, self._expand, depths=2, is_over=is_over)
+        self.frontier = Frontier(
+            start, self._linearise, self._expand, depths=len(STAGES), is_over=is_over
+        )
 
     def follow_up(self, others: list[Node]) -> None:
         """Linearise the best sets of the other starts about themselves; each is let go then."""
@@ -105,19 +110,18 @@ class _Exploration:
                 self.frontier.take(other.fit, other)
 
     def run(self) -> Node:
-        """Return the best set, all moves tried, and those sets whose numbers lie elsewhere."""
+        """Return the best set, after all moves and the likeliest sets with distant numbers."""
         best = self.frontier.run()
         tried: set[frozenset[Key]] = set()
         for _ in range(ELSEWHERE):
             if self.shared.watch.is_over() or best.found is None:
                 break
-            # Exchanged at this linearisation, a set whose numbers lie elsewhere is judged by
-            # columns that are not its own.
-            elsewhere = _elsewhere(best.found, tried)
-            if elsewhere is None:
+            # The scores of sets with distant numbers use the wrong columns here.
+            distant = _likeliest_distant(best.found, tried)
+            if distant is None:
                 break
-            tried.add(elsewhere.keys)
-            self.frontier.take(elsewhere)
+            tried.add(distant.keys)
+            self.frontier.take(distant)
             best = self.frontier.run()
         if best.found is None:  # ended before anything was looked for from there
             best.found = self._search(best, moves=0)
@@ -138,7 +142,7 @@ class _Exploration:
 
     def _expand(self, node: Node, scores: Mapping[Any, float]) -> Sequence[Fit]:
         """Return the path of a search from a node at its own linearisation."""
-        moves = (SIMPLE, ALL)[node.depth]
+        moves = STAGES[node.depth]
         own = node.fit.correction  # scores at its linearisation lack it
         others = {keys: score - own for keys, score in scores.items() if keys != node.fit.keys}
         found = self._search(node, moves, others)
@@ -152,12 +156,12 @@ class _Exploration:
         self,
         node: Node,
         moves: int,
-        refused: Mapping[frozenset[Key], float] | None = None,
+        own_scores: Mapping[frozenset[Key], float] | None = None,
     ) -> Explanation:
         assumed = node.fit.model.assumed
         terms = node.fit.optional
         return _explained(
-            node.linear, terms, assumed, self.refit, self.shared, moves=moves, refused=refused
+            node.linear, terms, assumed, self.refit, self.shared, moves=moves, own_scores=own_scores
         )
 
 
@@ -204,7 +208,7 @@ def _known(
 
 
 def _begun(problem: Problem, refit: bool, shared: Shared) -> list[Explanation]:
-    """Return what several starts lead to."""
+    """Return the explanations that the first searches find, one of each start."""
     # If the description is exact, all that is left is an effect. If its numbers are off, false
     # effects are rarer where they were first fitted together with ordinary friction; beside a large
     # effect, however, such a fit moves them far.
@@ -242,9 +246,9 @@ def _stated(problem: Problem) -> tuple[ActingEffect, ...]:
     )
 
 
-def _elsewhere(found: Explanation, tried: Set[frozenset[Key]]) -> Fit | None:
-    """Return the likeliest set with a number more than an ordinary deviation from where the best
-    one has it."""
+def _likeliest_distant(found: Explanation, tried: Set[frozenset[Key]]) -> Fit | None:
+    """Return the likeliest set of which a number differs from the best set's by more than one
+    standard deviation of its prior."""
     moving = moving_numbers(found.linear.problem)
     sets = (
         fit
@@ -273,14 +277,14 @@ def _explained(
     *,
     moves: int,
     most: int = MOST,
-    refused: Mapping[frozenset[Key], float] | None = None,
+    own_scores: Mapping[frozenset[Key], float] | None = None,
 ) -> Explanation:
     """Return the most probable set at a linearisation, from one to start from.
 
-    most: steps that the search may take; refused: scores of sets at their own
+    most: steps that the search may take; own_scores: scores of sets at their own
     linearisations, as they compare with those at this one.
     """
-    parts = linear, refit, shared, moves, most, refused or {}
+    parts = linear, refit, shared, moves, most, own_scores or {}
     found = _alternated(start, assumed, *parts)
     alone = found.best.model.assumed._replace(zeros=1.0)
     if alone == found.best.model.assumed or shared.watch.is_over():
@@ -299,10 +303,10 @@ def _alternated(
     shared: Shared,
     moves: int,
     most: int,
-    refused: Mapping[frozenset[Key], float],
+    own_scores: Mapping[frozenset[Key], float],
 ) -> Explanation:
-    """Return the same, from one assumption: what is most probably assumed beside the set, and the
-    set beside it, until both stay."""
+    """Return the most probable set: search under one assumption, choose the most probable
+    assumption for the set found, and repeat until neither changes."""
     assumptions = _assumptions(linear.problem, refit)
     model = linear_model(linear, assumed)
     log: list[str] = []
@@ -312,7 +316,7 @@ def _alternated(
     path: list[Fit] = []
     while assumed not in tried:
         known = linear.cache.setdefault("refined", {}).setdefault(assumed, {})
-        search = Search(linear, model.assuming(assumed), screens, shared.thetas, refused, known)
+        search = Search(linear, model.assuming(assumed), screens, shared.thetas, own_scores, known)
         search.is_over = shared.watch.is_over
         search.is_far = is_far
         best = search.run(terms, moves=moves, most=most)

@@ -37,17 +37,18 @@ from elastic_arm.evidence.terms.term import Term
 from elastic_arm.evidence.watch import Watch
 
 Thetas = dict[Key, tuple[float, ...]]
-# how many kinds of moves, in the order of `_better`: the later ones take longer
+Move = Callable[[Fit], Iterator[Fit]]
+# how many of the moves of a search, in their order
 ADDED = 2  # add a term, choose its scale
 SIMPLE = 4  # also drop and exchange one
 ALL = 7
 
 
-class Instead(NamedTuple):
-    """What may take the place of terms: not the sets' own keys, and which terms of each screen."""
+class Replacements(NamedTuple):
+    """What may take the place of terms."""
 
-    keys: frozenset[Key]
-    among: list[set[int]]
+    excluded: frozenset[Key]  # keys of the set itself
+    among: list[set[int]]  # terms of each screen
 
 
 @dataclass
@@ -62,7 +63,7 @@ class Search:
     # found is added
     thetas: Thetas = field(default_factory=dict)
     # scores of sets at their own linearisation
-    refused: Mapping[frozenset[Key], float] = field(default_factory=dict)
+    own_scores: Mapping[frozenset[Key], float] = field(default_factory=dict)
     # terms with nonlinear numbers where they are most probable beside others, of earlier searches
     # at the same data and assumptions; what is found is added
     refined: dict[tuple[Key, frozenset[Ident]], EffectTerm] = field(default_factory=dict)
@@ -90,27 +91,38 @@ class Search:
             self.path.append(best)
             if self.is_far(best):
                 break
-        self._let_go(best)
+        self._discard_improbable(best)
         return best
+
+    @property
+    def moves(self) -> tuple[Move, ...]:
+        """All moves, the quick ones first: of :data:`ADDED`, :data:`SIMPLE`, :data:`ALL`."""
+        return (
+            self._added,
+            self._rescaled,
+            self._dropped,
+            self._exchanged,
+            self._scanned,
+            self._two_for_one,
+            self._one_for_two,
+        )
 
     def _better(self, fit: Fit, count: int) -> Fit | None:
         """Return a better set one move away: more terms first, as they are cheap to find."""
-        simple = self._added, self._rescaled, self._dropped, self._exchanged
-        moves = (*simple, self._scanned, self._two_for_one, self._one_for_two)[:count]
-        for move in moves:
+        for move in self.moves[:count]:
             for one in move(fit):
                 if one.score > fit.score + WORTH:
                     return one
                 if self.is_over():
                     return None
-            self._let_go(fit)
+            self._discard_improbable(fit)
         return None
 
     def _added(self, fit: Fit) -> Iterator[Fit]:
         """Yield the best fit with one more term.
 
-        The first-order gain counts what others leave as noise, and so hides which of several terms
-        that act alike it is: all that are proposed are evaluated.
+        The first-order gain counts unexplained power as noise, so it cannot rank terms that act
+        alike: all proposals are evaluated in full.
         """
         if len(fit.optional) < MOST:
             more = (*self.proposals(fit), *possible_changes(self.linear, fit))
@@ -118,12 +130,12 @@ class Search:
             yield from sorted(found, key=lambda one: -one.score)[:1]
 
     def proposals(
-        self, fit: Fit, count: int = TRIED, instead: Instead | None = None, needed: float = 0.0
+        self, fit: Fit, count: int = TRIED, instead: Replacements | None = None, needed: float = 0.0
     ) -> list[Term]:
         """Return the terms that would gain most beside a fit, one of each key.
 
-        At the noise of the fit a term gains less than beside its own: as little as a share of what
-        is needed is tried.
+        Gains at the noise of the present fit are too small: a term is tried where its gain reaches
+        the share :data:`SHORT` of what is needed.
         """
         gained = [
             (gain, screen, t)
@@ -132,7 +144,7 @@ class Search:
                 screen.gains(fit, None if instead is None else instead.among[k])
             )
         ]
-        have = fit.keys | (frozenset() if instead is None else instead.keys)
+        have = fit.keys | (frozenset() if instead is None else instead.excluded)
         found = list[Term]()
         for gain, screen, t in sorted(gained, key=lambda one: -one[0]):
             if len(found) == count or not gain >= SHORT * needed:
@@ -143,13 +155,13 @@ class Search:
                 have = have | {key}
         return found
 
-    def _instead(self, fit: Fit, *terms: Term) -> Instead:
-        """Return what could take the place of terms of a fit: what is related to each of them."""
+    def _instead(self, fit: Fit, *terms: Term) -> Replacements:
+        """Return what could take the place of terms of a fit: what is related to all of them."""
         among: list[set[int]] = []
         for screen in self.screens:
             of_each = [screen.related(fit, t) for t in terms]
             among.append(set.intersection(*of_each))
-        return Instead(fit.keys, among)
+        return Replacements(fit.keys, among)
 
     def _with(self, terms: Sequence[Term], more: Term, near: Fit) -> Fit:
         """Return the fit of a set with one more term, its numbers and its scale where they are most
@@ -194,19 +206,18 @@ class Search:
         return self._keep(self.model.fit([*terms, self.refined[key]], near))
 
     def _keep(self, fit: Fit) -> Fit:
-        if fit.keys in self.refused:
-            fit = replace(fit, correction=fit.correction + self.refused[fit.keys] - fit.score)
+        if fit.keys in self.own_scores:
+            fit = replace(fit, correction=fit.correction + self.own_scores[fit.keys] - fit.score)
         known = self.met.get(fit.keys)
         if known is None or fit.score > known.score:
             self.met[fit.keys] = fit
         return fit
 
-    def _let_go(self, best: Fit) -> None:
-        """Drop sets that are next to impossible beside the best: each holds a covariance, or all
-        data of elsewhere.
+    def _discard_improbable(self, best: Fit) -> None:
+        """Discard sets that are next to impossible beside the best: each takes memory.
 
-        The likeliest of those whose numbers lie elsewhere stay: their scores are no more than a
-        guess.
+        The likeliest of those whose numbers are far from the linearisation stay: their scores are
+        only guesses.
         """
         least = best.score - COMPARED
         far = [fit for fit in self.met.values() if fit.score <= least and self.is_far(fit)]

@@ -3,10 +3,10 @@ nearer.
 
     mean |e_corrected|² > mean |e_described|² + max(s, (step of the positions)² / 12)
 
-of a joint that moves worse: s is the standard error of the description's own mean over the halves
-of the recordings, as far as they repeat, and the other what the encoder cannot tell apart. What
-makes a joint move worse is taken back: joint by joint, or a cause of the whole arm, first that with
-which the arm then moves best.
+of a joint that moves worse: s is the standard error of the description's mean over the halves of
+the recordings, where they repeat, and the second limit is the resolution of the encoder.
+Corrections that make a joint move worse are taken back one after the other, those of a joint or a
+cause of the whole arm: first the one without which the arm moves best.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence

@@ -16,7 +16,7 @@ from elastic_arm.evidence.fit import LinearModel
 from elastic_arm.evidence.nonlinear import refined
 from elastic_arm.evidence.priors import SIZES
 from elastic_arm.evidence.screen import Screen
-from elastic_arm.evidence.search import Search
+from elastic_arm.evidence.search import ALL, Search
 from elastic_arm.evidence.terms.effect import EffectTerm, moved, tangent_term
 from elastic_arm.evidence.terms.law import LawTerm
 from elastic_arm.evidence.terms.number import NumberTerm
@@ -262,11 +262,16 @@ def test_a_set_that_is_less_probable_at_its_own_linearisation_is_not_taken() -> 
     twin = term("twin", COLUMNS[:, 0] + 0.1 * COLUMNS[:, 1], odds=2.0)
     free = search(data, [term("one", COLUMNS[:, 0], odds=2.0), twin])
     first = free.run()
-    again = replace(free, met={}, refused={first.keys: data.fit(()).score - 50.0})
+    again = replace(free, met={}, own_scores={first.keys: data.fit(()).score - 50.0})
     second = again.run()
     assert {k[0] for k in first.keys} == {"one"} and {k[0] for k in second.keys} == {"twin"}
     sets = weighted([*again.met.values()])
     assert sum(p for p, fit in sets if first.keys <= fit.keys) < 1e-6
+
+
+def test_a_search_by_all_moves_uses_each_of_them() -> None:
+    data = model(quiet(RNG))
+    assert len(search(data, [term("one", COLUMNS[:, 0])]).moves) == ALL
 
 
 def test_each_move_finds_what_only_it_can() -> None:
