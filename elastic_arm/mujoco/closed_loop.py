@@ -389,18 +389,24 @@ def _history(model: Any) -> int:
 
 def _commands(arm: MjcfArm, given: Array, values: Array) -> Callable[[Array], Array]:
     """Return what gives the commands (K, n) that act over the time steps from angles at times (K,)
-    on."""
+    on.
+
+    The torques of a step stand for those of an interval as long as it: half a step before and after
+    its angles, or all of it behind them with RK4. Of commands that change within it, the one in its
+    middle acts, so that none acts half a step late on average.
+    """
     step = float(arm.model.opt.timestep)
-    behind = lead(arm.model, step)
+    middle = 0.5 * step - lead(arm.model, step)
     drives = [joint.controller or JointController() for joint in arm.robot.joints]
     is_held = [drive.between == "held" for drive in drives]
 
     def at(times: Array) -> Array:
         # A stamp that is rounded to a nanosecond still counts at its step.
-        last = np.clip(np.searchsorted(given, times - behind + 1e-6, side="right") - 1, 0, None)
+        last = np.clip(np.searchsorted(given, times + middle + 1e-6, side="right") - 1, 0, None)
         if all(is_held):
             return np.asarray(values[last])
-        return np.where(is_held, values[last], interpolated(times, given, values))
+        between = interpolated(times + middle, given, values)
+        return np.where(is_held, values[last], between)
 
     return at
 
