@@ -171,6 +171,9 @@ class Telegraph(NamedTuple):
         later = max(1, round(2 * np.pi * rate / side.cutoff))
         stands = np.mean(np.abs(position[later:] - position[:-later]) < 1.5 * step, axis=0)
         a, c = np.where((step > 0.0) & (stands > 0.0), side.slow, [[1.0], [0.0]])
+        # Between motion and noise the spectrum may show the slow part alone.
+        rounding = step**2 / (12.0 * np.maximum(side.position_std, np.finfo(float).tiny) ** 2)
+        a = np.maximum(a, np.minimum(rounding, 1.0) * (1.0 - stands))
         return Telegraph(a, c, np.pi * c / (rate * np.maximum(a * stands, 1.0 / len(position))))
 
     def power(self, f: Array) -> Array:

@@ -110,6 +110,29 @@ def test_an_encoder_that_stands_half_of_the_time_has_slow_noise_beside_the_white
     np.testing.assert_allclose(found.mean(axis=0), true, rtol=0.4)
 
 
+def test_an_encoder_that_hardly_stands_has_the_noise_of_its_rounding() -> None:
+    """A servo at 50 Hz with 12 bits, whose friction makes harmonics of the motion up to the noise:
+    below 8 Hz the noise comes out within a factor of two."""
+    rng = np.random.default_rng(5)
+    rate = 50.0
+    step = 2.0 * np.pi / 4096
+    t = np.arange(2000) / rate
+    phases = rng.uniform(0.0, 2.0 * np.pi, (6, 3))
+    f = np.array([0.11, 0.23, 0.37, 0.53, 0.71, 0.97])
+    waves = np.sin(2.0 * np.pi * f[:, None] * t + phases[..., None].transpose(1, 0, 2))
+    angle = 0.12 * waves.sum(axis=1).T
+    # Friction jumps where a joint reverses: a spectrum that falls by f^-3.
+    jumps = np.sign(np.gradient(angle, 1.0 / rate, axis=0))
+    angle = angle - 0.02 * scipy.signal.lfilter([0.1], [1.0, -0.9], jumps, axis=0)
+    read = np.round(angle / step) * step
+    side = estimate_noise(read, None, rate)
+    f = np.linspace(1.0, 8.0, 15)
+    found = Telegraph.of(read, np.full(3, step), side, rate).power(f) * side.position_std**2
+    ratio = found.mean(axis=0) / (step**2 / 12.0)
+    assert (ratio > 0.5).all()
+    assert (ratio < 2.0).all()
+
+
 def test_a_joint_that_never_moves_has_noise_that_is_finite() -> None:
     """Its encoder reads zero in all samples: nothing of what is estimated is infinite."""
     still = np.stack([motion()[0][:, 0], np.zeros(len(T))], axis=1)
