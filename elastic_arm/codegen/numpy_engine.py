@@ -80,7 +80,7 @@ class NumpyEngine:
         """
         for out in () if fresh else outputs:
             out.fill(0.0)
-        self._fill(arrays, [out.T for out in outputs], 1)
+        self.run_at(arrays, [out.T for out in outputs], 1)
 
     def run_at(
         self, arrays: Sequence[np.ndarray], outputs: Sequence[np.ndarray], points: int
@@ -90,14 +90,8 @@ class NumpyEngine:
         What does not depend on these is evaluated once.
 
         arrays: as for :meth:`run`, but (k, P, 1) for an input of several values; outputs: (size, P,
-        N) each.
+        N) each, or (size, N) where all have one value.
         """
-        self._fill(arrays, outputs, points)
-
-    def _fill(
-        self, arrays: Sequence[np.ndarray], outputs: Sequence[np.ndarray], points: int
-    ) -> None:
-        """Fill `outputs`, (size, ..., N) each."""
         shared: list[Any] = [None] * len(self._constant)
         with np.errstate(all="ignore"):
             self._evaluate(self._once, shared, arrays, outputs, slice(None))
