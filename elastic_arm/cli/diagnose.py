@@ -25,7 +25,7 @@ from elastic_arm.cli.mujoco.corrected import Correction, Written, print_correcti
 from elastic_arm.cli.mujoco.export import print_closed_loop
 from elastic_arm.cli.mujoco.replay import print_replays, replay_both
 from elastic_arm.cli.outputs import Csv, Force, claim_bag, claim_folder
-from elastic_arm.cli.watching import ended_early
+from elastic_arm.cli.watching import Progress, watched
 from elastic_arm.diagnosis import Priors, Question, diagnose, follow_up
 from elastic_arm.diagnosis.comparison import SimulationComparison, compare
 from elastic_arm.diagnosis.corrected_robot import deviations, repaired_robot, units_of
@@ -34,7 +34,7 @@ from elastic_arm.effects import Catalogue
 from elastic_arm.effects.text import known_effects
 from elastic_arm.estimation.segments import DIAGNOSED
 from elastic_arm.evidence.priors import read_priors
-from elastic_arm.evidence.watch import Watch
+from elastic_arm.evidence.watch import Stage, Watch
 from elastic_arm.identification.batch.ignored_commands import without
 from elastic_arm.memory import keep_memory
 from elastic_arm.mujoco import Replay
@@ -45,6 +45,7 @@ from elastic_arm.output_files import write_result
 from elastic_arm.recording import Recording, write_recording
 from elastic_arm.recording.inspection.check import misread
 from elastic_arm.recording.inspection.differences import RecordingDifference, differences
+from elastic_arm.recording.made_torque import is_commanded
 from elastic_arm.robot import Robot, save_robot
 
 COMPARISON = "comparison.json"
@@ -144,6 +145,7 @@ def diagnose_command(
 
         elastic-arm diagnose bag --refit --with coulomb_friction --with viscous_friction
     """
+    progress = Progress(seconds)
     check_gate(fail_on or ())
     options.require_bags([*bags, *(validate or [])])
     claim_folder(out_dir, [*RESULTS, *(TABLES if csv else ())], force=force)
@@ -176,9 +178,14 @@ def diagnose_command(
         robot, model, refit=refit, given=given, effects=sought, catalogue=catalogue, priors=priors
     )
     keep_memory()  # what was read and left out would leave holes
-    with working("diagnosing") as status, ended_early(seconds, status, quiet=quiet) as watch:
+    commanded = any(is_commanded(one) for one in recorded.fitted)
+    with (
+        working("diagnosing") as status,
+        watched(progress, status, commanded=commanded, quiet=quiet) as watch,
+    ):
+        watch.say(recorded.words, Stage.READ)
         found = diagnose(recorded.fitted, question, recorded.validation, watch=watch)
-        watch.say("predicting, comparing and proposing a motion")
+        watch.say("prediction, and a motion to record next", Stage.FOLLOWED)
         found = follow_up(found, rng=np.random.default_rng(0) if propose else None)
         corrected = Written(wrong)
         if wrong is None:
@@ -188,6 +195,7 @@ def diagnose_command(
         found = _with_correction(found, corrected, cut_short=watch.is_over())
         replays = replay_both(correction, out_dir, recorded.judging[0]) if replayed else []
         comparison = recorded.comparison(found, question)
+        watch.say("report", Stage.REPORT)
         write_diagnosis(found, corrected.robot, out_dir, replays, comparison)
         if csv:
             found.to_csv(out_dir)
@@ -232,6 +240,13 @@ class _Recorded:
         simulated = read(against)
         difference = differences(fitted[0].select(robot.joint_names), simulated)
         return cls(fitted, validation, simulated, difference)
+
+    @property
+    def words(self) -> str:
+        """How much was read."""
+        count = len(self.fitted) + len(self.validation)
+        seconds = sum(one.duration for one in (*self.fitted, *self.validation))
+        return f"{seconds:.0f} s of {count} recordings read"
 
     @property
     def judging(self) -> list[Recording]:

@@ -5,8 +5,9 @@ from pathlib import Path
 
 from rich.markup import escape
 
-from elastic_arm.cli.console import new_table, out
+from elastic_arm.cli.console import err, new_table, out
 from elastic_arm.diagnosis.comparison import SimulationComparison
+from elastic_arm.diagnosis.first_look import FirstLook
 from elastic_arm.diagnosis.result import SEPARATING, Cause, Diagnosis, Proposal
 from elastic_arm.diagnosis.search_words import search_words
 from elastic_arm.diagnosis.words import (
@@ -15,6 +16,7 @@ from elastic_arm.diagnosis.words import (
     cause_size,
     change_text,
     effect_at,
+    estimates_text,
     gap_at,
     listed,
     listed_alternatives,
@@ -33,6 +35,22 @@ from elastic_arm.estimation.equation_sets import SIDES
 
 ROBOT = "robot.yaml"
 COLOURS = {"none": "green", "explained": "cyan", "unknown": "yellow"}
+
+
+def print_first_look(look: FirstLook) -> None:
+    """Print, before the search, where the gap lies and the friction of each joint, as progress."""
+    numbers = ("noise", "as described", "with ordinary deviations and friction")
+    table = new_table("joint", "side", *numbers, "friction", right=numbers, whole=("joint", "side"))
+    for joint, side in look.described:
+        place = joint, side
+        sizes = [f"{one[place]:.3g}" for one in (look.noise, look.described, look.fitted)]
+        each = [
+            f"{effect} {estimates_text(parameters)}"
+            for effect, parameters in look.friction.get(place, {}).items()
+        ]
+        table.add_row(escape(joint), side, *sizes, escape("; ".join(each)))
+    err.print(f"first look, before the search: residuals, RMS in {look.units.over('Nm')}")
+    err.print(table)
 
 
 def print_diagnosis(found: Diagnosis, folder: Path) -> None:

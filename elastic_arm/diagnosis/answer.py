@@ -16,18 +16,22 @@ from threadpoolctl import threadpool_limits
 from elastic_arm.diagnosis.confirmed_set import confirmed
 from elastic_arm.diagnosis.decomposition import Decomposition
 from elastic_arm.diagnosis.event_search import events_in
+from elastic_arm.diagnosis.first_look import first_look
 from elastic_arm.diagnosis.outcome import diagnosis_of
 from elastic_arm.diagnosis.preparation import Prepared, prepare
 from elastic_arm.diagnosis.question import Question
 from elastic_arm.diagnosis.result import Diagnosis
 from elastic_arm.errors import DiagnosisError, require_kind
+from elastic_arm.evidence.explanation import Explanation
+from elastic_arm.evidence.problem import ALL
 from elastic_arm.evidence.relinearise import explain
-from elastic_arm.evidence.watch import Watch
+from elastic_arm.evidence.watch import Stage, Watch
 from elastic_arm.recording import Recording
 from elastic_arm.recording.made_torque import at_common_gain
 from elastic_arm.recording.recording import recordings_of
 
 AGAIN = 3  # times that recordings are explained anew without the events that are found
+AFTER_EVENTS = 0.5  # share of a search that is typically done when its events are found
 
 
 # More threads wait for each other, and take thirty times as long.
@@ -67,26 +71,37 @@ def diagnose(
     robot = at_common_gain(question.robot, [*recordings, *validate])
     question = replace(question, robot=robot)
     watch = watch or Watch()
+    watch.say("check of the recordings, derivatives", Stage.CHECKED)
     prepared = prepare(recordings, validate, question)
-    watch.say(f"diagnosed: {len(prepared.problem.sources)} recordings")
-    parts = _explained(prepared, question, watch)
+    parts = _explained(prepared, question, watch, first=True)
     # Events may come back that were left out before, and with them the answer.
     known = {prepared.events: parts}
     for _ in range(AGAIN):
         events = events_in(parts)
         if events == parts.prepared.events or watch.is_over():
             break
-        watch.say(f"{len(events)} events excluded")
+        watch.say(f"{len(events)} events excluded", Stage.CAUSES, AFTER_EVENTS)
         if events not in known:
             known[events] = _explained(prepared.without(events), question, watch)
         parts = known[events]
         # The torques that act in them are those that were found now.
         parts = replace(parts, prepared=replace(parts.prepared, events=events))
-    watch.say("confirmation on the validation recordings")
+    watch.say("confirmation on the validation recordings", Stage.CONFIRMED)
     return diagnosis_of(confirmed(parts))
 
 
-def _explained(prepared: Prepared, question: Question, watch: Watch) -> Decomposition:
-    """Find the sets of terms, and decompose the residuals by the most probable one."""
-    explanation = explain(prepared.problem, refit=question.refit, watch=watch)
+def _explained(
+    prepared: Prepared, question: Question, watch: Watch, *, first: bool = False
+) -> Decomposition:
+    """Find the sets of terms, and decompose the residuals by the most probable one.
+
+    first: whether the first look at the recordings is shown.
+    """
+
+    def look(usual: Explanation) -> None:
+        watch.show(first_look(Decomposition(prepared, usual, question, ALL, by_all=True)))
+
+    explanation = explain(
+        prepared.problem, refit=question.refit, watch=watch, look=look if first else None
+    )
     return Decomposition(prepared, explanation, question)

@@ -68,6 +68,8 @@ class Decomposition:
         """The last linearisation, of this part of the recordings."""
         linear = self.explanation.linear
         problem = self.problem
+        if self.which == linear.which:
+            return linear
         if self.which == JUDGING and problem is linear.problem:
             return linear.judging
         return linear.part(self.which, problem)

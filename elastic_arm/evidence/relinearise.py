@@ -9,7 +9,7 @@ the description with the friction of every drive.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence, Set
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -46,10 +46,12 @@ from elastic_arm.evidence.terms.law import law_terms
 from elastic_arm.evidence.terms.number import number_terms
 from elastic_arm.evidence.terms.term import Term, odds_among
 from elastic_arm.evidence.terms.unnamed import unnamed_terms
-from elastic_arm.evidence.watch import Watch
+from elastic_arm.evidence.watch import Stage, Watch
 
 # Moves by which a set is expanded: at first, and where these find no better set.
 STAGES = (SIMPLE, ALL)
+# Share of a search that is typically still to come after each set that is linearised about itself.
+EACH = 0.8
 
 
 @dataclass
@@ -58,17 +60,25 @@ class Shared:
 
     thetas: Thetas = field(default_factory=dict)  # where nonlinear numbers were most probable
     watch: Watch = field(default_factory=Watch)
+    look: Callable[[Explanation], None] | None = None
+    linearised: int = 0  # sets that were linearised about themselves
 
 
-def explain(problem: Problem, *, refit: bool, watch: Watch | None = None) -> Explanation:
+def explain(
+    problem: Problem,
+    *,
+    refit: bool,
+    watch: Watch | None = None,
+    look: Callable[[Explanation], None] | None = None,
+) -> Explanation:
     """Return the most probable explanation of all recordings.
 
     refit: whether the description cannot be as measured; watch: who is told of the stages, and may
-    end the search.
+    end the search; look: takes the fit of ordinary deviations and friction, before the search.
     """
     watch = watch or Watch()
-    watch.say("fit of ordinary deviations")
-    shared = Shared(watch=watch)
+    watch.say("fit of ordinary deviations and friction", Stage.ORDINARY)
+    shared = Shared(watch=watch, look=look)
     starts = [found.without_screens() for found in _begun(problem, refit, shared)]
     log = [line for one in starts for line in one.log]
     of_one = starts[0].best.frame
@@ -135,8 +145,11 @@ class _Exploration:
         self.log.append(f"linearised about itself: {gain:+.1f}: {words_of(own, near.fit)}")
         causes = sum(term.says_cause for term in own.optional)
         of_all = own.score - self.first_score
+        self.shared.linearised += 1
         self.shared.watch.say(
-            f"best set: {causes} causes, {of_all:.0f} nats more probable than none"
+            f"scored: a set of {causes} causes, {of_all:+.0f} nats beside the first set",
+            Stage.CAUSES,
+            1.0 - EACH**self.shared.linearised,
         )
         return Node(own, there)
 
@@ -217,6 +230,10 @@ def _begun(problem: Problem, refit: bool, shared: Shared) -> list[Explanation]:
     built, fitted = about_itself(described, usual, usual.frame, settled=1.0)
     # Each is dropped again where the recordings do not show it.
     terms = [*fitted.optional, *dry_friction_terms(built)]
+    if shared.look is not None:
+        usual = fitted.model.fit(terms, fitted)
+        shared.look(Explanation(built, Search(built, fitted.model, ()), usual, [usual]))
+    shared.watch.say("search for causes", Stage.CAUSES)
     starts = [_explained(built, terms, AS_BUILT, refit, shared, moves=ADDED)]
     if refit:
         return starts

@@ -2,10 +2,29 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from enum import Enum, auto
+from typing import Any
 
 
-def _nothing(_: str) -> None:
+class Stage(Enum):
+    """The stages of a diagnosis, in their order."""
+
+    READ = auto()
+    CHECKED = auto()
+    ORDINARY = auto()
+    CAUSES = auto()
+    CONFIRMED = auto()
+    FOLLOWED = auto()
+    CLOSED_LOOP = auto()
+    REPORT = auto()
+
+
+def _nothing(words: str, stage: Stage, done: float = 0.0) -> None:
     """Say nothing."""
+
+
+def _unseen(_: Any) -> None:
+    """Show nothing."""
 
 
 def _never() -> bool:
@@ -17,9 +36,11 @@ def _never() -> bool:
 class Watch:
     """Who watches a search.
 
-    say: takes a line at each stage; is_over: whether the search is to end with the best answer that
-    it has.
+    say: takes words, the stage, and which share of the stage is done, a rough estimate; is_over:
+    whether the search is to end with the best answer that it has; show: takes the first look at
+    the recordings, a :class:`elastic_arm.diagnosis.first_look.FirstLook`.
     """
 
-    say: Callable[[str], None] = _nothing
+    say: Callable[..., None] = _nothing
     is_over: Callable[[], bool] = _never
+    show: Callable[[Any], None] = _unseen

@@ -18,12 +18,13 @@ from numpy.typing import NDArray
 
 from elastic_arm.arrays import Array
 from elastic_arm.errors import RobotError
-from elastic_arm.evidence.watch import Watch
+from elastic_arm.evidence.watch import Stage, Watch
 from elastic_arm.mujoco.closed_loop import Span, latest, play
 from elastic_arm.recording import Recording
 from elastic_arm.results import ClosedLoopError
 from elastic_arm.robot.mjcf import MjcfArm
 
+JUDGED = 0.9  # share of the closed loop that is typically done before the judgement
 PAUSE = 0.5  # s without a position, after which a recording is played anew
 SHORTEST = 1.0  # s, of what is played on its own
 # What is taken back (joints, and effects of the whole arm) -> the model without it; a RobotError
@@ -223,7 +224,9 @@ class _Search:
         """Return how the arm moves without some corrections; None where no simulator takes it."""
         if back not in self._met:
             without = f" without {', '.join(sorted(back))}" if back else ""
-            self._watch.say(f"closed loop: judging the correction{without}")
+            self._watch.say(
+                f"closed loop: judging the correction{without}", Stage.CLOSED_LOOP, JUDGED
+            )
             model = self._model(back)
             self._met[back] = (
                 None if model is None else closed_loop(model, self._judging, self._late)

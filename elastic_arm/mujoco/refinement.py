@@ -27,7 +27,7 @@ from scipy.optimize import lsq_linear
 
 from elastic_arm.arrays import Array
 from elastic_arm.errors import RobotError
-from elastic_arm.evidence.watch import Watch
+from elastic_arm.evidence.watch import Stage, Watch
 from elastic_arm.mujoco.changed_numbers import body_after, differs
 from elastic_arm.mujoco.closed_loop import (
     Play,
@@ -48,6 +48,7 @@ LONGEST = 10.0  # s that are simulated of a recording
 TOGETHER = 30.0  # s that are simulated of all of them
 FORGOTTEN = 0.5  # s, in which a servo forgets the rate with which it began, known badly
 ROUNDS = 30
+EACH = 0.9  # share of the rounds that is typically still to come after each
 BY_DIFFERENCES = (
     8  # rounds with derivatives by simulations, which take as many as there are numbers
 )
@@ -194,7 +195,9 @@ class _Search:
         for k in range(rounds):
             self.watch.say(
                 f"closed loop: {len(self.numbers)} numbers refined, round {k + 1} of at most"
-                f" {rounds}, error {here.words}"
+                f" {rounds}, error {here.words}",
+                Stage.CLOSED_LOOP,
+                1.0 - EACH**k,
             )
             normal, gradient = self.linear(here, slopes)
             if self.watch.is_over():

@@ -210,7 +210,7 @@ class Stopped:
     @property
     def watch(self) -> Watch:
         """What is handed over."""
-        return Watch(self.said.append, self.is_over)
+        return Watch(lambda words, stage, done=0.0: self.said.append(words), self.is_over)
 
     def is_over(self) -> bool:
         """Count a question."""

@@ -1,0 +1,66 @@
+"""The first look at recordings, before the search: where the gap lies, and the friction of the
+drives.
+
+    y = N nu + sum_j (X_j beta_j) + e
+
+One linear fit at the description: numbers nu of arm and sensors within their ordinary deviations,
+viscous and dry friction beta_j of each joint. What is found later replaces it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from elastic_arm.diagnosis.decomposition import Decomposition
+from elastic_arm.diagnosis.estimates import ParameterEstimate, estimated
+from elastic_arm.evidence.terms.effect import EffectTerm
+from elastic_arm.formatting import JointUnits
+
+Place = tuple[str, str]  # joint and side
+Friction = Mapping[str, ParameterEstimate]  # parameters of one friction effect
+
+
+@dataclass(frozen=True)
+class FirstLook:
+    """Residuals of all recordings by joint and side, Nm (N), and the friction of each joint.
+
+    noise: RMS values of the sensors' noise; described, fitted: RMS residuals of the description,
+    and of the linear fit; friction: effect -> parameters, by joint and side.
+    """
+
+    joints: tuple[str, ...]
+    units: JointUnits
+    noise: Mapping[Place, float]
+    described: Mapping[Place, float]
+    fitted: Mapping[Place, float]
+    friction: Mapping[Place, Mapping[str, Friction]]
+
+
+def first_look(parts: Decomposition) -> FirstLook:
+    """Return the first look by a decomposition of all recordings at the description."""
+    problem = parts.problem
+    before, after = parts.gaps
+    live = problem.layout.live
+
+    def by_place(values: np.ndarray) -> dict[Place, float]:
+        rows = zip(parts.places, values, live, strict=True)
+        return {place: float(value) for place, value, is_live in rows if is_live}
+
+    friction: dict[Place, dict[str, Friction]] = {}
+    values = parts.explanation.linear.values
+    for term in parts.fit.terms:
+        if isinstance(term, EffectTerm) and term.feature.effect.friction and term.feature.joint:
+            found, instance = estimated(parts.fit, term, problem.numbers, values)
+            place = term.feature.joint, ", ".join(instance.sides)
+            friction.setdefault(place, {})[term.feature.effect.id] = found
+    return FirstLook(
+        joints=problem.robot.joint_names,
+        units=problem.robot.units,
+        noise=by_place(np.sqrt(before.noise.sum(axis=1))),
+        described=by_place(before.rmse),
+        fitted=by_place(after.rmse),
+        friction=friction,
+    )
