@@ -169,3 +169,17 @@ def inertial_parameters(body: Inertia) -> np.ndarray:
     """(10,) about the frame's origin."""
     about_com = np.array([body.mass, 0.0, 0.0, 0.0, *(body.inertia[index] for index in TENSOR)])
     return moved(about_com, placed(position=body.com))
+
+
+def pseudo_inertia(ten: np.ndarray) -> np.ndarray:
+    """Return the pseudo-inertia (4, 4) of a body's ten parameters about its frame's origin."""
+    m, mx, my, mz, xx, xy, xz, yy, yz, zz = ten
+    half = 0.5 * (xx + yy + zz)
+    return np.array(
+        [
+            [half - xx, -xy, -xz, mx],
+            [-xy, half - yy, -yz, my],
+            [-xz, -yz, half - zz, mz],
+            [mx, my, mz, m],
+        ]
+    )

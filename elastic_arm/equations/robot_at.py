@@ -1,6 +1,6 @@
 """The arm whose numbers are off by deviations from its description."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -72,11 +72,12 @@ def _changed(joint: Joint, deviation: dict[str, float]) -> Joint:
         armature *= max(LEAST, 1.0 + deviation["rotor_inertia"])
     elif armature is not None:
         armature = max(0.0, deviation.get("rotor_inertia", 0.0))
-    link = _changed_link(joint.link, deviation)
+    link = changed_link(joint.link, deviation)
     return replace(joint, link=link, transmission=gear, armature=armature, controller=controller)
 
 
-def _changed_link(link: Inertia, deviation: dict[str, float]) -> Inertia:
+def changed_link(link: Inertia, deviation: Mapping[str, float]) -> Inertia:
+    """Return a link whose numbers differ by deviations, by the names of the numbers."""
     ratio = 1.0 + deviation["link_mass"]
     inertia = np.array(link.inertia, dtype=float) * ratio
     size = np.trace(np.asarray(link.inertia)) / 3.0

@@ -128,6 +128,11 @@ class Fit:
         V, _ = self.model.basis
         return self.moves @ self.found.x + self.model.mean - V @ (V.T @ self.model.mean)
 
+    @property
+    def values(self) -> Array:
+        """Where (K,) it puts the numbers, in deviations from the description."""
+        return self.numbers - self.model.mean
+
     @cached_property
     def number_covariance(self) -> Array:
         """Their covariance (K, K)."""
@@ -378,4 +383,7 @@ class LinearModel:
             low.append(t.low)
             high.append(t.high)
         prior = Prior(*(np.concatenate(parts) for parts in (mean, std, low, high)))
-        return whole, self._posterior(whole, prior, None if near is None else near.found.v)
+        found = self._posterior(whole, prior, None if near is None else near.found.v)
+        fit = Fit(self, whole, found)
+        existing = sum(t.log_existing(fit) for t in whole)
+        return whole, replace(found, evidence=found.evidence + existing)

@@ -8,15 +8,18 @@ from functools import cached_property
 import numpy as np
 
 from elastic_arm.arrays import Array
+from elastic_arm.dynamics.bodies import inertial_parameters
 from elastic_arm.effects import Effect, EffectInstance
 from elastic_arm.effects.arm_equations import ArmEquations
-from elastic_arm.equations.number_columns import directions_of
+from elastic_arm.equations.number_columns import STEP, directions_of
 from elastic_arm.equations.numbers import Number
 from elastic_arm.equations.places import feature_of, features, recorded_features
+from elastic_arm.equations.robot_at import changed_link
 from elastic_arm.estimation.band import Band
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.equation_sets import EquationSet
 from elastic_arm.estimation.observation import Observation
+from elastic_arm.evidence.body import Body
 from elastic_arm.evidence.keys import Key
 from elastic_arm.evidence.numbers import (
     numbers_of,
@@ -25,7 +28,7 @@ from elastic_arm.evidence.numbers import (
     unreferenced,
 )
 from elastic_arm.evidence.priors import Priors
-from elastic_arm.robot import Robot
+from elastic_arm.robot import Inertia, Robot
 
 Observations = tuple[Observation, ...]
 # parts of the recordings
@@ -94,6 +97,16 @@ class Problem:
             (feature_of(instance, equations), instance) for instance in (*self.stated, *self.given)
         )
 
+    @cached_property
+    def bodies(self) -> dict[str, Body]:
+        """The pseudo-inertias of the links as functions of their numbers, by joint."""
+        found = {}
+        for joint in self.robot.joints:
+            own = [p for p in self.numbers if p.is_of_link and p.joint == joint.name]
+            if own:
+                found[joint.name] = _body(joint.link, own)
+        return found
+
     def largest_at(self, joint: str | None) -> float:
         """Return the largest torque (Nm) of a joint, or of all."""
         return float(
@@ -101,6 +114,14 @@ class Problem:
             if joint is None
             else self.largest[self.robot.joint_names.index(joint)]
         )
+
+
+def _body(link: Inertia, numbers: Sequence[Number]) -> Body:
+    changed = []
+    for number in numbers:
+        deviation = {one.what: STEP * one.prior_std * (one is number) for one in numbers}
+        changed.append(inertial_parameters(changed_link(link, deviation)))
+    return Body.of(inertial_parameters(link), np.array(changed), STEP)
 
 
 def uncertain_numbers(

@@ -365,7 +365,7 @@ def pool_of(linear: Linearisation) -> Iterator[Term]:
     problem = linear.problem
     yield from effect_terms(linear, linear.placed(problem.candidates), problem.usual)
     others: tuple[Sequence[Term], ...] = (
-        number_terms(problem.numbers, linear.numbers, problem.far),
+        number_terms(problem.numbers, linear.numbers, problem.far, problem.bodies),
         unnamed_terms(problem.numbers, linear.numbers, problem.far),
         known_terms(linear)[1],
         list(dry_friction_terms(linear)),

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from elastic_arm.arrays import Array
-from elastic_arm.dynamics.bodies import Body, inertial_parameters
+from elastic_arm.dynamics.bodies import Body, inertial_parameters, pseudo_inertia
 from elastic_arm.dynamics.composition import ARMATURE
 from elastic_arm.identification.base_regression import BaseRegression, Column
 from elastic_arm.identification.result import Carried
@@ -152,20 +152,6 @@ def folded(robot: Robot, equations: BaseRegression, body: Body) -> Array:
     link = next(j.link for j in robot.joints if j.link_name == body.name)
     own = inertial_parameters(link)
     return equations.nominal[list(body.parameters)] - own
-
-
-def pseudo_inertia(ten: Array) -> Array:
-    """Return the pseudo-inertia (4, 4) of a body's ten parameters about its frame's origin."""
-    m, mx, my, mz, xx, xy, xz, yy, yz, zz = ten
-    half = 0.5 * (xx + yy + zz)
-    return np.array(
-        [
-            [half - xx, -xy, -xz, mx],
-            [-xy, half - yy, -yz, my],
-            [-xz, -yz, half - zz, mz],
-            [mx, my, mz, m],
-        ]
-    )
 
 
 def _link_chart(nominal: Array) -> Array:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from elastic_arm.dynamics import build_model
+from elastic_arm.dynamics.bodies import pseudo_inertia
 from elastic_arm.errors import IdentificationError, RobotError
 from elastic_arm.identification import (
     Identification,
@@ -18,7 +19,6 @@ from elastic_arm.identification import (
     parse_laws,
 )
 from elastic_arm.identification import consistent as module
-from elastic_arm.identification.chart import pseudo_inertia
 from elastic_arm.identification.consistent import (
     consistent,
     correlation_of_errors,

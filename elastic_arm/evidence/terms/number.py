@@ -1,6 +1,6 @@
 """Numbers of the arm and its sensors that are far off, by their ordinary columns."""
 
-from collections.abc import Sequence, Set
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -9,6 +9,7 @@ import numpy as np
 from elastic_arm.arrays import Array
 from elastic_arm.effects.effect import Scope
 from elastic_arm.equations.numbers import RATIO, SCALE, Number
+from elastic_arm.evidence.body import Body
 from elastic_arm.evidence.keys import Key
 from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.priors import WIDE
@@ -21,14 +22,18 @@ class NumberTerm(Term):
     """Numbers that are far off: their prior is wide along some directions."""
 
     along: Array = None  # type: ignore[assignment]  # (K, k) how nu moves with the coefficients
+    body: Body | None = None  # the link whose ten numbers it moves; None where it moves others
 
     kind = "number"
 
     @classmethod
-    def of(cls, parameter: Number, N: Array, key: Key, along: Array) -> Self:
+    def of(
+        cls, parameter: Number, N: Array, key: Key, along: Array, body: Body | None = None
+    ) -> Self:
         """Return the term of numbers that move by (K, k) for each coefficient.
 
-        parameter: the first of them; N: (rows, K) whitened columns for one standard deviation each.
+        parameter: the first of them; N: (rows, K) whitened columns for one standard deviation each;
+        body: the link whose numbers they are.
         """
         low = np.full(along.shape[1], -np.inf)
         least = parameter.cause.linear[0].above if parameter.cause is not None else -np.inf
@@ -36,12 +41,22 @@ class NumberTerm(Term):
             # Ratios are positive, channels late.
             low[0] = 0.98 * (least - parameter.neutral) / parameter.prior_std
         std = np.full(along.shape[1], WIDE)
-        return cls(key, _along(N, along), std, low=low, feature=parameter.cause, along=along)
+        return cls(
+            key, _along(N, along), std, low=low, feature=parameter.cause, along=along, body=body
+        )
 
     @property
     def moved(self) -> Array:
         """Which numbers (K,) it moves."""
         return np.asarray(self.along.any(axis=1))
+
+    def log_existing(self, fit: Coefficients) -> float:
+        """Return ln of the probability that the link is a body, where its ten numbers move."""
+        if self.body is None:
+            return 0.0
+        own = np.flatnonzero(self.moved)
+        covariance = fit.number_covariance[np.ix_(own, own)]
+        return self.body.log_probability(fit.values[own], covariance)
 
     def shared(self, shares: Sequence[ShareTerm]) -> list[ShareTerm]:
         """Return those of some shares that are parts of its columns."""
@@ -66,10 +81,12 @@ class NumberTerm(Term):
         return [N @ (along[:, None] * self.along) for N in linear.plain_numbers]
 
 
-def number_terms(parameters: Sequence[Number], N: Array, far: Set[str]) -> list[NumberTerm]:
+def number_terms(
+    parameters: Sequence[Number], N: Array, far: Set[str], bodies: Mapping[str, Body]
+) -> list[NumberTerm]:
     """Return the terms of numbers of the arm and its sensors that are far off.
 
-    N: (rows, k) whitened columns for one standard deviation each.
+    N: (rows, k) whitened columns for one standard deviation each; bodies: the links, by joint.
     """
     found: list[NumberTerm] = []
     together: dict[Key, list[int]] = {}
@@ -88,7 +105,8 @@ def number_terms(parameters: Sequence[Number], N: Array, far: Set[str]) -> list[
         if parameter.is_of_link:
             of_joint = enumerate(parameters)
             own = [i for i, p in of_joint if p.is_of_link and p.joint == parameter.joint]
-            found.append(NumberTerm.of(parameter, N, key, unit[:, own]))
+            body = bodies.get(parameter.joint)
+            found.append(NumberTerm.of(parameter, N, key, unit[:, own], body))
         if parameter.cause.effect.scope is Scope.EACH_OR_ARM:
             together.setdefault((key[0], None, key[2]), []).append(k)
     for key, own in together.items():

@@ -32,6 +32,14 @@ class Coefficients(Protocol):
     def covariance(self, term: Term) -> Array:
         """Return the covariance (k, k) of the coefficients of a term."""
 
+    @property
+    def values(self) -> Array:
+        """Where (K,) the numbers are, in deviations from the description."""
+
+    @property
+    def number_covariance(self) -> Array:
+        """The covariance (K, K) of the numbers."""
+
 
 def odds_among(keys: Iterable[Key], usual: Set[Key] = frozenset()) -> dict[Key, float]:
     """Return the odds of terms by their keys: each effect is as likely, and each of its places;
@@ -132,6 +140,10 @@ class Term:
         is_usual: whether every real drive has it.
         """
         return -float(np.log(ODDS))
+
+    def log_existing(self, fit: Coefficients) -> float:
+        """Return ln of the probability that what a fit that holds it makes of the arm exists."""
+        return 0.0
 
     def std_at(self, trust: float) -> Array:
         """Return the deviation (k,) of the prior at a factor of the trust in the description."""

@@ -1,0 +1,88 @@
+"""Whether a link whose inertia is far from its description can exist.
+
+    J(x) = J_0 + sum_k x_k J_k                                pseudo-inertia (4, 4) of the link
+    d² = min over J(x') >= 0 of (x' - x)' S^-1 (x' - x)
+    ln p(J >= 0) ~ ln 2 Phi(-d)
+
+with x, S the posterior mean and covariance of the link's numbers. A body exists if and only if its
+pseudo-inertia is positive semidefinite (Wensing, Kim and Slotine, RA-L 2018). The recordings
+determine only combinations of the numbers, so that the distance d to the nearest body counts and
+not whether x itself is one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.special import log_ndtr
+
+from elastic_arm.arrays import Array
+from elastic_arm.dynamics.bodies import pseudo_inertia
+
+ROWS, COLUMNS = np.tril_indices(4)
+# (10, 4, 4) derivatives of a lower triangular matrix by its entries
+ENTRIES = np.zeros((10, 4, 4))
+ENTRIES[np.arange(10), ROWS, COLUMNS] = 1.0
+THINNEST = 1e-6  # of the largest moment of the description: smallest one; numerical
+FIRST = 0.01  # of the largest moment: smallest one where the nearest body is first looked for
+SMALLEST = 1e-9  # of the largest variance: smallest one; numerical
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """The pseudo-inertia of a link as a function of its ten numbers."""
+
+    described: Array  # (4, 4), at the description
+    along: Array  # (10, 4, 4), change by a standard deviation of each number's prior
+
+    @classmethod
+    def of(cls, described: Array, changed: Array, step: float) -> Self:
+        """Return it from inertial parameters: as described (10,), and with each number changed by a
+        step, (10, 10)."""
+        first = pseudo_inertia(described)
+        along = np.array([(pseudo_inertia(ten) - first) / step for ten in changed])
+        size = 1.0 / np.sqrt(np.maximum(np.diag(first), THINNEST * np.diag(first).max()))
+        scale = np.outer(size, size)
+        return cls(first * scale, along * scale)
+
+    def at(self, x: Array) -> Array:
+        """Return the pseudo-inertia (4, 4) at numbers (10,)."""
+        return np.asarray(self.described + np.tensordot(x, self.along, 1))
+
+    def log_probability(self, x: Array, S: Array) -> float:
+        """Return ln of the probability that numbers with mean x (10,) and covariance S (10, 10) are
+        those of a body."""
+        return float(np.log(2.0) + log_ndtr(-self.distance(x, S)))
+
+    def distance(self, x: Array, S: Array) -> float:
+        """Return how far numbers (10,) are from the nearest body, in deviations of S (10, 10)."""
+        values, vectors = np.linalg.eigh(self.at(x))
+        if values[0] >= 0.0:
+            return 0.0
+        e, U = np.linalg.eigh(S)
+        weigh = U.T / np.sqrt(np.maximum(e, SMALLEST * e[-1]))[:, None]
+        M = weigh @ np.linalg.pinv(self.along[:, ROWS, COLUMNS].T)
+        there = M @ self.described[ROWS, COLUMNS] + weigh @ x
+
+        def factor(entries: Array) -> Array:
+            L = np.zeros((4, 4))
+            L[ROWS, COLUMNS] = entries
+            return L
+
+        def apart(entries: Array) -> Array:
+            L = factor(entries)
+            return np.asarray(M @ (L @ L.T)[ROWS, COLUMNS] - there)
+
+        def slopes(entries: Array) -> Array:
+            half = ENTRIES @ factor(entries).T
+            changes = half + half.swapaxes(1, 2)
+            return np.asarray(M @ changes[:, ROWS, COLUMNS].T)
+
+        # From a singular body no step leads away: its square root has no slope there.
+        start = (vectors * np.maximum(values, FIRST * max(values[-1], 1.0))) @ vectors.T
+        first = np.linalg.cholesky(start)[ROWS, COLUMNS]
+        found = least_squares(apart, first, slopes, method="lm", xtol=1e-4, ftol=1e-4)
+        return float(np.sqrt(2.0 * found.cost))
