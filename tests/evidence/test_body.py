@@ -1,12 +1,16 @@
 """The probability that a link exists whose numbers are known as a Gaussian."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from elastic_arm.arrays import Array
 from elastic_arm.dynamics.bodies import inertial_parameters
 from elastic_arm.evidence.body import Body
+from elastic_arm.evidence.terms.number import NumberTerm
 from elastic_arm.robot import Inertia
+from tests.evidence.made_up import HARMONICS, model
 
 LINK = Inertia(2.0, np.array([0.0, 0.0, 0.1]), np.diag([0.02, 0.02, 0.005]))
 
@@ -71,3 +75,21 @@ def test_the_nearest_body_lies_between_bounds(body: Body) -> None:
     std = np.sqrt(np.einsum("nk,kl,nl->n", along, S, along))
     assert 0.0 < np.max(-value / std) <= found + 1e-3
     assert found <= distances.min()
+
+
+def test_a_link_that_no_body_has_loses_its_lead(body: Body) -> None:
+    """A term of ten numbers whose best fit has a moment far below zero scores lower than the same
+    term without the link; one that fits a heavier link scores the same."""
+    rng = np.random.default_rng(2)
+    rows = 4 * HARMONICS
+    X = 100.0 * rng.standard_normal((rows, 10))
+    gains = {}
+    for name, ten in (("heavier", moved(m=0.5)), ("impossible", moved(xx=-3.0, yy=-3.0))):
+        y = X @ ten + rng.standard_normal(rows)
+        data = model(y, X)
+        along = np.eye(10)
+        term = NumberTerm(("link", "a", ()), X @ along, np.full(10, 30.0), along=along)
+        fits = [data.fit([term]).score, data.fit([replace(term, body=body, ident=("b",))]).score]
+        gains[name] = fits[1] - fits[0]
+    assert gains["heavier"] == pytest.approx(0.0, abs=0.1)
+    assert gains["impossible"] < -20.0
