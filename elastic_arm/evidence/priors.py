@@ -109,6 +109,8 @@ SHORT = (
 WORTH = 1.0  # nats of a move that is taken: less is an alternative
 # nats up to which scores at different linearisations compare, as those of one set at several show
 COMPARED = 100.0
+# share of its own gain that a move keeps beside another one that is taken with it
+APART = 0.5
 RELATED = 0.1  # correlation of two terms from which one may stand for both
 MOST = 48  # terms of a set; ordinary friction of seven joints takes 21
 FIRST = 4  # effects of an arm that is exactly as described, at the first look

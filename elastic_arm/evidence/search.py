@@ -17,6 +17,7 @@ from elastic_arm.evidence.keys import Ident, Key
 from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.nonlinear import refined
 from elastic_arm.evidence.priors import (
+    APART,
     COMPARED,
     ELSEWHERE,
     MOST,
@@ -108,15 +109,37 @@ class Search:
         )
 
     def _better(self, fit: Fit, count: int) -> Fit | None:
-        """Return a better set one move away: more terms first, as they are cheap to find."""
+        """Return a better set by moves of one kind: more terms first, as they are cheap to find."""
         for move in self.moves[:count]:
+            best = fit
             for one in move(fit):
-                if one.score > fit.score + WORTH:
-                    return one
+                gain = one.score - fit.score
+                if gain > WORTH:
+                    best = self._together(fit, best, one)
                 if self.is_over():
-                    return None
+                    return None if best is fit else best
+            if best is not fit:
+                return best
             self._discard_improbable(fit)
         return None
+
+    def _together(self, fit: Fit, best: Fit, one: Fit) -> Fit:
+        """Return the better of two sets that are better than a fit, or what both change together.
+
+        Moves at different joints gain as much together as each alone. Where they gain less, they
+        are alternatives: the better one is taken, and the other one comes up again beside it.
+        """
+        better = max(best, one, key=lambda each: each.score)
+        gone = {t.ident for t in fit.optional} - {t.ident for t in one.optional}
+        more = [t for t in one.optional if t.ident not in {u.ident for u in fit.optional}]
+        stays = [t for t in best.optional if t.ident not in gone]
+        is_apart = len(stays) == len(best.optional) - len(gone)
+        has_new = not best.keys & {t.key for t in more}
+        if best is fit or not is_apart or not has_new:
+            return better
+        both = self._keep(self.model.fit([*stays, *more], better))
+        less = min(best.score, one.score) - fit.score
+        return both if both.score - better.score > max(WORTH, APART * less) else better
 
     def _added(self, fit: Fit) -> Iterator[Fit]:
         """Yield the best fit with one more term.

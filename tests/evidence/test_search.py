@@ -16,7 +16,7 @@ from elastic_arm.evidence.fit import LinearModel
 from elastic_arm.evidence.nonlinear import refined
 from elastic_arm.evidence.priors import SIZES
 from elastic_arm.evidence.screen import Screen
-from elastic_arm.evidence.search import ALL, Search
+from elastic_arm.evidence.search import ALL, SIMPLE, Search
 from elastic_arm.evidence.terms.effect import EffectTerm, moved, tangent_term
 from elastic_arm.evidence.terms.law import LawTerm
 from elastic_arm.evidence.terms.number import NumberTerm
@@ -296,3 +296,30 @@ def test_each_move_finds_what_only_it_can() -> None:
         assert frozenset(expected) in sets, move.__name__
     (scaled,) = search(small, [wide])._rescaled(small.fit([wide]))
     assert scaled.optional[0].scale < 0.1 and scaled.score > small.fit([wide]).score
+
+
+def test_exchanges_at_different_places_are_one_step() -> None:
+    """Two wrong terms, each beside its right one, are exchanged together."""
+    right = [term(name, COLUMNS[:, k], odds=ODDS) for k, name in enumerate(("a", "b"))]
+    wrong = [
+        term(f"not {one.key[0]}", one.columns[:, 0] + 0.1 * COLUMNS[:, 2 + k], odds=ODDS)
+        for k, one in enumerate(right)
+    ]
+    data = model(quiet(np.random.default_rng(4)) + 2.0 * COLUMNS[:, 0] + 2.0 * COLUMNS[:, 1], N)
+    found = search(data, [*right, *wrong])
+    best = found.run(wrong, moves=SIMPLE)
+    assert {key[0] for key in best.keys} == {"a", "b"}
+    assert len(found.path) == 2
+
+
+def test_alternatives_are_not_taken_together() -> None:
+    """Of two terms of which each explains what a third one in the set does not need, one goes: they
+    gain together little more than alone."""
+    one, twin = term("one", COLUMNS[:, 0], odds=ODDS), term("twin", COLUMNS[:, 0], odds=ODDS)
+    data = model(quiet(np.random.default_rng(4)) + 2.0 * COLUMNS[:, 0], N)
+    found = search(data, [one, twin])
+    start = data.fit([one, twin])
+    dropped = [data.fit([one]), data.fit([twin])]
+    assert min(fit.score for fit in dropped) > start.score + 1.0
+    best = found._together(start, dropped[0], dropped[1])
+    assert len(best.optional) == 1
