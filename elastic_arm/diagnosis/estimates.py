@@ -13,7 +13,7 @@ from elastic_arm.effects.effect import ControllerEffect, EffectInstance
 from elastic_arm.equations.numbers import SCALE, Number
 from elastic_arm.evidence.fit import Fit
 from elastic_arm.evidence.terms.effect import EffectTerm
-from elastic_arm.evidence.terms.known import KnownTerm, StatedTerm
+from elastic_arm.evidence.terms.known import KnownTerm, StatedTerm, least_of
 from elastic_arm.evidence.terms.number import NumberTerm
 from elastic_arm.evidence.terms.term import Term
 
@@ -64,8 +64,10 @@ def estimated(
     x = rows @ fit.found.x
     covariance = rows @ fit.found.S @ rows.T
     x[n:], covariance[n:, n:] = fit.numbers[scale], fit.number_covariance[np.ix_(scale, scale)]
-    if not is_stated:
-        x, covariance = within(x, covariance, term.low, term.high)
+    low, high = term.low, term.high
+    if isinstance(term, KnownTerm | StatedTerm):
+        low, high = least_of(term.feature, n), np.full(n, np.inf)
+    x, covariance = within(x, covariance, low, high)
 
     def found(x: Array) -> dict[str, Any]:
         own = _effect_values(effect, x[:n])

@@ -9,6 +9,7 @@ import pytest
 from elastic_arm.diagnosis.causes import Causes
 from elastic_arm.diagnosis.estimates import within
 from elastic_arm.diagnosis.result import ParameterEstimate
+from elastic_arm.evidence.terms.known import least_of
 from elastic_arm.evidence.terms.term import Term
 
 
@@ -44,3 +45,15 @@ def test_a_cause_that_very_many_sets_share_has_the_mean_size_of_these(
     causes = Causes(confirmed, unknown=cast(Any, None))
     found = causes._sizes([(0.01, cast(Any, fit), term)] * 100)
     assert found["torque"].value == pytest.approx(1.5)
+
+
+def test_stated_friction_is_not_less_than_none() -> None:
+    """A stated friction that recordings put within a deviation of zero stays positive; one far from
+    zero keeps its size."""
+    feature: Any = SimpleNamespace(linear=(SimpleNamespace(least=0.0),), phase=None)
+    low = least_of(feature, 1)
+    none = np.full(1, np.inf)
+    small, _ = within(np.array([-0.01]), np.array([[0.02**2]]), low, none)
+    large, _ = within(np.array([1.0]), np.array([[0.02**2]]), low, none)
+    assert 0.0 < small[0] < 0.02
+    assert large[0] == pytest.approx(1.0)

@@ -147,11 +147,16 @@ def _known_terms(linear: Linearisation) -> Known:
                 law=law,
             )
         )
-        # Less than no friction would be a gain.
-        bounded = all(p.least == 0.0 for p in feature.linear)
-        low = -stated if bounded else np.full(len(stated), -np.inf)
+        low = least_of(feature, len(stated)) - stated
         off.append(StatedTerm(feature.key, X, std, low=low, feature=feature, theta=theta))
     return always, off
+
+
+def least_of(feature: Feature, count: int) -> Array:
+    """Return the least size (k,) of an effect that is stated or known: less than no friction would
+    be a gain."""
+    bounded = all(p.least == 0.0 for p in feature.linear)
+    return np.full(count, 0.0 if bounded else -np.inf)
 
 
 def moved_by_logarithm(sizes: Array, wanted: Array) -> Array:
