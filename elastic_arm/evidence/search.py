@@ -158,7 +158,7 @@ class Search:
         """Return the terms that would gain most beside a fit, one of each key.
 
         Gains at the noise of the present fit are too small: a term is tried where its gain reaches
-        the share :data:`SHORT` of what is needed.
+        the share :data:`SHORT` of what is needed, or of what the replaced terms gain at that noise.
         """
         gained = [
             (gain, screen, t)
@@ -168,6 +168,13 @@ class Search:
             )
         ]
         have = fit.keys | (frozenset() if instead is None else instead.excluded)
+        own: dict[Key, float] = {}
+        for gain, screen, t in gained:
+            key = screen.terms[t].key
+            if key in have - fit.keys:
+                own[key] = max(own.get(key, 0.0), gain)
+        if own:
+            needed = min(needed, sum(own.values()))
         found = list[Term]()
         for gain, screen, t in sorted(gained, key=lambda one: -one[0]):
             if len(found) == count or not gain >= SHORT * needed:

@@ -166,11 +166,13 @@ def at_gains(arm: MjcfArm, gains: Mapping[str, float]) -> MjcfArm:
 
 def robot_at_gains(robot: Robot, gains: Mapping[str, float]) -> Robot:
     """Return an arm whose servos have other numbers in their registers of the position gain."""
+    joints = []
     for joint in robot.joints:
-        if joint.controller is not None:
-            now = joint.controller.with_firmware_gain(gains.get(joint.name))
-            robot = robot.with_joint(joint.name, controller=now)
-    return robot
+        now = joint.controller
+        if now is not None:
+            now = now.with_firmware_gain(gains.get(joint.name))
+        joints.append(replace(joint, controller=now))
+    return robot.with_(joints=tuple(joints))
 
 
 def latest(arm: MjcfArm) -> float:
@@ -193,9 +195,8 @@ def servo_motion(
     before: (H, n) commands of the time steps before, of which late actuators take theirs; the first
     one when None.
     """
-    if arm.laws:
-        # Friction by step is the model's friction loss, which the next motion begins without.
-        arm = replace(arm, model=copy.copy(arm.model))
+    # Delays, and friction by step, are changed in the model while it moves: others may use it.
+    arm = replace(arm, model=copy.copy(arm.model))
     mj = engine()
     model = arm.model
     before = commands[:1] if before is None or not len(before) else before

@@ -26,6 +26,7 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from elastic_arm.arrays import Array
+from elastic_arm.codegen.parallel import share_out
 from elastic_arm.errors import RobotError
 from elastic_arm.evidence.watch import Stage, Watch
 from elastic_arm.mujoco.changed_numbers import body_after, differs
@@ -237,14 +238,18 @@ class _Search:
     def slopes(self, here: _Point) -> Array:
         """Return the derivatives (k, N, n) of the errors."""
         robot = robot_at(self.robot, self.numbers, here.x)
-        moves = np.diag(DIFFERENCE * self.stds)
-        others = [(robot_at(self.robot, self.numbers, here.x + one), one.sum()) for one in moves]
-        found = []
-        for one, gains in zip(here.plays, here.gains, strict=True):
+        others = []
+        for number, by in zip(self.numbers, DIFFERENCE * self.stds, strict=True):
+            others.append((robot_at(robot, [number], np.array([by])), float(by)))
+
+        def of(play: tuple[Play, Mapping[str, float]]) -> Array:
+            one, gains = play
             own = robot_at_gains(robot, gains)
             changed = [(robot_at_gains(other, gains), by) for other, by in others]
-            found.append(derivatives(own, changed, one.motion, one.t))
-        return np.concatenate(found, axis=1)
+            return derivatives(own, changed, one.motion, one.t)
+
+        plays = zip(here.plays, here.gains, strict=True)
+        return np.concatenate(share_out(of, plays), axis=1)
 
     def differences(self, here: _Point) -> Array:
         """Return the derivatives (k, N, n) of the errors by simulations with one number changed
@@ -262,7 +267,8 @@ class _Search:
             arm = self.model_at(robot_at(self.robot, self.numbers, x))
         except (RobotError, np.linalg.LinAlgError):
             return None
-        plays = [(one.recording, play(arm, one.recording, span=one.span)) for one in self.spans]
+        played = share_out(lambda one: play(arm, one.recording, span=one.span), self.spans)
+        plays = [(one.recording, motion) for one, motion in zip(self.spans, played, strict=True)]
         found = tuple(one.after(FORGOTTEN) for _, one in plays if one is not None)
         gains = tuple(each.firmware_gains for each, one in plays if one is not None)
         if not found or not all(np.isfinite(one.errors).all() for one in found):

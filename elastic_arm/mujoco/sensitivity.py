@@ -16,7 +16,7 @@ count of numbers.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -137,7 +137,7 @@ class _Equation:
         """Return R (N, n) of an arm along a motion."""
         own = robot is self.robot
         arm = self.arm if own else stated_arm(robot)
-        model = self.model if own else _model(robot, arm)
+        model = self.model if own else self.model.at(_model(robot, arm).Psi)
         carried = self._carried(model, arm, q, dq, ddq)
         found = -carried - _armatures(arm) * ddq
         dry = self._dry(robot, arm, q, dq, carried)
@@ -184,7 +184,8 @@ def _armatures(arm: StatedArm) -> Array:
 
 def _model(robot: Robot, arm: StatedArm) -> Model:
     """Return the dynamics of an arm with what of its effects is a number of it."""
-    plain = robot.with_(effects=(), gravity=tuple(arm.gravity))
+    joints = []
     for joint, link, own in zip(robot.joints, arm.links, arm.joints, strict=True):
-        plain = plain.with_joint(joint.name, link=link, armature=own.armature)
+        joints.append(replace(joint, link=link, armature=own.armature))
+    plain = robot.with_(effects=(), gravity=tuple(arm.gravity), joints=tuple(joints))
     return build_model(plain, "mod2")
