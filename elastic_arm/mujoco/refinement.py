@@ -55,7 +55,7 @@ BY_DIFFERENCES = (
 )
 FINITE = 0.1  # of a number's deviation, over which those are taken
 TAILS = 4.0  # degrees of freedom of Student's t
-LITTLE = 0.5  # nats that a round gains which is the last
+LITTLE = 0.5  # nats of independent samples that a round gains which is the last
 DIFFERENCE = 0.01  # of a number's deviation, over which derivatives are taken
 DAMPING = 1e-3  # of the first step, in deviations; less after one that gains, more after others
 FIRMEST = 1e6  # damping, with which nothing more can be gained
@@ -212,7 +212,7 @@ class _Search:
                     damping *= 0.1
                     break
                 damping = max(DAMPING, 10.0 * damping)
-            if gained < LITTLE:
+            if gained * here.apart().mean() < LITTLE * self.apart.mean():
                 break
         return here
 
