@@ -187,7 +187,7 @@ def _print_proposal(proposal: Proposal) -> None:
 def print_search(found: Diagnosis) -> None:
     """Print the search: the sets that were scored, what the best one lacks, and the moves."""
     if found.context is not None:
-        for line in search_words(found.context.explanation):
+        for line in search_words(found.context.explanation, found.context.reasons):
             out.print(escape(line))
 
 

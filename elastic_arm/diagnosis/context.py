@@ -1,6 +1,6 @@
 """What a diagnosis worked on, kept for figures and for going on from it."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -36,6 +36,7 @@ class DiagnosisContext:
     # equation
     known: tuple[EffectInstance, ...]
     unseen: tuple[EffectInstance, ...]
+    reasons: Mapping[tuple[str, str], Sequence[str]]  # why each open residual is unexplained
     held_back: bool  # whether the last third of each recording judged
 
     @property

@@ -243,6 +243,7 @@ class _Outcome:
             regimes=[shares(data, before, row, gear_ratios(parts, row)) for row in rows],
             known=tuple(instance for instance, _ in self._known),
             unseen=parts.prepared.unseen,
+            reasons=self.causes.unknown.reasons,
             held_back=parts.problem.held_back,
         )
 

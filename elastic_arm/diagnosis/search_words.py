@@ -1,7 +1,7 @@
 """The search of a diagnosis in words, for `diagnose --explain`: the sets that were scored, what the
 best one lacks, and the moves."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -15,19 +15,30 @@ from elastic_arm.evidence.screen import Screen
 # that are listed
 SETS = 5
 TERMS = 8
+AT_JOINT = 3
 NOTHING = "no term"
 
 
-def search_words(explanation: Explanation) -> list[str]:
-    """Return lines on the sets, the terms that would gain most, and the moves of a search."""
-    return [
-        "sets of terms, by probability, with the difference of each from the best:",
-        *_sets(explanation),
-        "terms outside the best set, by gain (negative: the prior outweighs it):",
-        *_lacking(explanation),
-        "moves:",
-        *(f"  {line}" for line in explanation.log),
-    ]
+def search_words(
+    explanation: Explanation, reasons: Mapping[tuple[str, str], Sequence[str]]
+) -> list[str]:
+    """Return lines on the sets, the unexplained residuals, the terms that would gain most, and the
+    moves of a search.
+
+    reasons: why each residual, by joint and side, counts as unexplained.
+    """
+    lacking = list(_lacking(explanation))
+    lines = ["sets of terms, by probability, with the difference of each from the best:"]
+    lines += _sets(explanation)
+    for (joint, side), own in reasons.items():
+        lines.append(f"unexplained at {joint}, {side} side: {'; '.join(own)}")
+        at_joint = [line for line, key in lacking if key[1] in (joint, None)]
+        lines += at_joint[:AT_JOINT]
+    lines.append("terms outside the best set, by gain (negative: the prior outweighs it):")
+    lines += [line for line, _ in lacking[:TERMS]]
+    lines.append("moves:")
+    lines += [f"  {line}" for line in explanation.log]
+    return lines
 
 
 def _sets(explanation: Explanation) -> Iterator[str]:
@@ -43,7 +54,8 @@ def _sets(explanation: Explanation) -> Iterator[str]:
         yield f"  {together[keys]:6.1%}  {behind:6.1f} nats behind  {terms}"
 
 
-def _lacking(explanation: Explanation) -> Iterator[str]:
+def _lacking(explanation: Explanation) -> Iterator[tuple[str, Key]]:
+    """Yield each term outside the best set with its key, that of the largest gain first."""
     best: Fit = explanation.best
     model = linear_model(explanation.linear, best.model.assumed)
     screen = Screen(model.grams, pool_of(explanation.linear))
@@ -54,9 +66,7 @@ def _lacking(explanation: Explanation) -> Iterator[str]:
         if key in listed or not np.isfinite(gains[k]):
             continue
         listed.add(key)
-        yield f"  {gains[k]:+8.1f} nats  {_named(explanation, key)}"
-        if len(listed) == len(best.keys) + TERMS:
-            return
+        yield f"  {gains[k]:+8.1f} nats  {_named(explanation, key)}", key
 
 
 def _named(explanation: Explanation, key: Key) -> str:

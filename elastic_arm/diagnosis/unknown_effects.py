@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,39 @@ from elastic_arm.diagnosis.result import UnexplainedResidual
 from elastic_arm.evidence.grams import OCTAVES, Bands
 from elastic_arm.evidence.keys import Key
 from elastic_arm.evidence.priors import LEFT, MOTION, NOISY
+
+Place = tuple[str, str]  # joint and side
+
+
+class KeptPower(NamedTuple):
+    """The power over the noise that a residual keeps, in that of the noise, and the limits from
+    which on it is open."""
+
+    row: int
+    fitted: float
+    limit: float
+    follows: bool  # whether it is beyond the limit in the fitted recordings and follows the motion
+    judging: float
+    limit_of_judging: float
+    has_causes: bool  # whether causes act there in the recordings that judge
+
+    @property
+    def is_open(self) -> bool:
+        """Whether it is unexplained."""
+        return self.follows or (self.has_causes and self.judging > self.limit_of_judging)
+
+    @property
+    def words(self) -> str:
+        """What is left, in which recordings, and the limit."""
+        if self.follows:
+            return (
+                f"the fitted recordings keep {self.fitted:.3g} times the noise power, more than"
+                f" {self.limit:.3g}, and it follows the motion"
+            )
+        return (
+            f"the validation recordings keep {self.judging:.3g} times the noise power, more than"
+            f" {self.limit_of_judging:.3g}, where causes act"
+        )
 
 
 @dataclass(frozen=True)
@@ -49,7 +83,7 @@ class UnknownEffects:
             if sum(p for p, _ in each) > 0.5
         ]
 
-    @cached_property
+    @property
     def open_rows(self) -> list[int]:
         """The residuals that keep more power than their sensors may have as noise, and much of
         their own gap.
@@ -57,6 +91,11 @@ class UnknownEffects:
         Either in the recordings that were fitted, where what is left follows a motion; or in those
         that judge, where causes act and more is left than the noise that the fit has found.
         """
+        return [one.row for one in self.kept if one.is_open]
+
+    @cached_property
+    def kept(self) -> list[KeptPower]:
+        """What each residual keeps with the most probable set."""
         model = self.parts.fit.model
         data = self.parts.linear.data
         fitted = model.bands
@@ -80,12 +119,14 @@ class UnknownEffects:
             # set, of the causes.
             first, left = (float(power[own].sum()) / n - 1.0 for power in of_fitted)
             before, after, moved = (float(power[other].sum()) / m for power in of_judging)
-            is_large = left > max(NOISY, LEFT * first)
-            follows = is_large and _is_structured(fitted, self._white_left, own)
+            limit = max(NOISY, LEFT * first)
+            follows = left > limit and _is_structured(fitted, self._white_left, own)
             # Each recording's noise is known only to a factor NOISY.
             noise = NOISY**2 * max(1.0, left + 1.0)
-            if follows or (moved > NOISY and after - 1.0 > max(noise, LEFT * (before - 1.0))):
-                found.append(row)
+            limit_of_judging = max(noise, LEFT * (before - 1.0))
+            found.append(
+                KeptPower(row, left, limit, follows, after - 1.0, limit_of_judging, moved > NOISY)
+            )
         return found
 
     @cached_property
@@ -126,6 +167,22 @@ class UnknownEffects:
             own = [row for row, place in enumerate(places) if place[0] == joint]
             whole = float(np.maximum(first[own], left[own]).sum())
             found[joint] = float(left[own].sum()) / whole if whole else 0.0
+        return found
+
+    @property
+    def reasons(self) -> dict[Place, list[str]]:
+        """Why each residual counts as unexplained, by joint and side."""
+        places = self.parts.places
+        found: dict[Place, list[str]] = {places[row]: [] for row in self.rows}
+        names = self.parts.problem.robot.joint_names
+        for probability, term in self.laws:
+            words = f"a nonparametric law explains it, with a probability of {probability:.2f}"
+            for (joint, _), own in found.items():
+                if joint == names[term.place[0]]:
+                    own.append(words)
+        for one in self.kept:
+            if one.is_open:
+                found[places[one.row]].append(one.words)
         return found
 
     def residuals(self) -> list[UnexplainedResidual]:

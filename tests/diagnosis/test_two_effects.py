@@ -24,7 +24,7 @@ def test_the_search_is_shown_with_its_sets_what_they_lack_and_its_moves(
     """Both effects are in the best set, and sets without one are behind; what is left gains
     nothing."""
     assert two_causes.context is not None
-    lines = search_words(two_causes.context.explanation)
+    lines = search_words(two_causes.context.explanation, {})
     best = lines[1]
     assert "0.0 nats behind" in best
     assert "coulomb_friction on joint_2" in best and "transmission_error on joint_1" in best
