@@ -154,10 +154,10 @@ def diagnose_command(
         claim_bag(bag, "--mcap")
     catalogue = Catalogue.default().with_files(effects_files or ())
     robot = options.load_arm(robot_file, chain, at, catalogue)
-    correction = Correction(robot_file, chain, at, catalogue)
+    priors = _priors(priors_file, catalogue)
+    correction = Correction(robot_file, chain, at, catalogue, priors)
     correction.require_mjcf("--replay" if replayed else None)
     mapping = options.channel_map(channels)
-    priors = _priors(priors_file, catalogue)
     working = Console(quiet=True).status if quiet else err.status
     with working("reading") as status:
 

@@ -41,13 +41,12 @@ def unstated(arm: MjcfArm, robot: Robot) -> dict[str, tuple[str, ...]]:
     return found
 
 
-def file_numbers(robot: Robot, joints: Iterable[str]) -> tuple[Refinable, ...]:
+def file_numbers(robot: Robot, joints: Iterable[str], priors: Priors) -> tuple[Refinable, ...]:
     """Return the numbers of some joints that a file states, to be fitted; robot: as read of it."""
-    return tuple(number for name in joints for number in _numbers(robot, name))
+    return tuple(number for name in joints for number in _numbers(robot, name, priors))
 
 
-def _numbers(robot: Robot, name: str) -> Iterator[Refinable]:
-    priors = Priors()
+def _numbers(robot: Robot, name: str, priors: Priors) -> Iterator[Refinable]:
     joint = robot.joints[robot.joint_names.index(name)]
     if joint.controller is None:
         return

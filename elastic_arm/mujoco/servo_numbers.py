@@ -26,7 +26,7 @@ MOUNTED = 0.02  # rad, to which a horn is put on its splines, and a zero is set 
 SCALED = 0.3  # of its prior, in which a number's steps are measured
 
 
-def servo_numbers(robot: Robot) -> tuple[Robot, tuple[Refinable, ...]]:
+def servo_numbers(robot: Robot, priors: Priors) -> tuple[Robot, tuple[Refinable, ...]]:
     """Return an arm with the friction that every geared servo has, and its numbers to be fitted."""
     stated = {(one["effect"], one["joint"]) for one in robot.effects}
     driven = [joint for joint in robot.joints if joint.controller is not None]
@@ -38,11 +38,10 @@ def servo_numbers(robot: Robot) -> tuple[Robot, tuple[Refinable, ...]]:
         if controller is not None and controller.stall is not None and not controller.sag:
             sagging = replace(controller, sag=START * _largest(SAG))
             arm = arm.with_joint(joint.name, controller=sagging)
-    return arm, tuple(_numbers(robot, arm))
+    return arm, tuple(_numbers(robot, arm, priors))
 
 
-def _numbers(robot: Robot, arm: Robot) -> Iterator[Refinable]:
-    priors = Priors()
+def _numbers(robot: Robot, arm: Robot, priors: Priors) -> Iterator[Refinable]:
     of_friction = {(one["effect"], one["joint"]): one["parameters"] for one in robot.effects}
     for joint, begun in zip(robot.joints, arm.joints, strict=True):
         if joint.controller is None or begun.controller is None:

@@ -9,6 +9,7 @@ import pytest
 
 from elastic_arm.diagnosis import Question, diagnose
 from elastic_arm.errors import RobotError
+from elastic_arm.evidence.priors import Priors
 from elastic_arm.identification import identify
 from elastic_arm.mujoco import export_mjcf, export_new_mjcf
 from elastic_arm.mujoco.closed_loop import at_gains, play, with_controllers
@@ -256,7 +257,7 @@ def test_friction_by_load_follows_what_the_gear_carries(base: Path) -> None:
 
 def test_every_servo_begins_with_friction_and_a_sag(base: Path) -> None:
     """What no description states of a geared servo is among the numbers to be fitted."""
-    begun, numbers = servo_numbers(open_mjcf(base).robot)
+    begun, numbers = servo_numbers(open_mjcf(base).robot, Priors())
     frictions = {(one["effect"], one["joint"]) for one in begun.effects}
     fitted = {(one.what, one.joint) for one in numbers}
     for joint in begun.joints:
@@ -278,7 +279,7 @@ def test_the_numbers_of_every_servo_are_fitted_in_closed_loop(base: Path) -> Non
     file = base.parent / "true.xml"
     export_mjcf(true, base, file)
     run = recorded(with_controllers(open_mjcf(file), true), 250.0, 17)
-    begun, numbers = servo_numbers(arm.robot)
+    begun, numbers = servo_numbers(arm.robot, Priors())
     started = base.parent / "started.xml"
     export_mjcf(begun, base, started)
     played = with_controllers(open_mjcf(started), begun)
@@ -286,3 +287,11 @@ def test_the_numbers_of_every_servo_are_fitted_in_closed_loop(base: Path) -> Non
     fitted = robot_at(begun, [one.number for one in moved], np.array([one.by for one in moved]))
     lift = fitted.joints[1].controller
     assert lift is not None and lift.kp == pytest.approx(0.8 * KP, rel=0.1)
+
+
+def test_the_numbers_of_every_servo_have_the_priors_that_were_asked_for() -> None:
+    """A scale known to 1 % is refined within that, not within the usual 20 %."""
+    _, usual = servo_numbers(servo_arm().robot, Priors())
+    _, exact = servo_numbers(servo_arm().robot, Priors(controller=0.01))
+    scales = [[one.prior for one in each if one.what == "scale"] for each in (usual, exact)]
+    assert scales == [[0.2] * 3, [0.01] * 3]

@@ -15,6 +15,7 @@ from elastic_arm.cli.mujoco.export import print_export
 from elastic_arm.diagnosis.words import listed
 from elastic_arm.effects import Catalogue
 from elastic_arm.errors import MissingExtraError, RobotError
+from elastic_arm.evidence.priors import Priors
 from elastic_arm.evidence.watch import Watch
 from elastic_arm.mujoco import Exported, export_mjcf, export_urdf
 from elastic_arm.mujoco.changed_numbers import Deviations
@@ -116,11 +117,16 @@ class Correction:
     """Where an arm came from, and so where its corrected numbers go.
 
     base: file that the arm was read from; nothing is written for the package's own arm and for arm
-    files.
+    files; priors: of the numbers that every servo has.
     """
 
     def __init__(
-        self, base: Path | None, chain: str | None, at: str | None, catalogue: Catalogue
+        self,
+        base: Path | None,
+        chain: str | None,
+        at: str | None,
+        catalogue: Catalogue,
+        priors: Priors | None = None,
     ) -> None:
         self.base = base
         self.motion: Motion | None = (
@@ -129,6 +135,7 @@ class Correction:
         self._ends = None if chain is None else parse_chain(chain)
         self._at = at
         self._catalogue = catalogue
+        self._priors = priors or Priors()
         self.mjcf = base is not None and is_mjcf(base)
         self._written = self.mjcf or (base is not None and base.suffix.lower() in (".urdf", ".xml"))
 
@@ -246,7 +253,7 @@ class Correction:
         found: how it moves with the causes, none of which is written. None where no joint moves
         nearer.
         """
-        arm, numbers = servo_numbers(robot)
+        arm, numbers = servo_numbers(robot, self._priors)
         if not fitted or not numbers or watch.is_over():
             return None
         with TemporaryDirectory() as temporary:
@@ -305,7 +312,7 @@ class Correction:
         lacking = unstated(opened, found.robot)
         if not lacking:
             return found.with_alone(found.choice.errors)
-        numbers = file_numbers(opened.robot, lacking)
+        numbers = file_numbers(opened.robot, lacking, self._priors)
         moved = refine(opened, opened.robot, numbers, fitted, watch=watch)
         by = np.array([one.by for one in moved])
         refined = robot_at(opened.robot, [one.number for one in moved], by)
