@@ -1,6 +1,7 @@
 """A diagnosis on a terminal: sentences, tables of causes and gaps, and what to do next."""
 
 from collections.abc import Sequence
+from itertools import chain
 from pathlib import Path
 
 from rich.markup import escape
@@ -16,7 +17,6 @@ from elastic_arm.diagnosis.words import (
     cause_size,
     change_text,
     effect_at,
-    estimates_text,
     gap_at,
     listed,
     listed_alternatives,
@@ -27,6 +27,7 @@ from elastic_arm.diagnosis.words import (
     regime_text,
     scale_sentence,
     sides_text,
+    sizes_of,
     summary,
     trust_text,
     unknown_sentences,
@@ -39,17 +40,20 @@ COLOURS = {"none": "green", "explained": "cyan", "unknown": "yellow"}
 
 def print_first_look(look: FirstLook) -> None:
     """Print, before the search, where the gap lies and the friction of each joint, as progress."""
-    numbers = ("noise", "as described", "with ordinary deviations and friction")
-    table = new_table("joint", "side", *numbers, "friction", right=numbers, whole=("joint", "side"))
+    effects = list(dict.fromkeys(chain.from_iterable(look.friction.values())))
+    numbers = ("noise", "described", "fitted")
+    table = new_table("joint", "side", *numbers, *effects, right=numbers, whole=("joint", "side"))
     for joint, side in look.described:
         place = joint, side
         sizes = [f"{one[place]:.3g}" for one in (look.noise, look.described, look.fitted)]
-        each = [
-            f"{effect} {estimates_text(parameters)}"
-            for effect, parameters in look.friction.get(place, {}).items()
-        ]
-        table.add_row(escape(joint), side, *sizes, escape("; ".join(each)))
-    err.print(f"first look, before the search: residuals, RMS in {look.units.over('Nm')}")
+        own = look.friction.get(place, {})
+        # The effect is the heading, and its one parameter needs no name.
+        each = [", ".join(sizes_of(own.get(effect, {}))) for effect in effects]
+        table.add_row(escape(joint), side, *sizes, *map(escape, each))
+    err.print(
+        f"first look, before the search: residuals, RMS in {look.units.over('Nm')}, as described"
+        " and with a linear fit of ordinary deviations and friction"
+    )
     err.print(table)
 
 

@@ -18,10 +18,10 @@ from elastic_arm.evidence.watch import Stage, Watch
 # When each stage of a command typically begins, as a share of its time; measured on recordings of
 # six axes, with torques and with commands alone.
 WITH_TORQUES = {
-    Stage.READ: 0.04,
-    Stage.CHECKED: 0.05,
-    Stage.ORDINARY: 0.15,
-    Stage.CAUSES: 0.2,
+    Stage.READ: 0.09,
+    Stage.CHECKED: 0.1,
+    Stage.ORDINARY: 0.2,
+    Stage.CAUSES: 0.26,
     Stage.CONFIRMED: 0.8,
     Stage.FOLLOWED: 0.83,
     Stage.CLOSED_LOOP: 0.87,

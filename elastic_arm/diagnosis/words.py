@@ -46,9 +46,13 @@ def effect_at(effect: str, joint: str | None) -> str:
 def estimates_text(parameters: Mapping[str, ParameterEstimate], between: str = ", ") -> str:
     """Return parameters with standard deviations and units as text; what is whole or given has no
     deviation."""
-    return between.join(
-        f"{name} {size_text(e.value, e.std, e.unit)}" for name, e in parameters.items()
-    )
+    named = zip(parameters, sizes_of(parameters), strict=True)
+    return between.join(f"{name} {size}" for name, size in named)
+
+
+def sizes_of(parameters: Mapping[str, ParameterEstimate]) -> list[str]:
+    """Return the sizes of parameters with standard deviations and units, without their names."""
+    return [size_text(e.value, e.std, e.unit) for e in parameters.values()]
 
 
 def instance_text(instance: EffectInstance, units: JointUnits) -> str:
