@@ -12,13 +12,14 @@ import typer
 from rich.console import Console
 
 from elastic_arm.cli import options
-from elastic_arm.cli.console import err, print_json, reports_errors, shares_of
+from elastic_arm.cli.console import err, out, print_json, reports_errors, shares_of
 from elastic_arm.cli.diagnosis_printing import (
     ROBOT,
     print_also_written,
     print_comparison,
     print_diagnosis,
     print_search,
+    print_written,
 )
 from elastic_arm.cli.gate import FailOn, check_gate, pass_gate
 from elastic_arm.cli.mujoco.corrected import Correction, Written, print_correction
@@ -195,7 +196,17 @@ def diagnose_command(
         found = _with_correction(found, corrected, cut_short=watch.is_over())
         replays = replay_both(correction, out_dir, recorded.judging[0]) if replayed else []
         comparison = recorded.comparison(found, question)
-        watch.say("report", Stage.REPORT)
+    if not json and not quiet:
+        print_diagnosis(found)
+        if explain:
+            print_search(found)
+        print_correction(corrected.file)
+        print_closed_loop(found.closed_loop, "robot.yaml")
+        print_replays(replays)
+        print_comparison(comparison)
+        out.file.flush()
+    # Figures take seconds: the answer is read meanwhile, in a log file, too.
+    with working("drawing the report"):
         write_diagnosis(found, corrected.robot, out_dir, replays, comparison)
         if csv:
             found.to_csv(out_dir)
@@ -203,13 +214,7 @@ def diagnose_command(
     if json:
         print_json(found.to_dict())
     elif not quiet:
-        print_diagnosis(found, out_dir)
-        if explain:
-            print_search(found)
-        print_correction(corrected.file)
-        print_closed_loop(found.closed_loop, "robot.yaml")
-        print_replays(replays)
-        print_comparison(comparison)
+        print_written(out_dir)
         print_also_written([*(TABLES if csv else ()), *map(str, residual_bags)])
     pass_gate(found, fail_on or ())
 

@@ -57,7 +57,7 @@ def print_first_look(look: FirstLook) -> None:
     err.print(table)
 
 
-def print_diagnosis(found: Diagnosis, folder: Path) -> None:
+def print_diagnosis(found: Diagnosis) -> None:
     """Print what was found in words, then causes, changes, what is left, and notes."""
     if found.made:
         out.print(f"[yellow]scale:[/] {escape(scale_sentence(found))}")
@@ -91,6 +91,10 @@ def print_diagnosis(found: Diagnosis, folder: Path) -> None:
     out.print(f"trust in the description: {escape(trust_text(found.trust))}")
     for note in merged_notes(found.notes):
         out.print(f"note: {escape(note)}")
+
+
+def print_written(folder: Path) -> None:
+    """Print the files that are there now."""
     further = [name for name in (ROBOT, SEPARATING) if (folder / name).exists()]
     out.print(
         f"written: {escape(str(folder))}/{', '.join(['diagnosis.json', 'report.html', *further])}"

@@ -25,7 +25,6 @@ WITH_TORQUES = {
     Stage.CONFIRMED: 0.8,
     Stage.FOLLOWED: 0.83,
     Stage.CLOSED_LOOP: 0.87,
-    Stage.REPORT: 0.92,
 }
 WITH_COMMANDS = {
     Stage.READ: 0.02,
@@ -35,7 +34,6 @@ WITH_COMMANDS = {
     Stage.CONFIRMED: 0.37,
     Stage.FOLLOWED: 0.38,
     Stage.CLOSED_LOOP: 0.4,
-    Stage.REPORT: 0.95,
 }
 
 

@@ -16,7 +16,6 @@ class Stage(Enum):
     CONFIRMED = auto()
     FOLLOWED = auto()
     CLOSED_LOOP = auto()
-    REPORT = auto()
 
 
 def _nothing(words: str, stage: Stage, done: float = 0.0) -> None:

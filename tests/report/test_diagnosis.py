@@ -211,13 +211,11 @@ def check_residuals(table: Path, folder: Path) -> None:
     np.testing.assert_allclose(stamps, [float(row["t"]) for row in rows[::50]], atol=1e-6)
 
 
-def shown(
-    found: Diagnosis, folder: Path, monkeypatch: pytest.MonkeyPatch, **screen: Any
-) -> list[str]:
+def shown(found: Diagnosis, monkeypatch: pytest.MonkeyPatch, **screen: Any) -> list[str]:
     """Return the lines that `elastic-arm diagnose` prints of a diagnosis."""
     console = Console(file=io.StringIO(), highlight=False, no_color=True, **screen)
     monkeypatch.setattr("elastic_arm.cli.diagnosis_printing.out", console)
-    print_diagnosis(found, folder)
+    print_diagnosis(found)
     return re.sub(r"\x1b\[[\d;]*m", "", console.file.getvalue()).splitlines()  # type: ignore[attr-defined]
 
 
@@ -237,7 +235,7 @@ def test_causes_are_readable_on_a_narrow_screen(
         replace(second, effect="base_tilt", joint=None, parameters=tilt),
     )
     found = replace(two_causes, causes=causes)
-    lines = shown(found, Path("diagnosis"), monkeypatch, width=80, force_terminal=True)
+    lines = shown(found, monkeypatch, width=80, force_terminal=True)
     assert max(map(len, lines)) <= 80
     told = "\n".join(lines)
     for words in (
@@ -255,7 +253,7 @@ def test_piped_causes_are_a_line_each(
 ) -> None:
     """Where no screen ends the line, a cause stands on one with all its sizes, and no sentence is
     broken."""
-    lines = shown(two_causes, Path("diagnosis"), monkeypatch, width=UNLIMITED)
+    lines = shown(two_causes, monkeypatch, width=UNLIMITED)
     assert lines[:3] == summary(two_causes)
     first, second = two_causes.causes
     assert lines[:2] == [
@@ -282,7 +280,7 @@ def test_numbers_that_puzzle_are_explained_beside_them(
     causes = (replace(first, shrink=-0.048, confidence=0.9998), *others)
     found = replace(two_causes, causes=causes, changes=(change,))
     page = write_gap_report(tmp_path / "report.html", found).read_text()
-    screen = "\n".join(shown(found, tmp_path, monkeypatch, width=UNLIMITED))
+    screen = "\n".join(shown(found, monkeypatch, width=UNLIMITED))
     for told in (html.unescape(page), screen):
         assert "-4.8 %" not in told and "only with others" in told
         assert "> 99.9 %" in told
