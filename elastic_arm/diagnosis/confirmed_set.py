@@ -15,6 +15,7 @@ from functools import cached_property
 
 import numpy as np
 
+from elastic_arm.arrays import Array
 from elastic_arm.diagnosis.beliefs import Beliefs, name_of
 from elastic_arm.diagnosis.confirmation import (
     Confirmation,
@@ -29,9 +30,11 @@ from elastic_arm.diagnosis.confirmation import (
 )
 from elastic_arm.diagnosis.decomposition import Decomposition, without_parts
 from elastic_arm.diagnosis.far_numbers import Name, bounds_of, gain_beyond
+from elastic_arm.evidence.fit import Fit
 from elastic_arm.evidence.keys import Key
 from elastic_arm.evidence.priors import RELATED
 from elastic_arm.evidence.search import without
+from elastic_arm.evidence.terms.dry_friction import DryFrictionTerm
 from elastic_arm.evidence.terms.known import StatedTerm
 from elastic_arm.evidence.terms.number import NumberTerm
 from elastic_arm.evidence.terms.term import Term
@@ -114,14 +117,29 @@ def _less(parts: Decomposition, term: Term) -> Decomposition:
 def _confirmation(parts: Decomposition, term: Term) -> Confirmation:
     """Compare the best set with and without a term."""
     less = _less(parts, term)
-    nats = held_out(parts.explanation.best) - held_out(less.explanation.best)
+    best = parts.explanation.best
+    other = less.explanation.best
+    is_replaced = takes_over(parts.ordinary_numbers, less.ordinary_numbers)
+    is_replaced |= takes_over(*_friction_curves(best, other))
     return Confirmation(
-        nats,
+        held_out(best) - held_out(other),
         _share_without(parts, term, less),
         _share_alone(parts, term),
         _has_size(parts, term),
-        takes_over(parts.ordinary_numbers, less.ordinary_numbers),
+        best.score - other.score if is_replaced else None,
     )
+
+
+def _friction_curves(beside: Fit, without: Fit) -> tuple[Array, Array]:
+    """Return the coefficients (k,) of the friction curves that two sets share, in their ordinary
+    deviations."""
+    found: list[list[Array]] = [[], []]
+    for term in without.optional:
+        if isinstance(term, DryFrictionTerm) and term in beside.optional:
+            for own, fit in zip(found, (beside, without), strict=True):
+                own.append(fit.beta(term) / term.std)
+    first, second = (np.concatenate([np.zeros(0), *own]) for own in found)
+    return first, second
 
 
 def _has_size(parts: Decomposition, term: Term) -> bool:
