@@ -409,13 +409,19 @@ def _is_seen(feature: Feature, layout: EquationSet) -> bool:
 
 
 def _usual(candidates: Sequence[Feature], seen: Sequence[EffectInstance]) -> frozenset[Key]:
-    """Return the friction of motors at joints for which none is stated or known: every real drive
-    has some."""
+    """Return the friction at joints for which none is stated or known: every real drive has some.
+
+    It is that of the motor, or that of the link's bearing where only torques behind the gear show
+    it.
+    """
     stated = {(i.effect.id, i.joint) for i in seen}
+    plain = [feature for feature in candidates if feature.effect.id in PLAIN]
+    of_motors = {f.joint for f in plain if f.choices.get("side") == "motor"}
     found = set()
-    for feature in candidates:
-        plain = feature.effect.id in PLAIN and feature.choices.get("side") == "motor"
-        if plain and (feature.effect.id, feature.joint) not in stated:
+    for feature in plain:
+        side = "motor" if feature.joint in of_motors else "link"
+        is_usual = feature.choices.get("side") == side
+        if is_usual and (feature.effect.id, feature.joint) not in stated:
             found.add(feature.key)
     return frozenset(found)
 
