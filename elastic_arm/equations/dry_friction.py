@@ -13,11 +13,17 @@ Without c_k, friction that turns over late is taken for a delay or a low pass of
 z is the sign as far as it has turned over. The curve S bends with the speed, with the joint's
 torque l = |tau_J| / max |tau_J| less its mean, and with the time x, -1 at the begin of a recording
 and 1 at its end; A is how the curve differs in either direction. f_i and g_i are the first
-eigenfunctions of a Gaussian process over the logarithm of the speed (Matern 5/2): f_i less what is
-dry and viscous friction, g_i less its mean, which is a zero of the torque. Lubricant, seals,
-bearings and warmth bend the curve; without S and A, each bend would be a law of friction of its
-own.
+eigenfunctions of a Gaussian process over the logarithm of the speed (Matern 5/2). Each shape of S
+is taken less what is dry and viscous friction, g_i less its mean, which is a zero of the torque.
+Lubricant, seals, bearings and warmth bend the curve; without S and A, each bend would be a law of
+friction of its own.
+
+What of a shape is dry and viscous friction is measured in the whitened rows
+(:meth:`Curve.less`). Slow rows tell most, as the encoders' noise grows with the frequency: shapes
+that have no part of viscous friction in the samples have nearly all of it in the slow rows.
 """
+
+from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -40,7 +46,9 @@ LENGTH = 1.5  # of the kernel, in natural logarithms of the speed
 FUNCTIONS = 5  # of S; further ones have a hundredth of the variance together
 OF_DIRECTION = 2  # of A
 GRID = 64  # speeds at which the kernel is evaluated; numerical
-SHAPES = FUNCTIONS + 3 + OF_DIRECTION  # coefficients of S and A
+BENDS = FUNCTIONS + 3  # coefficients of S
+SHAPES = BENDS + OF_DIRECTION  # coefficients of S and A
+LAWS = 2  # dry and viscous friction
 
 
 class FrictionPlace(NamedTuple):
@@ -63,12 +71,13 @@ def dry_friction_columns(
     acting: Sequence[ActingEffect],
     place: FrictionPlace,
     turned: Array,
-) -> list[Array]:
-    """Return the columns (N', R, K + SHAPES) Nm of each stretch: one for each c_k, then for S and
-    A. None at all where no friction has the sign of the velocity.
+    curve: Curve | None = None,
+) -> tuple[list[Array], Curve | None]:
+    """Return the columns (N', R, K + SHAPES) Nm of each stretch, and the curve that they are of:
+    one for each c_k, then for S and A. None at all where no friction has the sign of the velocity.
 
     acting: effects that act, of which the friction at the place is meant; turned: c_k (K,) by which
-    z is made.
+    z is made; curve: that of all recordings; None where the data are all.
     """
     n = robot.n
     j = robot.joint_names.index(place.joint)
@@ -78,12 +87,12 @@ def dry_friction_columns(
         for part in data.parts
     ]
     if not any(one.any() for one in dry):
-        return []
+        return [], None
     k = n + j if of_motor else j
     speeds = [np.abs(part.signals.values["dx"][:, k]) for part in data.parts]
     loads = [np.abs(part.signals.values["tau_J"][:, j]) for part in data.parts]
-    curve = Curve.over(np.concatenate(speeds), np.concatenate(loads))
-    count = len(DISTANCES) + SHAPES
+    of_samples = curve or Curve.over(np.concatenate(speeds), np.concatenate(loads))
+    count = len(DISTANCES) + SHAPES + LAWS
     rows = np.full(count, 2 * n + j if of_motor else j)
     found = []
     for part, size, w, load in zip(data.parts, dry, speeds, loads, strict=True):
@@ -93,11 +102,15 @@ def dry_friction_columns(
         late = np.array([over_distance(angle, sign, distance) - sign for distance in DISTANCES])
         z = sign + turned @ late
         x = 2.0 * part.signals.values["progress"][:, 0]
-        bends, sides = curve.shapes(w, load, x)
-        values = np.vstack([late, z * bends, sides]) * size
+        bends, sides = of_samples.shapes(w, load, x)
+        laws = np.array([np.ones_like(w), w])
+        values = np.vstack([late, z * bends, sides, z * laws]) * size
         columns = Entries(values.T, rows, np.arange(count), (3 * n, count))
         found.append(data.in_band(part, columns))
-    return data.weighted(found, in_place=True)
+    plain = data.weighted(found, in_place=True)
+    if curve is None:
+        of_samples = of_samples.of_rows(data.whiten(plain))
+    return [of_samples.less(columns) for columns in plain], of_samples
 
 
 class Curve(NamedTuple):
@@ -105,28 +118,39 @@ class Curve(NamedTuple):
 
     fastest: float  # rad/s
     heaviest: float  # Nm
-    plain: Array  # (FUNCTIONS, 2) dry and viscous friction in each function of the speed
-    means: Array  # (FUNCTIONS, 1) of these functions
+    means: Array  # (OF_DIRECTION, 1) of the functions of A
     load: float  # mean of |tau_J| / max |tau_J|
+    plain: Array  # (LAWS, BENDS) dry and viscous friction in each shape of S
 
     @staticmethod
-    def over(w: Array, load: Array) -> "Curve":
+    def over(w: Array, load: Array) -> Curve:
         """Return that of samples of all recordings: speeds (N,) rad/s and loads (N,) Nm, >= 0."""
         fastest = float(w.max())
         heaviest = float(load.max()) or 1.0
-        phi = functions_of_speed(w, fastest)
-        laws = np.array([np.ones_like(w), w])
-        plain = np.linalg.lstsq(laws.T, phi.T)[0].T
-        means = phi.mean(axis=1, keepdims=True)
-        return Curve(fastest, heaviest, plain, means, float(load.mean()) / heaviest)
+        means = functions_of_speed(w, fastest)[:OF_DIRECTION].mean(axis=1, keepdims=True)
+        mean_load = float(load.mean()) / heaviest
+        return Curve(fastest, heaviest, means, mean_load, np.zeros((LAWS, BENDS)))
+
+    def of_rows(self, white: Array) -> Curve:
+        """Return it with the dry and viscous friction that its shapes have in whitened columns
+        (rows, K + SHAPES + LAWS)."""
+        bends = white[:, len(DISTANCES) : len(DISTANCES) + BENDS]
+        laws = white[:, -LAWS:]
+        return self._replace(plain=np.linalg.lstsq(laws, bends)[0])
+
+    def less(self, columns: Array) -> Array:
+        """Return columns (…, K + SHAPES) less dry and viscous friction, of such with the laws
+        (…, K + SHAPES + LAWS)."""
+        found = columns[..., :-LAWS].copy()
+        found[..., len(DISTANCES) : len(DISTANCES) + BENDS] -= columns[..., -LAWS:] @ self.plain
+        return found
 
     def shapes(self, w: Array, load: Array, x: Array) -> tuple[Array, Array]:
-        """Return the shapes of S (FUNCTIONS + 3, N) and of A (OF_DIRECTION, N) at speeds (N,)
-        rad/s, loads (N,) Nm and times (N,)."""
+        """Return the shapes of S (BENDS, N), with what of them is dry and viscous friction, and of
+        A (OF_DIRECTION, N) at speeds (N,) rad/s, loads (N,) Nm and times (N,)."""
         phi = functions_of_speed(w, self.fastest)
-        f = phi - self.plain @ np.array([np.ones_like(w), w])
-        bends = np.array([*f, load / self.heaviest - self.load, x, 1.5 * x**2 - 0.5])
-        return bends, (phi - self.means)[:OF_DIRECTION]
+        bends = np.array([*phi, load / self.heaviest - self.load, x, 1.5 * x**2 - 0.5])
+        return bends, phi[:OF_DIRECTION] - self.means
 
 
 def over_distance(angle: Array, sign: Array, distance: float) -> Array:

@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from elastic_arm.equations.dry_friction import functions_of_speed, over_distance
+from elastic_arm.equations.dry_friction import (
+    BENDS,
+    DISTANCES,
+    LAWS,
+    Curve,
+    functions_of_speed,
+    over_distance,
+)
 
 T = np.linspace(0.0, 4.0, 2001)
 ANGLE = 0.3 * np.sin(2.0 * T) + 0.02 * np.sin(11.0 * T)
@@ -45,3 +52,30 @@ def test_curves_of_friction_bend_where_stribeck_friction_falls() -> None:
     stribeck = np.exp(-((w / 0.12) ** 2))
     size = np.linalg.lstsq(laws, stribeck)[0]
     assert np.sqrt(np.mean((laws @ size - stribeck) ** 2)) < 0.05
+
+
+def left_of(column: np.ndarray, by: np.ndarray) -> float:
+    """Return the share of a column's power that no sum of others (rows, k) makes."""
+    rest = column - by @ np.linalg.lstsq(by, column)[0]
+    return float(rest @ rest / (column @ column))
+
+
+def test_no_bend_of_the_curve_stands_for_viscous_friction_in_slow_rows() -> None:
+    """Slow rows tell most: what is no viscous friction in the samples may be all of it there."""
+    t = np.arange(0.0, 22.0, 0.01)
+    w = np.cos(0.7 * t) + 0.5 * np.cos(1.5 * t + 1.0) + 0.3 * np.cos(2.9 * t + 2.0)
+    sign = np.sign(w)
+    free = Curve.over(np.abs(w), np.ones_like(w))
+    bends, sides = free.shapes(np.abs(w), np.ones_like(w), 2.0 * t / t[-1] - 1.0)
+    laws = np.array([sign, w])
+    late = np.zeros((len(DISTANCES), len(t)))
+    columns = np.vstack([late, sign * bends, sides, laws]).T
+    slow = np.fft.rfft(columns, axis=0)[1:30]
+    rows = np.vstack([slow.real, slow.imag])
+    curve = free.of_rows(rows)
+    dry, viscous = rows[:, -LAWS:].T
+    beside = slice(len(DISTANCES), len(DISTANCES) + BENDS)
+    alone = left_of(viscous, dry[:, None])
+    with_bends = left_of(viscous, np.column_stack([dry, curve.less(rows)[:, beside]]))
+    assert left_of(viscous, np.column_stack([dry, rows[:, beside]])) < 0.5 * alone
+    assert with_bends == pytest.approx(alone, rel=1e-6)

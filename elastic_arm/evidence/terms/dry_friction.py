@@ -14,6 +14,7 @@ from elastic_arm.arrays import Array
 from elastic_arm.equations.dry_friction import (
     DISTANCES,
     SHAPES,
+    Curve,
     FrictionPlace,
     dry_friction_columns,
     places_of_friction,
@@ -33,6 +34,7 @@ class DryFrictionTerm(Term):
     place: FrictionPlace = None  # type: ignore[assignment]
     # (SHARES,) of it that turn over within each distance, where its curve is linearised
     turned: Array = None  # type: ignore[assignment]
+    curve: Curve | None = None  # of all recordings
 
     kind = "dry friction"
     says_cause = False
@@ -58,7 +60,12 @@ class DryFrictionTerm(Term):
 
     def plain(self, linear: Linearisation, fit: Coefficients, along: Array) -> list[Array]:
         """Return its columns (N', R, k) of each stretch, Nm."""
-        return _columns(linear, self.place, self.turned)
+        data = linear.data
+        robot = linear.model.robot
+        columns, _ = dry_friction_columns(
+            data, robot, linear.acting, self.place, self.turned, self.curve
+        )
+        return columns
 
 
 def dry_friction_terms(linear: Linearisation) -> Iterator[DryFrictionTerm]:
@@ -73,7 +80,8 @@ def dry_friction_terms(linear: Linearisation) -> Iterator[DryFrictionTerm]:
 
 def _at(linear: Linearisation, place: FrictionPlace, turned: Array) -> list[DryFrictionTerm]:
     """Return the term of a place, none where no dry friction acts."""
-    plain = _columns(linear, place, turned)
+    robot = linear.model.robot
+    plain, curve = dry_friction_columns(linear.data, robot, linear.acting, place, turned)
     if not plain:
         return []
     unbounded = np.full(SHAPES, -np.inf)
@@ -84,11 +92,6 @@ def _at(linear: Linearisation, place: FrictionPlace, turned: Array) -> list[DryF
         low=np.append(np.zeros(SHARES), unbounded),
         place=place,
         turned=turned,
+        curve=curve,
     )
     return [term]
-
-
-def _columns(linear: Linearisation, place: FrictionPlace, turned: Array) -> list[Array]:
-    """Return the columns (N', R, SHARES + SHAPES) of each stretch, Nm; none where no dry friction
-    acts."""
-    return dry_friction_columns(linear.data, linear.model.robot, linear.acting, place, turned)
