@@ -136,7 +136,8 @@ class Curve(NamedTuple):
         (rows, K + SHAPES + LAWS)."""
         bends = white[:, len(DISTANCES) : len(DISTANCES) + BENDS]
         laws = white[:, -LAWS:]
-        return self._replace(plain=np.linalg.lstsq(laws, bends)[0])
+        plain = np.asarray(np.linalg.lstsq(laws, bends)[0], dtype=float)
+        return self._replace(plain=plain)
 
     def less(self, columns: Array) -> Array:
         """Return columns (…, K + SHAPES) less dry and viscous friction, of such with the laws
