@@ -40,7 +40,7 @@ from elastic_arm.estimation.whitening import WhitenedData
 from elastic_arm.robot import Robot
 
 # rad: between two of them, a sum of both is as good
-DISTANCES = tuple(5e-4 * 2.0**k for k in range(7))
+DISTANCES = tuple(1.25e-4 * 2.0**k for k in range(9))
 DECADES = 2.0  # of speed below the fastest, over which the curve bends
 LENGTH = 1.5  # of the kernel, in natural logarithms of the speed
 FUNCTIONS = 5  # of S; further ones have a hundredth of the variance together
