@@ -8,9 +8,11 @@ that noise, that a residual keeps on the recordings that judge with sizes of the
 cause that gains no likelihood there is none: its law fits one recording. What ordinary numbers can
 take over, at the price of their priors, leaves as small a gap: a share of none decides only where
 the cause alone removes none of the gap either. Such a cause explains what is left by chance. Where
-numbers or a friction curve beyond their ordinary deviations take over, they predict as well as the
-cause once the fitted recordings have put them there. The description is wrong in either case, so
-that the scores by all recordings decide: they have the price of these deviations.
+numbers beyond their ordinary deviations take over, they predict as well as the cause: the
+description is wrong in either case, and the prior has weighed both. The cause is then compared with
+these numbers at their bounds, the rest refitted, and stays unless it loses. Where a friction curve
+bends beyond its ordinary deviations, the scores by all recordings decide: they have the price of
+these bends.
 """
 
 from collections.abc import Sequence
@@ -53,22 +55,24 @@ class Confirmation:
     returning: Share | None
     alone: Share | None = None  # of the whole gap, that goes when it alone is added
     has_size: bool = True  # whether its size is beyond two deviations of none
+    taken_over: bool = (
+        False  # whether numbers beyond their ordinary deviations stand for it where it is taken out
+    )
     # by how many nats the set is more probable than without it, by all recordings and priors, where
-    # something beyond its ordinary deviations stands for it then; None where nothing does
+    # a friction curve beyond its ordinary deviations stands for it then; None where none does
     lead: float | None = None
 
     @property
     def confirms(self) -> bool:
-        """Whether it has a size, removes some of the gap and gains likelihood.
+        """Whether it has a size, removes some of the gap, and gains likelihood, or loses none where
+        numbers that are far off stand for it.
 
-        Where something far from ordinary stands for it, that predicts as well, and the set has to
-        be more probable with it.
+        Where a friction curve stands for it, it has to be more probable than that.
         """
-        if not self.has_size:
-            return False
         if self.lead is not None:
-            return self.lead > WORTH
-        return self.nats > 0.0 and self._removes
+            return self.has_size and self.lead > WORTH
+        gains = self.nats > (-WORTH if self.taken_over else 0.0)
+        return self.has_size and gains and self._removes
 
     @property
     def share(self) -> float | None:
@@ -83,7 +87,7 @@ class Confirmation:
         """
         if self.returning is None:
             return True
-        if self.returning.share < -TWO * self.returning.std:
+        if self.returning.share < -TWO * self.returning.std and not self.taken_over:
             return False
         return self.returning.is_something or (self.alone is not None and self.alone.is_something)
 
@@ -136,10 +140,10 @@ def _is_beyond(size: Array, covariance: Array) -> bool:
     return bool(distance > chi2.isf(2.0 * norm.sf(TWO), len(size)))
 
 
-def takes_over(ordinary: Array, without: Array) -> bool:
-    """Whether one of some numbers (k,), in their deviations, is beyond the ordinary without a
-    cause, and within it beside it."""
-    return bool(np.any((np.abs(without) > ORDINARY) & (np.abs(ordinary) <= ORDINARY)))
+def taking_over(ordinary: Array, without: Array) -> NDArray[np.intp]:
+    """Return which numbers (K,) are beyond their ordinary deviations without a cause, and within
+    them beside it."""
+    return np.flatnonzero((np.abs(without) > ORDINARY) & (np.abs(ordinary) <= ORDINARY))
 
 
 def held_out(fit: Fit) -> float:

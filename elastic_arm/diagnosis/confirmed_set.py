@@ -26,7 +26,7 @@ from elastic_arm.diagnosis.confirmation import (
     numbers_have_size,
     share_alone,
     share_without,
-    takes_over,
+    taking_over,
 )
 from elastic_arm.diagnosis.decomposition import Decomposition, without_parts
 from elastic_arm.diagnosis.far_numbers import Name, bounds_of, gain_beyond
@@ -119,14 +119,22 @@ def _confirmation(parts: Decomposition, term: Term) -> Confirmation:
     less = _less(parts, term)
     best = parts.explanation.best
     other = less.explanation.best
-    is_replaced = takes_over(parts.ordinary_numbers, less.ordinary_numbers)
-    is_replaced |= takes_over(*_friction_curves(best, other))
+    is_bent = len(taking_over(*_friction_curves(best, other))) > 0
+    nats = held_out(best) - held_out(other)
+    over = taking_over(parts.ordinary_numbers, less.ordinary_numbers).tolist()
+    if over:
+        explanation = less.explanation
+        values = explanation.linear.values
+        numbers = parts.problem.numbers
+        nats += gain_beyond(explanation.best, explanation.sized, values, numbers)[over].max()
+        less = _at_bounds(less, over)
     return Confirmation(
-        held_out(best) - held_out(other),
+        float(nats),
         _share_without(parts, term, less),
         _share_alone(parts, term),
         _has_size(parts, term),
-        best.score - other.score if is_replaced else None,
+        bool(over),
+        best.score - other.score if is_bent else None,
     )
 
 
@@ -140,6 +148,16 @@ def _friction_curves(beside: Fit, without: Fit) -> tuple[Array, Array]:
                 own.append(fit.beta(term) / term.std)
     first, second = (np.concatenate([np.zeros(0), *own]) for own in found)
     return first, second
+
+
+def _at_bounds(parts: Decomposition, which: list[int]) -> Decomposition:
+    """Return the decomposition where some numbers are at their nearest ordinary values, the rest
+    refitted to the fitted recordings."""
+    sized = parts.explanation.sized
+    values = parts.explanation.linear.values[which]
+    bounds = bounds_of(parts.problem.numbers, sized.model.assumed.zeros)[which]
+    at = np.clip(values + sized.numbers[which], -bounds, bounds) - values
+    return replace(parts.with_best(sized.held(which, at)), by_all=True)
 
 
 def _has_size(parts: Decomposition, term: Term) -> bool:
@@ -176,14 +194,10 @@ def _share_of_numbers(parts: Decomposition, which: list[int]) -> float | None:
     Each is at its nearest ordinary value, and the rest is refitted. The gap is that of the numbers
     as they are, without any term, or what is left then, where that is larger.
     """
-    numbers = parts.problem.numbers
     sized = parts.explanation.sized
-    values = parts.explanation.linear.values[which]
-    bounds = bounds_of(numbers, sized.model.assumed.zeros)[which]
-    at = np.clip(values + sized.numbers[which], -bounds, bounds) - values
-    held = replace(parts.with_best(sized.held(which, at)), by_all=True)
-    beyond = np.zeros(len(numbers))
-    beyond[which] = sized.numbers[which] - at
+    held = _at_bounds(parts, which)
+    beyond = np.zeros(len(parts.problem.numbers))
+    beyond[which] = sized.numbers[which] - held.fit.numbers[which]
     own = parts.gap(parts.moved_by(beyond))
     between = parts.gap(without_parts(held.after, [parts.after]))
     found = share_without(parts.gap_without_terms, parts.gaps[1], held.gaps[1], own, between)

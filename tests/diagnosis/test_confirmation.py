@@ -4,7 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from elastic_arm.diagnosis.confirmation import Confirmation, Share, has_size, held_out
+from elastic_arm.diagnosis.confirmation import (
+    Confirmation,
+    Share,
+    has_size,
+    held_out,
+    taking_over,
+)
 from elastic_arm.evidence.fit import Fit
 from tests.evidence.made_up import HARMONICS, model, term
 
@@ -79,3 +85,18 @@ def test_a_size_that_no_arm_can_have_is_none() -> None:
     positive = replace(either, low=np.zeros(1))
     assert has_size(data.fit([either]), either)
     assert not has_size(data.fit([positive]), positive)
+
+
+def test_a_friction_curve_that_stands_for_a_cause_is_compared_by_its_price() -> None:
+    """A curve that is bent once predicts as well as viscous friction: that is confirmed if the set
+    is more probable with it."""
+    none = Share(0.0, 0.1)
+    assert Confirmation(-14.0, none, none, lead=144.0).confirms
+    assert not Confirmation(-14.0, none, none, lead=0.3).confirms
+    assert not Confirmation(-14.0, none, none, has_size=False, lead=144.0).confirms
+
+
+def test_numbers_take_over_that_are_far_off_without_a_cause_alone() -> None:
+    beside = np.array([0.5, 4.0, -1.0, 0.0])
+    without = np.array([3.5, 5.0, -2.0, -9.0])
+    assert taking_over(beside, without).tolist() == [0, 3]
