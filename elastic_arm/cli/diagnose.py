@@ -146,7 +146,6 @@ def diagnose_command(
 
         elastic-arm diagnose bag --refit --with coulomb_friction --with viscous_friction
     """
-    progress = Progress(seconds)
     check_gate(fail_on or ())
     options.require_bags([*bags, *(validate or [])])
     claim_folder(out_dir, [*RESULTS, *(TABLES if csv else ())], force=force)
@@ -182,9 +181,8 @@ def diagnose_command(
     commanded = any(is_commanded(one) for one in recorded.fitted)
     with (
         working("diagnosing") as status,
-        watched(progress, status, commanded=commanded, quiet=quiet) as watch,
+        watched(Progress(seconds), status, commanded=commanded, quiet=quiet) as watch,
     ):
-        watch.say(recorded.words, Stage.READ)
         found = diagnose(recorded.fitted, question, recorded.validation, watch=watch)
         watch.say("prediction, and a motion to record next", Stage.FOLLOWED)
         found = follow_up(found, rng=np.random.default_rng(0) if propose else None)
@@ -196,6 +194,7 @@ def diagnose_command(
         found = _with_correction(found, corrected, cut_short=watch.is_over())
         replays = replay_both(correction, out_dir, recorded.judging[0]) if replayed else []
         comparison = recorded.comparison(found, question)
+        save_diagnosis(found, corrected.robot, out_dir, comparison)
     if not json and not quiet:
         print_diagnosis(found)
         if explain:
@@ -207,7 +206,7 @@ def diagnose_command(
         out.file.flush()
     # Figures take seconds: the answer is read meanwhile, in a log file, too.
     with working("drawing the report"):
-        write_diagnosis(found, corrected.robot, out_dir, replays, comparison)
+        draw_report(found, out_dir, replays, comparison)
         if csv:
             found.to_csv(out_dir)
         _write_residuals(residual_bags, recorded.judging, found, robot)
@@ -245,13 +244,6 @@ class _Recorded:
         simulated = read(against)
         difference = differences(fitted[0].select(robot.joint_names), simulated)
         return cls(fitted, validation, simulated, difference)
-
-    @property
-    def words(self) -> str:
-        """How much was read."""
-        count = len(self.fitted) + len(self.validation)
-        seconds = sum(one.duration for one in (*self.fitted, *self.validation))
-        return f"{seconds:.0f} s of {count} recordings read"
 
     @property
     def judging(self) -> list[Recording]:
@@ -376,11 +368,31 @@ def write_diagnosis(
     robot: the corrected arm; None where none is written. What an earlier diagnosis left in the
     folder is replaced.
     """
+    save_diagnosis(found, robot, folder, comparison)
+    draw_report(found, folder, replays, comparison)
+
+
+def draw_report(
+    found: Diagnosis,
+    folder: Path,
+    replays: Sequence[Replay] = (),
+    comparison: SimulationComparison | None = None,
+) -> None:
+    """Write report.html."""
     # Matplotlib is slow to import, and only reports need it.
     from elastic_arm.report.diagnosis import write_gap_report
 
-    found.save(folder / "diagnosis.json")
     write_gap_report(folder / "report.html", found, replays, comparison)
+
+
+def save_diagnosis(
+    found: Diagnosis,
+    robot: Robot | None,
+    folder: Path,
+    comparison: SimulationComparison | None = None,
+) -> None:
+    """Write all but the report, whose figures take longer: arguments of :func:`write_diagnosis`."""
+    found.save(folder / "diagnosis.json")
     for name in (ROBOT, SEPARATING, COMPARISON):
         (folder / name).unlink(missing_ok=True)
     if comparison is not None:

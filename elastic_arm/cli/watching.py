@@ -18,38 +18,37 @@ from elastic_arm.evidence.watch import Stage, Watch
 # When each stage of a command typically begins, as a share of its time; measured on recordings of
 # six axes, with torques and with commands alone.
 WITH_TORQUES = {
-    Stage.READ: 0.09,
-    Stage.CHECKED: 0.1,
-    Stage.ORDINARY: 0.2,
-    Stage.CAUSES: 0.26,
+    Stage.CHECKED: 0.09,
+    Stage.ORDINARY: 0.1,
+    Stage.CAUSES: 0.17,
     Stage.CONFIRMED: 0.8,
     Stage.FOLLOWED: 0.83,
     Stage.CLOSED_LOOP: 0.87,
 }
 WITH_COMMANDS = {
-    Stage.READ: 0.02,
-    Stage.CHECKED: 0.03,
-    Stage.ORDINARY: 0.1,
-    Stage.CAUSES: 0.12,
-    Stage.CONFIRMED: 0.37,
-    Stage.FOLLOWED: 0.38,
-    Stage.CLOSED_LOOP: 0.4,
+    Stage.CHECKED: 0.05,
+    Stage.ORDINARY: 0.06,
+    Stage.CAUSES: 0.1,
+    Stage.CONFIRMED: 0.35,
+    Stage.FOLLOWED: 0.37,
+    Stage.CLOSED_LOOP: 0.39,
 }
 
 
-@dataclass(frozen=True)
+@dataclass
 class Progress:
-    """The time of a command, and which share of its work is typically done at a stage.
+    """The time of a diagnosis, and which share of its work is typically done at a stage.
 
     seconds: after which a search is to end; None for no bound.
     """
 
     seconds: float | None = None
     begin: float = field(default_factory=time.monotonic)
+    share: float = 0.0  # that is done
 
     @property
     def spent(self) -> float:
-        """Seconds since the command began."""
+        """Seconds since it began."""
         return time.monotonic() - self.begin
 
     def line(self, words: str, begins: dict[Stage, float], stage: Stage, done: float) -> str:
@@ -59,11 +58,12 @@ class Progress:
         """
         start = begins[stage]
         end = min((one for one in begins.values() if one > start), default=1.0)
-        share = start + done * (end - start)
-        left = self.spent * (1.0 - share) / share
+        # A search that begins anew, without some events, is further than the first one was.
+        self.share = max(self.share, start + done * (end - start))
+        left = self.spent * (1.0 - self.share) / self.share
         if self.seconds is not None:
             left = min(left, max(self.seconds - self.spent, 0.0))
-        return f"{self.spent:.0f} s, about {share:.0%}, {left:.0f} s left: {words}"
+        return f"{self.spent:.0f} s, about {self.share:.0%}, {left:.0f} s left: {words}"
 
 
 @contextmanager

@@ -71,8 +71,10 @@ def diagnose(
     robot = at_common_gain(question.robot, [*recordings, *validate])
     question = replace(question, robot=robot)
     watch = watch or Watch()
-    watch.say("check of the recordings, derivatives", Stage.CHECKED)
     prepared = prepare(recordings, validate, question)
+    each = [*recordings, *validate]
+    seconds = sum(one.duration for one in each)
+    watch.say(f"{seconds:.0f} s of {len(each)} recordings read and checked", Stage.CHECKED)
     parts = _explained(prepared, question, watch, first=True)
     # Events may come back that were left out before, and with them the answer.
     known = {prepared.events: parts}
@@ -98,10 +100,16 @@ def _explained(
     first: whether the first look at the recordings is shown.
     """
 
+    show = watch.show if first else None
+
     def look(usual: Explanation) -> None:
-        watch.show(first_look(Decomposition(prepared, usual, question, ALL, by_all=True)))
+        assert show is not None
+        show(first_look(Decomposition(prepared, usual, question, ALL, by_all=True)))
 
     explanation = explain(
-        prepared.problem, refit=question.refit, watch=watch, look=look if first else None
+        prepared.problem,
+        refit=question.refit,
+        watch=watch,
+        look=None if show is None else look,
     )
     return Decomposition(prepared, explanation, question)

@@ -119,7 +119,7 @@ def _confirmation(parts: Decomposition, term: Term) -> Confirmation:
     less = _less(parts, term)
     best = parts.explanation.best
     other = less.explanation.best
-    is_bent = len(taking_over(*_friction_curves(best, other))) > 0
+    is_bent = len(taking_over(*_friction_curves(best, other, term))) > 0
     nats = held_out(best) - held_out(other)
     over = taking_over(parts.ordinary_numbers, less.ordinary_numbers).tolist()
     if over:
@@ -134,16 +134,17 @@ def _confirmation(parts: Decomposition, term: Term) -> Confirmation:
         _share_alone(parts, term),
         _has_size(parts, term),
         bool(over),
-        best.score - other.score if is_bent else None,
+        best.score - best.correction - other.score if is_bent else None,
     )
 
 
-def _friction_curves(beside: Fit, without: Fit) -> tuple[Array, Array]:
-    """Return the coefficients (k,) of the friction curves that two sets share, in their ordinary
-    deviations."""
+def _friction_curves(beside: Fit, without: Fit, cause: Term) -> tuple[Array, Array]:
+    """Return how the friction curves that could stand for a cause turn over and bend with and
+    without it, (k,) in their ordinary deviations."""
     found: list[list[Array]] = [[], []]
     for term in without.optional:
-        if isinstance(term, DryFrictionTerm) and term in beside.optional:
+        is_curve = isinstance(term, DryFrictionTerm) and term in beside.optional
+        if is_curve and beside.correlation(cause, term) >= RELATED:
             for own, fit in zip(found, (beside, without), strict=True):
                 own.append(fit.beta(term) / term.std)
     first, second = (np.concatenate([np.zeros(0), *own]) for own in found)

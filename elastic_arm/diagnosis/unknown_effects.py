@@ -49,12 +49,13 @@ class KeptPower(NamedTuple):
         """What is left, in which recordings, and the limit."""
         if self.follows:
             return (
-                f"the fitted recordings keep {self.fitted:.3g} times the noise power, more than"
-                f" {self.limit:.3g}, and it follows the motion"
+                f"the residual of the fitted recordings exceeds the noise power by"
+                f" {self.fitted:.3g} times it, the limit is {self.limit:.3g}; it follows the motion"
             )
         return (
-            f"the validation recordings keep {self.judging:.3g} times the noise power, more than"
-            f" {self.limit_of_judging:.3g}, where causes act"
+            f"the residual of the validation recordings exceeds the noise power by"
+            f" {self.judging:.3g} times it, the limit where causes act is"
+            f" {self.limit_of_judging:.3g}"
         )
 
 

@@ -129,7 +129,7 @@ class Fit:
         return self.moves @ self.found.x + self.model.mean - V @ (V.T @ self.model.mean)
 
     @property
-    def values(self) -> Array:
+    def deviations(self) -> Array:
         """Where (K,) it puts the numbers, in deviations from the description."""
         return self.numbers - self.model.mean
 

@@ -147,7 +147,7 @@ class _Exploration:
         of_all = own.score - self.first_score
         self.shared.linearised += 1
         self.shared.watch.say(
-            f"scored: a set of {causes} causes, {of_all:+.0f} nats beside the first set",
+            f"set of {causes} causes: {of_all:+.0f} nats, compared with the first set",
             Stage.CAUSES,
             1.0 - EACH**self.shared.linearised,
         )

@@ -9,7 +9,6 @@ from typing import Any
 class Stage(Enum):
     """The stages of a diagnosis, in their order."""
 
-    READ = auto()
     CHECKED = auto()
     ORDINARY = auto()
     CAUSES = auto()
@@ -20,10 +19,6 @@ class Stage(Enum):
 
 def _nothing(words: str, stage: Stage, done: float = 0.0) -> None:
     """Say nothing."""
-
-
-def _unseen(_: Any) -> None:
-    """Show nothing."""
 
 
 def _never() -> bool:
@@ -37,9 +32,9 @@ class Watch:
 
     say: takes words, the stage, and which share of the stage is done, a rough estimate; is_over:
     whether the search is to end with the best answer that it has; show: takes the first look at
-    the recordings, a :class:`elastic_arm.diagnosis.first_look.FirstLook`.
+    the recordings, a :class:`elastic_arm.diagnosis.first_look.FirstLook`, None where nobody looks.
     """
 
     say: Callable[..., None] = _nothing
     is_over: Callable[[], bool] = _never
-    show: Callable[[Any], None] = _unseen
+    show: Callable[[Any], None] | None = None

@@ -50,7 +50,10 @@ def test_a_cause_that_very_many_sets_share_has_the_mean_size_of_these(
 def test_stated_friction_is_not_less_than_none() -> None:
     """A stated friction that recordings put within a deviation of zero stays positive; one far from
     zero keeps its size."""
-    feature: Any = SimpleNamespace(linear=(SimpleNamespace(least=0.0),), phase=None)
+    friction = SimpleNamespace(least=0.0, neutral=None, size=1)
+    ratio = SimpleNamespace(least=0.0, neutral=1.0, size=1)
+    feature: Any = SimpleNamespace(linear=(friction,))
+    assert least_of(cast(Any, SimpleNamespace(linear=(ratio,))), 1) == -1.0
     low = least_of(feature, 1)
     none = np.full(1, np.inf)
     small, _ = within(np.array([-0.01]), np.array([[0.02**2]]), low, none)

@@ -153,10 +153,12 @@ def _known_terms(linear: Linearisation) -> Known:
 
 
 def least_of(feature: Feature, count: int) -> Array:
-    """Return the least size (k,) of an effect that is stated or known: less than no friction would
-    be a gain."""
-    bounded = all(p.least == 0.0 for p in feature.linear)
-    return np.full(count, 0.0 if bounded else -np.inf)
+    """Return the least coefficients (k,) of an effect that is stated or known: less than no
+    friction would be a gain."""
+    each = [np.full(p.size, p.least - (p.neutral or 0.0)) for p in feature.linear]
+    least = np.concatenate([np.zeros(0), *each])
+    bounded = len(least) == count and bool(np.isfinite(least).all())
+    return least if bounded else np.full(count, -np.inf)
 
 
 def moved_by_logarithm(sizes: Array, wanted: Array) -> Array:

@@ -56,7 +56,7 @@ class NumberTerm(Term):
             return 0.0
         own = np.flatnonzero(self.moved)
         covariance = fit.number_covariance[np.ix_(own, own)]
-        return self.body.log_probability(fit.values[own], covariance)
+        return self.body.log_probability(fit.deviations[own], covariance)
 
     def shared(self, shares: Sequence[ShareTerm]) -> list[ShareTerm]:
         """Return those of some shares that are parts of its columns."""

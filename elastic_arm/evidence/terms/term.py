@@ -33,7 +33,7 @@ class Coefficients(Protocol):
         """Return the covariance (k, k) of the coefficients of a term."""
 
     @property
-    def values(self) -> Array:
+    def deviations(self) -> Array:
         """Where (K,) the numbers are, in deviations from the description."""
 
     @property
