@@ -27,7 +27,7 @@ from elastic_arm.arrays import Array
 from elastic_arm.diagnosis.gap import Gap, shrink
 from elastic_arm.equations.numbers import Number
 from elastic_arm.evidence.fit import Fit
-from elastic_arm.evidence.priors import LEFT, ORDINARY, WORTH
+from elastic_arm.evidence.priors import LEFT, WORTH
 from elastic_arm.evidence.terms.number import NumberTerm
 from elastic_arm.evidence.terms.term import Term
 
@@ -140,10 +140,10 @@ def _is_beyond(size: Array, covariance: Array) -> bool:
     return bool(distance > chi2.isf(2.0 * norm.sf(TWO), len(size)))
 
 
-def taking_over(ordinary: Array, without: Array) -> NDArray[np.intp]:
-    """Return which numbers (K,) are beyond their ordinary deviations without a cause, and within
+def taking_over(ordinary: Array, without: Array, bounds: Array) -> NDArray[np.intp]:
+    """Return which numbers (K,) are beyond their ordinary bounds (K,) without a cause, and within
     them beside it."""
-    return np.flatnonzero((np.abs(without) > ORDINARY) & (np.abs(ordinary) <= ORDINARY))
+    return np.flatnonzero((np.abs(without) > bounds) & (np.abs(ordinary) <= bounds))
 
 
 def held_out(fit: Fit) -> float:

@@ -29,10 +29,10 @@ from elastic_arm.diagnosis.confirmation import (
     taking_over,
 )
 from elastic_arm.diagnosis.decomposition import Decomposition, without_parts
-from elastic_arm.diagnosis.far_numbers import Name, bounds_of, gain_beyond
+from elastic_arm.diagnosis.far_numbers import Name, bounds_of, gain_beyond, gain_beyond_together
 from elastic_arm.evidence.fit import Fit
 from elastic_arm.evidence.keys import Key
-from elastic_arm.evidence.priors import RELATED
+from elastic_arm.evidence.priors import ORDINARY, RELATED
 from elastic_arm.evidence.search import without
 from elastic_arm.evidence.terms.dry_friction import DryFrictionTerm
 from elastic_arm.evidence.terms.known import StatedTerm
@@ -119,14 +119,16 @@ def _confirmation(parts: Decomposition, term: Term) -> Confirmation:
     less = _less(parts, term)
     best = parts.explanation.best
     other = less.explanation.best
-    is_bent = len(taking_over(*_friction_curves(best, other, term))) > 0
+    curves = _friction_curves(best, other, term)
+    is_bent = len(taking_over(*curves, np.full(len(curves[0]), ORDINARY))) > 0
     nats = held_out(best) - held_out(other)
-    over = taking_over(parts.ordinary_numbers, less.ordinary_numbers).tolist()
+    numbers = parts.problem.numbers
+    bounds = bounds_of(numbers, best.model.assumed.zeros)
+    over = taking_over(parts.ordinary_numbers, less.ordinary_numbers, bounds).tolist()
     if over:
         explanation = less.explanation
         values = explanation.linear.values
-        numbers = parts.problem.numbers
-        nats += gain_beyond(explanation.best, explanation.sized, values, numbers)[over].max()
+        nats += gain_beyond_together(other, explanation.sized, values, numbers, over)
         less = _at_bounds(less, over)
     return Confirmation(
         float(nats),

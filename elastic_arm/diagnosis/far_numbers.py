@@ -129,3 +129,21 @@ def gain_beyond(whole: Fit, fitted: Fit, values: Array, numbers: Sequence[Number
         past = mean - np.clip(mean, -bounds, bounds)
         found.append(0.5 * past**2 / variance)
     return found[0] - found[1]
+
+
+def gain_beyond_together(
+    whole: Fit, fitted: Fit, values: Array, numbers: Sequence[Number], which: Sequence[int]
+) -> float:
+    """Return what the recordings that judge gain, nats, by some numbers beyond their bounds.
+
+    As :func:`gain_beyond`, with d² = x' S^-1 x of their distances x (m,) from the bounds and their
+    covariance S (m, m), as all of them are at their bounds together.
+    """
+    bounds = bounds_of(numbers, whole.model.assumed.zeros)[which]
+    found = []
+    for fit in (whole, fitted):
+        mean = (values + fit.numbers)[which]
+        covariance = fit.number_covariance[np.ix_(which, which)]
+        past = mean - np.clip(mean, -bounds, bounds)
+        found.append(0.5 * float(past @ np.linalg.pinv(covariance) @ past))
+    return found[0] - found[1]

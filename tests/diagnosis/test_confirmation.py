@@ -99,4 +99,5 @@ def test_a_friction_curve_that_stands_for_a_cause_is_compared_by_its_price() -> 
 def test_numbers_take_over_that_are_far_off_without_a_cause_alone() -> None:
     beside = np.array([0.5, 4.0, -1.0, 0.0])
     without = np.array([3.5, 5.0, -2.0, -9.0])
-    assert taking_over(beside, without).tolist() == [0, 3]
+    assert taking_over(beside, without, np.array([3.0, 3.0, 3.0, 10.0])).tolist() == [0]
+    assert taking_over(beside, without, np.full(4, 3.0)).tolist() == [0, 3]

@@ -8,7 +8,13 @@ import numpy as np
 import pytest
 
 from elastic_arm.diagnosis import Question, diagnose
-from elastic_arm.diagnosis.far_numbers import beyond, bounds_of, gain_beyond, stated_beyond
+from elastic_arm.diagnosis.far_numbers import (
+    beyond,
+    bounds_of,
+    gain_beyond,
+    gain_beyond_together,
+    stated_beyond,
+)
 from elastic_arm.effects.text import parse
 from elastic_arm.equations.numbers import Number
 from elastic_arm.evidence.explanation import weighted
@@ -133,3 +139,18 @@ def test_zeros_share_a_scale(sizes: tuple[float, ...], is_beyond: bool) -> None:
     p = sum(p * beyond(fit, np.zeros(len(sizes)), numbers) for p, fit in weighted(fits))
     assert (p[2] > 0.5) == is_beyond
     assert all(p[[0, 1, 3, 4, 5]] < 0.5)
+
+
+def test_two_numbers_that_only_their_sum_tells_are_held_together() -> None:
+    """Each alone can go back to its bound if the other one takes its part; both cannot."""
+    rng = np.random.default_rng(6)
+    fitted = np.arange(ROWS) % (2 * HARMONICS) < HARMONICS
+    column = 10.0 * rng.standard_normal(ROWS)
+    N = np.column_stack([column, column + 0.01 * rng.standard_normal(ROWS)])
+    y = 0.5 * rng.standard_normal(ROWS) + N @ [5.0, 5.0]
+    fit = model(y, N, fitted_rows=fitted).fit([])
+    sized = fit.model.of_fitted(fit)
+    numbers = (MASS, replace(MASS, what="link_com_x"))
+    each = gain_beyond(fit, sized, np.zeros(2), numbers)
+    assert np.all(np.abs(each) < 10.0)
+    assert gain_beyond_together(fit, sized, np.zeros(2), numbers, [0, 1]) > 1000.0
