@@ -10,9 +10,9 @@ take over, at the price of their priors, leaves as small a gap: a share of none 
 the cause alone removes none of the gap either. Such a cause explains what is left by chance. Where
 numbers beyond their ordinary deviations take over, they predict as well as the cause: the
 description is wrong in either case, and the prior has weighed both. The cause is then compared with
-these numbers at their bounds, the rest refitted, and stays unless it loses. Where a friction curve
-bends beyond its ordinary deviations, the scores by all recordings decide: they have the price of
-these bends.
+these numbers at their bounds, too, the rest refitted, and stays unless it loses to both. Where a
+friction curve bends beyond its ordinary deviations, the scores by all recordings decide: they have
+the price of these bends.
 """
 
 from collections.abc import Sequence

@@ -128,7 +128,9 @@ def _confirmation(parts: Decomposition, term: Term) -> Confirmation:
     if over:
         explanation = less.explanation
         values = explanation.linear.values
-        nats += gain_beyond_together(other, explanation.sized, values, numbers, over)
+        held = gain_beyond_together(other, explanation.sized, values, numbers, over)
+        # Numbers that are far off by the fitted recordings alone predict worse than ordinary ones.
+        nats += max(held, 0.0)
         less = _at_bounds(less, over)
     return Confirmation(
         float(nats),
