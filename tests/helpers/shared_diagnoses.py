@@ -51,8 +51,8 @@ def with_play(folder: Path) -> Commanded:
         write_recording(folder / f"bag_{k}", record(gentle(k), PLAY, seed=k))
     bags = (folder / "bag_1", "--validate", folder / "bag_2")
     files = ("--csv", "--mcap", folder / "residuals")
-    written_by = mock.patch.object(command, "write_diagnosis", wraps=command.write_diagnosis)
-    with candidates(command, "backlash", "encoder_offset"), written_by as written:
+    saved_by = mock.patch.object(command, "save_diagnosis", wraps=command.save_diagnosis)
+    with candidates(command, "backlash", "encoder_offset"), saved_by as saved:
         told = run("diagnose", *bags, "--out", folder / "diagnosis", *files)
     assert told.exit_code == 0, told.output
-    return Commanded(folder, told, written.call_args.args[0])
+    return Commanded(folder, told, saved.call_args.args[0])
