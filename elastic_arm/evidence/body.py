@@ -13,6 +13,7 @@ not whether x itself is one.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Self
 
 import numpy as np
@@ -48,6 +49,11 @@ class Body:
         scale = np.outer(size, size)
         return cls(first * scale, along * scale)
 
+    @cached_property
+    def _to_numbers(self) -> Array:
+        """The numbers (10, 10) by the entries of the pseudo-inertia's lower half."""
+        return np.asarray(np.linalg.pinv(self.along[:, ROWS, COLUMNS].T), dtype=float)
+
     def at(self, x: Array) -> Array:
         """Return the pseudo-inertia (4, 4) at numbers (10,)."""
         return np.asarray(self.described + np.tensordot(x, self.along, 1))
@@ -64,7 +70,7 @@ class Body:
             return 0.0
         e, U = np.linalg.eigh(S)
         weigh = U.T / np.sqrt(np.maximum(e, SMALLEST * e[-1]))[:, None]
-        M = weigh @ np.linalg.pinv(self.along[:, ROWS, COLUMNS].T)
+        M = weigh @ self._to_numbers
         there = M @ self.described[ROWS, COLUMNS] + weigh @ x
 
         def factor(entries: Array) -> Array:

@@ -129,13 +129,16 @@ class Search:
         Moves at different joints gain as much together as each alone. Where they gain less, they
         are alternatives: the better one is taken, and the other one comes up again beside it.
         """
+        if best is fit:
+            return one
         better = max(best, one, key=lambda each: each.score)
-        gone = {t.ident for t in fit.optional} - {t.ident for t in one.optional}
-        more = [t for t in one.optional if t.ident not in {u.ident for u in fit.optional}]
+        before = {t.ident for t in fit.optional}
+        gone = before - {t.ident for t in one.optional}
+        more = [t for t in one.optional if t.ident not in before]
         stays = [t for t in best.optional if t.ident not in gone]
         is_apart = len(stays) == len(best.optional) - len(gone)
         has_new = not best.keys & {t.key for t in more}
-        if best is fit or not is_apart or not has_new:
+        if not is_apart or not has_new:
             return better
         both = self._keep(self.model.fit([*stays, *more], better))
         less = min(best.score, one.score) - fit.score
@@ -168,10 +171,11 @@ class Search:
             )
         ]
         have = fit.keys | (frozenset() if instead is None else instead.excluded)
+        replaced = have - fit.keys
         own: dict[Key, float] = {}
-        for gain, screen, t in gained:
+        for gain, screen, t in gained if replaced else ():
             key = screen.terms[t].key
-            if key in have - fit.keys:
+            if key in replaced:
                 own[key] = max(own.get(key, 0.0), gain)
         if own:
             needed = min(needed, sum(own.values()))
