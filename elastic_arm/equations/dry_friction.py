@@ -71,13 +71,14 @@ def dry_friction_columns(
     acting: Sequence[ActingEffect],
     place: FrictionPlace,
     turned: Array,
-    curve: Curve | None = None,
-) -> tuple[list[Array], Curve | None]:
-    """Return the columns (N', R, K + SHAPES) Nm of each stretch, and the curve that they are of:
-    one for each c_k, then for S and A. None at all where no friction has the sign of the velocity.
+    curve: Curve,
+) -> list[Array]:
+    """Return the columns (N', R, K + SHAPES + LAWS) Nm of each stretch: one for each c_k, then for
+    S and A, with what of S is dry and viscous friction, then for these. None at all where no
+    friction has the sign of the velocity.
 
     acting: effects that act, of which the friction at the place is meant; turned: c_k (K,) by which
-    z is made; curve: that of all recordings; None where the data are all.
+    z is made; curve: that of all recordings.
     """
     n = robot.n
     j = robot.joint_names.index(place.joint)
@@ -87,11 +88,8 @@ def dry_friction_columns(
         for part in data.parts
     ]
     if not any(one.any() for one in dry):
-        return [], None
-    k = n + j if of_motor else j
-    speeds = [np.abs(part.signals.values["dx"][:, k]) for part in data.parts]
-    loads = [np.abs(part.signals.values["tau_J"][:, j]) for part in data.parts]
-    of_samples = curve or Curve.over(np.concatenate(speeds), np.concatenate(loads))
+        return []
+    speeds, loads = _speeds_and_loads(data, robot, place)
     count = len(DISTANCES) + SHAPES + LAWS
     rows = np.full(count, 2 * n + j if of_motor else j)
     found = []
@@ -102,15 +100,29 @@ def dry_friction_columns(
         late = np.array([over_distance(angle, sign, distance) - sign for distance in DISTANCES])
         z = sign + turned @ late
         x = 2.0 * part.signals.values["progress"][:, 0]
-        bends, sides = of_samples.shapes(w, load, x)
+        bends, sides = curve.shapes(w, load, x)
         laws = np.array([np.ones_like(w), w])
         values = np.vstack([late, z * bends, sides, z * laws]) * size
         columns = Entries(values.T, rows, np.arange(count), (3 * n, count))
         found.append(data.in_band(part, columns))
-    plain = data.weighted(found, in_place=True)
-    if curve is None:
-        of_samples = of_samples.of_rows(data.whiten(plain))
-    return [of_samples.less(columns) for columns in plain], of_samples
+    return data.weighted(found, in_place=True)
+
+
+def curve_over(data: WhitenedData, robot: Robot, place: FrictionPlace) -> Curve:
+    """Return the curve of a place over the speeds and loads of recordings."""
+    speeds, loads = _speeds_and_loads(data, robot, place)
+    return Curve.over(np.concatenate(speeds), np.concatenate(loads))
+
+
+def _speeds_and_loads(
+    data: WhitenedData, robot: Robot, place: FrictionPlace
+) -> tuple[list[Array], list[Array]]:
+    """Return |speeds| (N,) rad/s and |tau_J| (N,) Nm of each stretch."""
+    j = robot.joint_names.index(place.joint)
+    k = robot.n + j if robot.elastic and place.side == "motor" else j
+    speeds = [np.abs(part.signals.values["dx"][:, k]) for part in data.parts]
+    loads = [np.abs(part.signals.values["tau_J"][:, j]) for part in data.parts]
+    return speeds, loads
 
 
 class Curve(NamedTuple):
@@ -142,7 +154,7 @@ class Curve(NamedTuple):
     def less(self, columns: Array) -> Array:
         """Return columns (…, K + SHAPES) less dry and viscous friction, of such with the laws
         (…, K + SHAPES + LAWS)."""
-        found = columns[..., :-LAWS].copy()
+        found = columns[..., :-LAWS].copy(order="K")
         found[..., len(DISTANCES) : len(DISTANCES) + BENDS] -= columns[..., -LAWS:] @ self.plain
         return found
 

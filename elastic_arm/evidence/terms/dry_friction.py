@@ -16,6 +16,7 @@ from elastic_arm.equations.dry_friction import (
     SHAPES,
     Curve,
     FrictionPlace,
+    curve_over,
     dry_friction_columns,
     places_of_friction,
 )
@@ -34,7 +35,7 @@ class DryFrictionTerm(Term):
     place: FrictionPlace = None  # type: ignore[assignment]
     # (SHARES,) of it that turn over within each distance, where its curve is linearised
     turned: Array = None  # type: ignore[assignment]
-    curve: Curve | None = None  # of all recordings
+    curve: Curve = None  # type: ignore[assignment]  # of all recordings
 
     kind = "dry friction"
     says_cause = False
@@ -60,12 +61,8 @@ class DryFrictionTerm(Term):
 
     def plain(self, linear: Linearisation, fit: Coefficients, along: Array) -> list[Array]:
         """Return its columns (N', R, k) of each stretch, Nm."""
-        data = linear.data
-        robot = linear.model.robot
-        columns, _ = dry_friction_columns(
-            data, robot, linear.acting, self.place, self.turned, self.curve
-        )
-        return columns
+        each = _columns(linear, self.place, self.turned, self.curve)
+        return [self.curve.less(columns) for columns in each]
 
 
 def dry_friction_terms(linear: Linearisation) -> Iterator[DryFrictionTerm]:
@@ -80,14 +77,16 @@ def dry_friction_terms(linear: Linearisation) -> Iterator[DryFrictionTerm]:
 
 def _at(linear: Linearisation, place: FrictionPlace, turned: Array) -> list[DryFrictionTerm]:
     """Return the term of a place, none where no dry friction acts."""
-    robot = linear.model.robot
-    plain, curve = dry_friction_columns(linear.data, robot, linear.acting, place, turned)
-    if not plain:
+    over = curve_over(linear.data, linear.model.robot, place)
+    each = _columns(linear, place, turned, over)
+    if not each:
         return []
+    white = linear.data.whiten(each)
+    curve = over.of_rows(white)
     unbounded = np.full(SHAPES, -np.inf)
     term = DryFrictionTerm(
         ("dry_friction", place.joint, (("side", place.side),)),
-        linear.data.whiten(plain),
+        curve.less(white),
         np.append(np.full(SHARES, TURNOVER), np.full(SHAPES, CURVE)),
         low=np.append(np.zeros(SHARES), unbounded),
         place=place,
@@ -95,3 +94,12 @@ def _at(linear: Linearisation, place: FrictionPlace, turned: Array) -> list[DryF
         curve=curve,
     )
     return [term]
+
+
+def _columns(
+    linear: Linearisation, place: FrictionPlace, turned: Array, curve: Curve
+) -> list[Array]:
+    """Return the columns (N', R, SHARES + SHAPES + LAWS) of each stretch, Nm."""
+    return dry_friction_columns(
+        linear.data, linear.model.robot, linear.acting, place, turned, curve
+    )
