@@ -196,14 +196,7 @@ def diagnose_command(
         comparison = recorded.comparison(found, question)
         save_diagnosis(found, corrected.robot, out_dir, comparison)
     if not json and not quiet:
-        print_diagnosis(found)
-        if explain:
-            print_search(found)
-        print_correction(corrected.file)
-        print_closed_loop(found.closed_loop, "robot.yaml")
-        print_replays(replays)
-        print_comparison(comparison)
-        out.file.flush()
+        _print_answer(found, corrected, replays, comparison, explain=explain)
     # Figures take seconds: the answer is read meanwhile, in a log file, too.
     with working("drawing the report"):
         draw_report(found, out_dir, replays, comparison)
@@ -216,6 +209,25 @@ def diagnose_command(
         print_written(out_dir)
         print_also_written([*(TABLES if csv else ()), *map(str, residual_bags)])
     pass_gate(found, fail_on or ())
+
+
+def _print_answer(
+    found: Diagnosis,
+    corrected: Written,
+    replays: list[Replay],
+    comparison: SimulationComparison | None,
+    *,
+    explain: bool,
+) -> None:
+    """Print a diagnosis, the search where it is asked for, the correction and the comparisons."""
+    print_diagnosis(found)
+    if explain:
+        print_search(found)
+    print_correction(corrected.file)
+    print_closed_loop(found.closed_loop, "robot.yaml")
+    print_replays(replays)
+    print_comparison(comparison)
+    out.file.flush()
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ Each step has its module: :mod:`.preparation`, :mod:`elastic_arm.evidence.reline
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from threadpoolctl import threadpool_limits
@@ -16,7 +16,7 @@ from threadpoolctl import threadpool_limits
 from elastic_arm.diagnosis.confirmed_set import confirmed
 from elastic_arm.diagnosis.decomposition import Decomposition
 from elastic_arm.diagnosis.event_search import events_in
-from elastic_arm.diagnosis.first_look import first_look
+from elastic_arm.diagnosis.first_look import FirstLook, first_look
 from elastic_arm.diagnosis.outcome import diagnosis_of
 from elastic_arm.diagnosis.preparation import Prepared, prepare
 from elastic_arm.diagnosis.question import Question
@@ -75,7 +75,7 @@ def diagnose(
     each = [*recordings, *validate]
     seconds = sum(one.duration for one in each)
     watch.say(f"{seconds:.0f} s of {len(each)} recordings read and checked", Stage.CHECKED)
-    parts = _explained(prepared, question, watch, first=True)
+    parts = _explained(prepared, question, watch, _viewer(prepared, question, watch.show))
     # Events may come back that were left out before, and with them the answer.
     known = {prepared.events: parts}
     for _ in range(AGAIN):
@@ -92,24 +92,23 @@ def diagnose(
     return diagnosis_of(confirmed(parts))
 
 
-def _explained(
-    prepared: Prepared, question: Question, watch: Watch, *, first: bool = False
-) -> Decomposition:
-    """Find the sets of terms, and decompose the residuals by the most probable one.
+Look = Callable[[Explanation], None]
 
-    first: whether the first look at the recordings is shown.
-    """
 
-    show = watch.show if first else None
-
-    def look(usual: Explanation) -> None:
-        assert show is not None
-        show(first_look(Decomposition(prepared, usual, question, ALL, by_all=True)))
-
-    explanation = explain(
-        prepared.problem,
-        refit=question.refit,
-        watch=watch,
-        look=None if show is None else look,
+def _viewer(
+    prepared: Prepared, question: Question, show: Callable[[FirstLook], None] | None
+) -> Look | None:
+    """Return what shows the first look at the recordings; None where nobody looks."""
+    if show is None:
+        return None
+    return lambda usual: show(
+        first_look(Decomposition(prepared, usual, question, ALL, by_all=True))
     )
+
+
+def _explained(
+    prepared: Prepared, question: Question, watch: Watch, look: Look | None = None
+) -> Decomposition:
+    """Find the sets of terms, and decompose the residuals by the most probable one."""
+    explanation = explain(prepared.problem, refit=question.refit, watch=watch, look=look)
     return Decomposition(prepared, explanation, question)

@@ -24,6 +24,7 @@ from elastic_arm.diagnosis.far_numbers import bounds_of
 from elastic_arm.diagnosis.gap import Gap, Shrink, shrink
 from elastic_arm.diagnosis.preparation import Prepared
 from elastic_arm.diagnosis.question import Question
+from elastic_arm.diagnosis.result import Place
 from elastic_arm.evidence.explanation import Explanation
 from elastic_arm.evidence.fit import Fit
 from elastic_arm.evidence.linearisation import Linearisation
@@ -79,6 +80,11 @@ class Decomposition:
         """Joint and side of each residual."""
         names = self.problem.robot.joint_names
         return [(joint, side) for side in self.problem.layout.sides for joint in names]
+
+    def by_place(self, values: Array) -> dict[Place, float]:
+        """Return the values (R,) of the residuals that are recorded, by joint and side."""
+        rows = zip(self.places, values, self.problem.layout.live, strict=True)
+        return {place: float(value) for place, value, is_live in rows if is_live}
 
     def gap(self, residuals: Sequence[Array]) -> Gap:
         """Measure residuals (N', R) of each stretch."""

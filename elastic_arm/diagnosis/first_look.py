@@ -16,10 +16,10 @@ import numpy as np
 
 from elastic_arm.diagnosis.decomposition import Decomposition
 from elastic_arm.diagnosis.estimates import ParameterEstimate, estimated
+from elastic_arm.diagnosis.result import Place
 from elastic_arm.evidence.terms.effect import EffectTerm
 from elastic_arm.formatting import JointUnits
 
-Place = tuple[str, str]  # joint and side
 Friction = Mapping[str, ParameterEstimate]  # parameters of one friction effect
 
 
@@ -43,12 +43,6 @@ def first_look(parts: Decomposition) -> FirstLook:
     """Return the first look by a decomposition of all recordings at the description."""
     problem = parts.problem
     before, after = parts.gaps
-    live = problem.layout.live
-
-    def by_place(values: np.ndarray) -> dict[Place, float]:
-        rows = zip(parts.places, values, live, strict=True)
-        return {place: float(value) for place, value, is_live in rows if is_live}
-
     friction: dict[Place, dict[str, Friction]] = {}
     values = parts.explanation.linear.values
     for term in parts.fit.terms:
@@ -59,8 +53,8 @@ def first_look(parts: Decomposition) -> FirstLook:
     return FirstLook(
         joints=problem.robot.joint_names,
         units=problem.robot.units,
-        noise=by_place(np.sqrt(before.noise.sum(axis=1))),
-        described=by_place(before.rmse),
-        fitted=by_place(after.rmse),
+        noise=parts.by_place(np.sqrt(before.noise.sum(axis=1))),
+        described=parts.by_place(before.rmse),
+        fitted=parts.by_place(after.rmse),
         friction=friction,
     )

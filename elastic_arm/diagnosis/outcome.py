@@ -13,7 +13,6 @@ from functools import cached_property
 
 import numpy as np
 
-from elastic_arm.arrays import Array
 from elastic_arm.diagnosis.causes import Causes
 from elastic_arm.diagnosis.changes import changes_between
 from elastic_arm.diagnosis.confirmed_set import Confirmed
@@ -26,6 +25,7 @@ from elastic_arm.diagnosis.regimes import shares
 from elastic_arm.diagnosis.result import (
     Diagnosis,
     Imperfection,
+    Place,
     ResidualSizes,
     UnexplainedResidual,
     plain_parameters,
@@ -45,7 +45,6 @@ from elastic_arm.evidence.terms.unnamed import UnnamedTerm
 from elastic_arm.identification.batch.identify import resonances
 from elastic_arm.identification.verdict import SURE
 
-Place = tuple[str, str]  # joint and side
 Known = tuple[EffectInstance, dict[str, ParameterEstimate]]  # a known effect with its sizes
 
 
@@ -67,7 +66,7 @@ class _Outcome:
         problem = self.parts.problem
         before, after = self.parts.gaps
         share, interval = self._shrink()
-        by_place = self._by_place(self.parts.shrink.by_row)
+        by_place = self.parts.by_place(self.parts.shrink.by_row)
         return Diagnosis(
             model=problem.model,
             robot=problem.robot.name,
@@ -135,18 +134,13 @@ class _Outcome:
 
     # -- by joint and side
 
-    def _by_place(self, values: Array) -> dict[Place, float]:
-        """Return the values (R,) of the residuals that are recorded."""
-        rows = zip(self.parts.places, values, self.parts.problem.layout.live, strict=True)
-        return {place: float(value) for place, value, is_live in rows if is_live}
-
     def _sizes(self, gap: Gap) -> ResidualSizes:
         """Return RMS values and peaks of a gap."""
-        return ResidualSizes(self._by_place(gap.rmse), self._by_place(gap.peak))
+        return ResidualSizes(self.parts.by_place(gap.rmse), self.parts.by_place(gap.peak))
 
     def _noise(self) -> dict[Place, float]:
         """Return the RMS values of the sensors' noise."""
-        return self._by_place(np.sqrt(self.parts.gaps[0].noise.sum(axis=1)))
+        return self.parts.by_place(np.sqrt(self.parts.gaps[0].noise.sum(axis=1)))
 
     # -- numbers and known effects
 
@@ -224,7 +218,7 @@ class _Outcome:
     def _joints_left(self) -> Set[str]:
         """Return the joints whose residuals are well above their noise after the correction."""
         noise = self._noise()
-        left = self._by_place(self.parts.gaps[1].rmse)
+        left = self.parts.by_place(self.parts.gaps[1].rmse)
         return {place[0] for place, size in left.items() if size > SURE * noise[place]}
 
     def _context(self) -> DiagnosisContext:
