@@ -27,8 +27,9 @@ from elastic_arm.robot import Robot, load_robot, parse_urdf, save_robot
 from tests.helpers import six_axes
 from tests.helpers.nightly import nightly
 from tests.helpers.random_arms import random_arm
+from tests.helpers.shared_data import DATA, needs_data
 
-REPORTS = Path(__file__).parents[3] / "shared" / "data" / "public_reports_2"
+REPORTS = DATA / "public_reports_2"
 Array = NDArray[np.float64]
 DOWN = np.array([0.0, 0.0, -9.81])
 RATE = 200.0
@@ -174,7 +175,7 @@ def test_a_creeping_arm_does_not_tell_its_mounting() -> None:
     assert "either all torques" in finding.message and "upside down" in finding.message
 
 
-@pytest.mark.skipif(not REPORTS.is_dir(), reason="the reports lie beside the tree")
+@needs_data
 @pytest.mark.parametrize(
     ("run", "words"),
     [

@@ -23,9 +23,11 @@ from elastic_arm.recording.foreign.arrays import import_arrays
 from elastic_arm.recording.foreign.guess import guess_mapping
 from elastic_arm.recording.foreign.text_layouts import arrays_of
 from elastic_arm.recording.foreign.text_tables import Arrays
+from elastic_arm.robot import load_robot, to_urdf
 from tests.helpers.command_line import refusal, run
+from tests.helpers.shared_data import DATA, needs_data
 
-REPORTS = Path(__file__).parents[3] / "shared" / "data" / "public_reports_2"
+REPORTS = DATA / "public_reports_2"
 T = np.arange(60) * 0.01
 Q = np.sin(np.outer(T, [2.0, 3.0]) + np.array([0.3, 1.0]))
 NAMES = ("shoulder", "elbow")
@@ -424,6 +426,7 @@ def test_nothing_of_a_file_vanishes(tmp_path: Path) -> None:
     assert len(load_arrays(tmp_path / "runs.csv")["q"]) == 2 * len(T)
 
 
+@needs_data
 def test_the_reports_are_read() -> None:
     """A long table, lists in cells, and MATLAB 7.3 as .mat and as .h5 hold six axes."""
     long = load_arrays(REPORTS / "tidy_csv" / "r8_fg.csv")
@@ -547,13 +550,14 @@ def test_what_is_not_read_has_a_way_out(tmp_path: Path, suffix: str, words: str)
     """Pickled frames are refused for safety."""
     file = tmp_path / f"a{suffix}"
     file.write_bytes(pickle.dumps([1.0]))
+    (tmp_path / "arm.urdf").write_text(to_urdf(load_robot()))
     assert words in refusal(
         "bag",
         "import",
         file,
         "--guess",
         "--robot",
-        REPORTS / "guess_eff" / "b.urdf",
+        tmp_path / "arm.urdf",
         "--out",
         tmp_path / "a.yaml",
     )
@@ -578,6 +582,7 @@ def test_messages_of_others_are_refused_with_the_converter(
     assert words in caught.value.remedy
 
 
+@needs_data
 def test_times_in_single_precision_are_named() -> None:
     """Seconds since 1970 as float32 step by 128 s: neither they nor another column are times."""
     arrays = load_arrays(REPORTS / "float32_stamps" / "log.csv")
@@ -695,6 +700,7 @@ def test_an_order_that_is_assumed_is_said() -> None:
     assert "in the order of the arm's joints" not in named.to_yaml()
 
 
+@needs_data
 def test_the_draft_of_the_report_has_its_efforts(tmp_path: Path) -> None:
     """Columns *_eff are torques."""
     folder = REPORTS / "guess_eff"
