@@ -42,7 +42,6 @@ from elastic_arm.estimation.observation import Observation
 from elastic_arm.estimation.regressors import Entries, Signals
 from elastic_arm.estimation.residuals import (
     SLOWEST,
-    UNTOLD,
     FreeTorques,
     Stretch,
     residuals,
@@ -58,6 +57,7 @@ NOISE_FREQUENCIES = 400
 FLOOR = 0.1
 LEAST = 1e-8  # Nm², of a row without noise; numerical
 COLUMNS_KEPT = 400  # of features that follow from the motion alone, of a stretch; memory
+OF_SIGN = np.sqrt(np.pi / 2)  # speed within which a sign is uncertain, in deviations of the velocity
 
 
 @dataclass(frozen=True)
@@ -563,7 +563,13 @@ def _velocity_noise(observation: Observation, f: Array, n: int) -> tuple[Array, 
 
 
 def _standstill(observation: Observation, noise: tuple[Array, Array]) -> tuple[Array, Array]:
-    """Return the speeds (n,) below which velocities of links and motors have no sign, rad/s."""
+    """Return the speeds s (n,) of links and motors within which the sign of a velocity is
+    uncertain, rad/s.
+
+    The mean sign of a velocity w with Gaussian noise sigma is erf(w / (sqrt(2) sigma)); tanh(w / s)
+    has the same slope at zero where s = sqrt(pi / 2) sigma. A larger s underestimates the friction
+    of slow motion, which then looks like Stribeck friction.
+    """
     turning = SLOWEST if observation.turning is None else observation.turning
-    link, motor = (np.maximum(np.maximum(UNTOLD * std, SLOWEST), turning) for std in noise)
+    link, motor = (np.maximum(np.maximum(OF_SIGN * std, SLOWEST), turning) for std in noise)
     return link, motor
