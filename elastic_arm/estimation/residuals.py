@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.polynomial.legendre import legvander
@@ -23,7 +23,13 @@ from elastic_arm.arrays import Array
 from elastic_arm.dynamics import Model
 from elastic_arm.estimation.band import Band
 from elastic_arm.estimation.equation_sets import DRIVE, LINK, MOTOR, EquationSet
-from elastic_arm.estimation.motion import CompletedMotion, Loads, completed, drive_constants
+from elastic_arm.estimation.motion import (
+    CompletedMotion,
+    Loads,
+    Motion,
+    completed,
+    drive_constants,
+)
 from elastic_arm.estimation.observation import Observation
 from elastic_arm.estimation.resampling import read_at
 from elastic_arm.recording.standstill import STANDS
@@ -99,22 +105,45 @@ class Stretch:
         return np.asarray(self.band.apply(values)[self.kept])
 
 
+class Loaded(NamedTuple):
+    """An arm, and what loads its drives (N, n) Nm along a motion beside its own torques."""
+
+    model: Model
+    loads: Loads | None = None
+
+    def residuals(self, piece: Motion) -> Array:
+        """Return the residuals (N, 3 n) Nm of a motion."""
+        return raw_residuals(self.model, completed(piece, *self))
+
+
 def residuals(
-    model: Model,
+    arm: Loaded,
     observation: Observation,
     equations: EquationSet,
     band: Band,
-    loads: Loads | None = None,
+    described: Model | None = None,
 ) -> list[Stretch]:
     """Return the residuals of every stretch of a recording.
 
-    loads: what loads the drives (N, n) Nm along a motion beside the model's own torques.
+    described: an arm that makes the residuals y of the motion, from which those of `arm` differ by
+    what the quiet motion does:
+
+        y(arm) = y(described) + y(arm, quiet) - y(described, quiet)
+
+    The noise of the encoders is that of the described arm for all arms that are compared. Otherwise
+    an arm with too little inertia would explain a recording better, because it makes less noise.
+    None where nothing is compared: the motion then makes the residuals of the arm itself.
     """
     stretches = []
     for piece, calm in zip(observation.pieces, observation.quiet, strict=True):
-        motion = completed(piece, model, loads)
-        quiet = completed(calm, model, loads)
-        full = raw_residuals(model, motion) @ equations.transform.T
+        motion = completed(piece, *arm)
+        quiet = completed(calm, *arm)
+        if described is None:
+            own = raw_residuals(arm.model, motion)
+        else:
+            first = Loaded(described)
+            own = first.residuals(piece) + raw_residuals(arm.model, quiet) - first.residuals(calm)
+        full = own @ equations.transform.T
         t = band.times(motion.t)
         first, last = np.searchsorted(
             t, [motion.t[0] + observation.margin, motion.t[-1] - observation.margin]

@@ -43,6 +43,7 @@ from elastic_arm.estimation.regressors import Entries, Signals
 from elastic_arm.estimation.residuals import (
     SLOWEST,
     FreeTorques,
+    Loaded,
     Stretch,
     residuals,
     standing_speed,
@@ -57,7 +58,9 @@ NOISE_FREQUENCIES = 400
 FLOOR = 0.1
 LEAST = 1e-8  # Nm², of a row without noise; numerical
 COLUMNS_KEPT = 400  # of features that follow from the motion alone, of a stretch; memory
-OF_SIGN = np.sqrt(np.pi / 2)  # speed within which a sign is uncertain, in deviations of the velocity
+OF_SIGN = np.sqrt(
+    np.pi / 2
+)  # speed within which a sign is uncertain, in deviations of the velocity
 
 
 @dataclass(frozen=True)
@@ -298,7 +301,9 @@ class WhitenedData:
     layout, band: usable equations, and where they are looked at; predicted: whether the laws of
     effects take the torques that the model predicts instead of the measured ones; sticking_removed:
     whether what a joint's friction may be while it sticks is removed; acting: effects that are part
-    of the predicted torques; near: the same stretches beside other numbers of the arm.
+    of the predicted torques; described: the arm whose noise the residuals have, for all arms that
+    are compared (:func:`.residuals`); None where nothing is compared; near: the same stretches
+    beside other numbers of the arm.
     """
 
     def __init__(
@@ -311,6 +316,7 @@ class WhitenedData:
         predicted: bool = False,
         sticking_removed: bool = False,
         acting: Sequence[ActingEffect] = (),
+        described: Model | None = None,
         near: Sequence[NearStretch] = (),
     ) -> None:
         self.layout = layout
@@ -326,13 +332,16 @@ class WhitenedData:
         moves, fastest = _moving(observations)
         for number, observation in enumerate(observations):
             in_band = band.at(observation.rate)
-            noise, pure = noise_models(model, observation, layout, in_band, (FLOOR, 0.0), acting)
+            noisy, its_own = (model, self.acting) if described is None else (described, ())
+            floors = (FLOOR, 0.0)
+            noise, pure = noise_models(noisy, observation, layout, in_band, floors, its_own)
             untold = _velocity_noise(observation, noise.f, model.n)
             standstill = _standstill(observation, untold)
             standing = np.where(moves, standing_speed(fastest, untold[1]), 0.0)
             steps = {side: np.where(moves, step, 0.0) for side, step in observation.steps.items()}
             loads = loads_of(model, acting, standstill)
-            for stretch in residuals(model, observation, layout, in_band, loads):
+            arm = Loaded(model, loads)
+            for stretch in residuals(arm, observation, layout, in_band, described):
                 signals_of = partial(
                     Signals.of,
                     standstill=standstill,

@@ -120,6 +120,7 @@ class Linearisation:
             predicted=True,
             sticking_removed=True,
             acting=self.acting,
+            described=build_model(p.robot, p.model),
             near=() if near is None else near.stretches,
         )
 

@@ -12,7 +12,7 @@ from elastic_arm.estimation.band import Band
 from elastic_arm.estimation.equation_sets import EquationSet
 from elastic_arm.estimation.motion import CompletedMotion, Motion, completed
 from elastic_arm.estimation.observation import Observation, observe, widest_band
-from elastic_arm.estimation.residuals import raw_residuals, residuals
+from elastic_arm.estimation.residuals import Loaded, raw_residuals, residuals
 from elastic_arm.robot import load_robot
 from elastic_arm.sensors import Sensors
 from tests.helpers.gap_recordings import motions, record
@@ -85,7 +85,7 @@ def test_the_ends_of_a_stretch_are_dropped_and_its_rows_lie_at_the_kept_rate() -
     """Residuals begin and end a margin inside of the motion that they are made of."""
     seen = observation()
     equations, band = setting(seen)
-    (stretch,) = residuals(MODEL, seen, equations, band)
+    (stretch,) = residuals(Loaded(MODEL), seen, equations, band)
     assert (
         stretch.t[0] >= stretch.motion.t[0] + seen.margin
         and stretch.t[-1] <= stretch.motion.t[-1] - seen.margin
@@ -98,7 +98,7 @@ def test_a_clean_arm_with_exact_sensors_leaves_a_thousandth_of_its_torques() -> 
     """What differentiation and the band leave of a motion without noise is small against the
     torques."""
     seen = observation()
-    (stretch,) = residuals(MODEL, seen, *setting(seen))
+    (stretch,) = residuals(Loaded(MODEL), seen, *setting(seen))
     assert np.sqrt(np.mean(stretch.values**2)) < 1e-3 * np.sqrt(
         np.mean(np.asarray(stretch.motion.tau_m) ** 2)
     )
@@ -109,4 +109,7 @@ def test_a_stretch_shorter_than_a_second_is_left_out() -> None:
     seen = observation()
     (piece,) = seen.pieces
     short: Motion = piece[: int(seen.rate * (2 * seen.margin + 0.9))]
-    assert residuals(MODEL, replace(seen, pieces=(short,), quiet=(short,)), *setting(seen)) == []
+    assert (
+        residuals(Loaded(MODEL), replace(seen, pieces=(short,), quiet=(short,)), *setting(seen))
+        == []
+    )
