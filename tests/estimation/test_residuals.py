@@ -14,12 +14,13 @@ from elastic_arm.estimation.motion import CompletedMotion, Motion, completed
 from elastic_arm.estimation.observation import Observation, observe, widest_band
 from elastic_arm.estimation.residuals import Loaded, raw_residuals, residuals
 from elastic_arm.robot import load_robot
-from elastic_arm.sensors import Sensors
+from elastic_arm.sensors import Encoder, Sensors
 from tests.helpers.gap_recordings import motions, record
 from tests.helpers.smooth_motion import smooth_motion
 
 ROBOT = load_robot(None)
 MODEL = build_model(ROBOT, "mod3")
+ENCODER = Encoder(noise=1e-4)
 N = MODEL.n
 
 
@@ -113,3 +114,22 @@ def test_a_stretch_shorter_than_a_second_is_left_out() -> None:
         residuals(Loaded(MODEL), replace(seen, pieces=(short,), quiet=(short,)), *setting(seen))
         == []
     )
+
+
+def test_an_arm_that_is_compared_makes_the_noise_of_the_described_one() -> None:
+    """Half the inertia makes half the noise of accelerations. Compared with the described arm, the
+    noise of the encoders remains."""
+    exact = observation()
+    noisy = observe(record(motions()[0], sensors=replace(Sensors.exact(), link_encoder=ENCODER)))
+    light = MODEL.at(0.5 * MODEL.Psi)
+    layout, band = setting(exact)
+    arms = (Loaded(MODEL), None), (Loaded(light), None), (Loaded(light), MODEL)
+    powers = []
+    for arm, described in arms:
+        both = [residuals(arm, seen, layout, band, described)[0] for seen in (exact, noisy)]
+        length = min(len(one.t) for one in both)
+        noise = both[1].values[-length:, :N] - both[0].values[-length:, :N]
+        powers.append(np.sum(noise**2))
+    own, alone, compared = powers
+    assert alone < 0.5 * own
+    assert compared == pytest.approx(own, rel=0.1)
