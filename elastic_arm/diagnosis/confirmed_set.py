@@ -4,7 +4,9 @@
             take out for good the one that loses most likelihood, of those that confirm nothing
     until all that are left are confirmed
 
-What takes nearly no part in a cause that was taken out keeps its comparison.
+A cause that is taken out is taken out of all sets that share the probability: what stands for it
+there would otherwise keep the low probability that it has beside it. What takes nearly no part in a
+cause that was taken out keeps its comparison.
 """
 
 from __future__ import annotations
@@ -30,6 +32,7 @@ from elastic_arm.diagnosis.confirmation import (
 )
 from elastic_arm.diagnosis.decomposition import Decomposition, without_parts
 from elastic_arm.diagnosis.far_numbers import Name, bounds_of, gain_beyond, gain_beyond_together
+from elastic_arm.evidence.explanation import weighted
 from elastic_arm.evidence.fit import Fit
 from elastic_arm.evidence.keys import Key
 from elastic_arm.evidence.priors import ORDINARY, RELATED
@@ -105,13 +108,25 @@ def confirmed(parts: Decomposition) -> Confirmed:
         # Keep the confirmations of all terms that are not correlated with the removed one.
         alike = {t.key for t in best.optional if best.correlation(worst, t) >= RELATED}
         kept = {key: one for key, one in found.items() if key not in alike}
-        now = Confirmed(_less(now.parts, worst), refused, kept)
+        now = Confirmed(_taken_out(now.parts, worst), refused, kept)
 
 
 def _less(parts: Decomposition, term: Term) -> Decomposition:
     """Return the decomposition without a term of the best set, the rest refitted."""
     best = parts.explanation.best
     return parts.with_best(best.model.fit(without(best, term), best))
+
+
+def _taken_out(parts: Decomposition, term: Term) -> Decomposition:
+    """Return the decomposition without a term in any of the sets that share the probability."""
+    best = _less(parts, term).explanation.best
+    fits = {(best.keys, best.model.assumed): best}
+    for _, fit in parts.explanation.sets:
+        own = [other for other in fit.optional if other.key == term.key]
+        less = fit.model.fit(without(fit, *own), fit) if own else fit
+        fits.setdefault((less.keys, less.model.assumed), less)
+    explanation = replace(parts.explanation, best=best, sets=weighted(list(fits.values())))
+    return replace(parts, explanation=explanation)
 
 
 def _confirmation(parts: Decomposition, term: Term) -> Confirmation:
