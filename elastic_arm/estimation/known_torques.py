@@ -13,7 +13,7 @@ import numpy as np
 
 from elastic_arm.arrays import Array
 from elastic_arm.dynamics import Model
-from elastic_arm.effects.library.torque_filters import CLEAR, low_pass_error
+from elastic_arm.effects.library.torque_filters import CLEAR, VISIBLE, low_pass_error
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.motion import CompletedMotion, Loads, drive_constants
 from elastic_arm.estimation.noise import reduced_to, wiener_filter
@@ -196,6 +196,6 @@ def true_load(
                 load[:, j] - wound[:, j], observation.rate, f, share[:, j]
             )
         filtered = wiener_filter(best, observation.rate, f, left[:, j])
-        found[:, j] = filtered(0.0)
+        found[:, j] = filtered(VISIBLE)
         clear[:, j] = filtered(CLEAR)
     return found, clear

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NamedTuple, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.polynomial.legendre import legvander
@@ -26,9 +26,9 @@ from elastic_arm.estimation.equation_sets import DRIVE, LINK, MOTOR, EquationSet
 from elastic_arm.estimation.motion import (
     CompletedMotion,
     Loads,
-    Motion,
     completed,
     drive_constants,
+    moved_in_time,
 )
 from elastic_arm.estimation.observation import Observation
 from elastic_arm.estimation.resampling import read_at
@@ -43,6 +43,8 @@ STICKING = 0.01  # s; a reversal without sticking is shorter but for acceleratio
 # fails there. Convention: where the law holds, few rows that are noise give up to 2.4; true
 # sticking gave 6.
 FAILS = 4.0
+# Torque channels that the rows of link, drive and motor contain.
+OF_ROWS = ("joint_torque", "joint_torque", "motor_torque")
 NO_HOLES = np.empty((0, 2))
 BESIDE = 16  # rows beside a time without a law that tell the noise within
 JITTER = 1e-9  # share of that noise, numerical
@@ -105,45 +107,57 @@ class Stretch:
         return np.asarray(self.band.apply(values)[self.kept])
 
 
-class Loaded(NamedTuple):
-    """An arm, and what loads its drives (N, n) Nm along a motion beside its own torques."""
+def motion_noise(described: Model, recorded: Observation, moved: Observation) -> list[Array]:
+    """Return what the noise of the encoders, beyond the quiet motion, leaves in the residuals
+    (N, 3 n) Nm of each stretch.
 
-    model: Model
-    loads: Loads | None = None
+        d = y(described, motion) - y(described, quiet motion)
 
-    def residuals(self, piece: Motion) -> Array:
-        """Return the residuals (N, 3 n) Nm of a motion."""
-        return raw_residuals(self.model, completed(piece, *self))
+    described: the arm that makes it for all arms that are compared; recorded, moved: the recording,
+    and the recording with its channels moved in time: the noise moves with the torque of its row,
+    so that a delay meets the same noise.
+    """
+    n = described.n
+    late = [moved.late.get(channel, np.zeros(n)) for channel in OF_ROWS]
+    later = np.concatenate(late)
+    found = []
+    for piece, calm in zip(recorded.pieces, recorded.quiet, strict=True):
+        motion = replace(piece, tau_J=calm.tau_J, tau_m=calm.tau_m)
+        both = (raw_residuals(described, completed(one, described)) for one in (motion, calm))
+        noise = np.subtract(*both)
+        for k in np.flatnonzero(later):
+            noise[:, k] = moved_in_time(CubicSpline(piece.t, noise[:, k]), later[k])
+        found.append(noise)
+    return found
 
 
 def residuals(
-    arm: Loaded,
+    model: Model,
     observation: Observation,
     equations: EquationSet,
     band: Band,
-    described: Model | None = None,
+    loads: Loads | None = None,
+    noise: Sequence[Array] | None = None,
 ) -> list[Stretch]:
     """Return the residuals of every stretch of a recording.
 
-    described: an arm that makes the residuals y of the motion, from which those of `arm` differ by
-    what the quiet motion does:
-
-        y(arm) = y(described) + y(arm, quiet) - y(described, quiet)
-
-    The noise of the encoders is that of the described arm for all arms that are compared. Otherwise
-    an arm with too little inertia would explain a recording better, because it makes less noise.
-    None where nothing is compared: the motion then makes the residuals of the arm itself.
+    loads: what loads the drives (N, n) Nm along a motion beside the model's own torques; noise:
+    what the noise of the encoders leaves in the residuals of each stretch (:func:`motion_noise`).
+    An arm with too little inertia makes less noise of accelerations; where arms are compared, it
+    would explain a recording better by that. Then the quiet motion makes the residuals, and all
+    have the same noise. None where nothing is compared: the motion makes the residuals.
     """
     stretches = []
-    for piece, calm in zip(observation.pieces, observation.quiet, strict=True):
-        motion = completed(piece, *arm)
-        quiet = completed(calm, *arm)
-        if described is None:
-            own = raw_residuals(arm.model, motion)
+    each = zip(observation.pieces, observation.quiet, strict=True)
+    for k, (piece, calm) in enumerate(each):
+        quiet = completed(calm, model, loads)
+        if noise is None:
+            motion = completed(piece, model, loads)
+            raw = raw_residuals(model, motion)
         else:
-            first = Loaded(described)
-            own = first.residuals(piece) + raw_residuals(arm.model, quiet) - first.residuals(calm)
-        full = own @ equations.transform.T
+            motion = completed(replace(calm, tau_J=piece.tau_J, tau_m=piece.tau_m), model, loads)
+            raw = raw_residuals(model, motion) + noise[k]
+        full = raw @ equations.transform.T
         t = band.times(motion.t)
         first, last = np.searchsorted(
             t, [motion.t[0] + observation.margin, motion.t[-1] - observation.margin]

@@ -43,8 +43,8 @@ from elastic_arm.estimation.regressors import Entries, Signals
 from elastic_arm.estimation.residuals import (
     SLOWEST,
     FreeTorques,
-    Loaded,
     Stretch,
+    motion_noise,
     residuals,
     standing_speed,
 )
@@ -302,8 +302,8 @@ class WhitenedData:
     effects take the torques that the model predicts instead of the measured ones; sticking_removed:
     whether what a joint's friction may be while it sticks is removed; acting: effects that are part
     of the predicted torques; described: the arm whose noise the residuals have, for all arms that
-    are compared (:func:`.residuals`); None where nothing is compared; near: the same stretches
-    beside other numbers of the arm.
+    are compared (:func:`.motion_noise`), and the observations as they were recorded; None where
+    nothing is compared; near: the same stretches beside other numbers of the arm.
     """
 
     def __init__(
@@ -316,7 +316,7 @@ class WhitenedData:
         predicted: bool = False,
         sticking_removed: bool = False,
         acting: Sequence[ActingEffect] = (),
-        described: Model | None = None,
+        described: tuple[Model, Sequence[Observation]] | None = None,
         near: Sequence[NearStretch] = (),
     ) -> None:
         self.layout = layout
@@ -332,16 +332,20 @@ class WhitenedData:
         moves, fastest = _moving(observations)
         for number, observation in enumerate(observations):
             in_band = band.at(observation.rate)
-            noisy, its_own = (model, self.acting) if described is None else (described, ())
             floors = (FLOOR, 0.0)
-            noise, pure = noise_models(noisy, observation, layout, in_band, floors, its_own)
+            of_motion = None
+            if described is None:
+                noise, pure = noise_models(model, observation, layout, in_band, floors, acting)
+            else:
+                first, recorded = described
+                noise, pure = noise_models(first, observation, layout, in_band, floors)
+                of_motion = motion_noise(first, recorded[number], observation)
             untold = _velocity_noise(observation, noise.f, model.n)
             standstill = _standstill(observation, untold)
             standing = np.where(moves, standing_speed(fastest, untold[1]), 0.0)
             steps = {side: np.where(moves, step, 0.0) for side, step in observation.steps.items()}
             loads = loads_of(model, acting, standstill)
-            arm = Loaded(model, loads)
-            for stretch in residuals(arm, observation, layout, in_band, described):
+            for stretch in residuals(model, observation, layout, in_band, loads, of_motion):
                 signals_of = partial(
                     Signals.of,
                     standstill=standstill,

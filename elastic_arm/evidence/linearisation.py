@@ -120,7 +120,7 @@ class Linearisation:
             predicted=True,
             sticking_removed=True,
             acting=self.acting,
-            described=build_model(p.robot, p.model),
+            described=(build_model(p.robot, p.model), p.part(self.which)),
             near=() if near is None else near.stretches,
         )
 

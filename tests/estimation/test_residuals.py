@@ -12,7 +12,7 @@ from elastic_arm.estimation.band import Band
 from elastic_arm.estimation.equation_sets import EquationSet
 from elastic_arm.estimation.motion import CompletedMotion, Motion, completed
 from elastic_arm.estimation.observation import Observation, observe, widest_band
-from elastic_arm.estimation.residuals import Loaded, raw_residuals, residuals
+from elastic_arm.estimation.residuals import motion_noise, raw_residuals, residuals
 from elastic_arm.robot import load_robot
 from elastic_arm.sensors import Encoder, Sensors
 from tests.helpers.gap_recordings import motions, record
@@ -86,7 +86,7 @@ def test_the_ends_of_a_stretch_are_dropped_and_its_rows_lie_at_the_kept_rate() -
     """Residuals begin and end a margin inside of the motion that they are made of."""
     seen = observation()
     equations, band = setting(seen)
-    (stretch,) = residuals(Loaded(MODEL), seen, equations, band)
+    (stretch,) = residuals(MODEL, seen, equations, band)
     assert (
         stretch.t[0] >= stretch.motion.t[0] + seen.margin
         and stretch.t[-1] <= stretch.motion.t[-1] - seen.margin
@@ -99,7 +99,7 @@ def test_a_clean_arm_with_exact_sensors_leaves_a_thousandth_of_its_torques() -> 
     """What differentiation and the band leave of a motion without noise is small against the
     torques."""
     seen = observation()
-    (stretch,) = residuals(Loaded(MODEL), seen, *setting(seen))
+    (stretch,) = residuals(MODEL, seen, *setting(seen))
     assert np.sqrt(np.mean(stretch.values**2)) < 1e-3 * np.sqrt(
         np.mean(np.asarray(stretch.motion.tau_m) ** 2)
     )
@@ -110,10 +110,7 @@ def test_a_stretch_shorter_than_a_second_is_left_out() -> None:
     seen = observation()
     (piece,) = seen.pieces
     short: Motion = piece[: int(seen.rate * (2 * seen.margin + 0.9))]
-    assert (
-        residuals(Loaded(MODEL), replace(seen, pieces=(short,), quiet=(short,)), *setting(seen))
-        == []
-    )
+    assert residuals(MODEL, replace(seen, pieces=(short,), quiet=(short,)), *setting(seen)) == []
 
 
 def test_an_arm_that_is_compared_makes_the_noise_of_the_described_one() -> None:
@@ -123,10 +120,12 @@ def test_an_arm_that_is_compared_makes_the_noise_of_the_described_one() -> None:
     noisy = observe(record(motions()[0], sensors=replace(Sensors.exact(), link_encoder=ENCODER)))
     light = MODEL.at(0.5 * MODEL.Psi)
     layout, band = setting(exact)
-    arms = (Loaded(MODEL), None), (Loaded(light), None), (Loaded(light), MODEL)
     powers = []
-    for arm, described in arms:
-        both = [residuals(arm, seen, layout, band, described)[0] for seen in (exact, noisy)]
+    for arm, is_compared in ((MODEL, False), (light, False), (light, True)):
+        both = []
+        for seen in (exact, noisy):
+            noise = motion_noise(MODEL, seen, seen) if is_compared else None
+            both += residuals(arm, seen, layout, band, noise=noise)
         length = min(len(one.t) for one in both)
         noise = both[1].values[-length:, :N] - both[0].values[-length:, :N]
         powers.append(np.sum(noise**2))

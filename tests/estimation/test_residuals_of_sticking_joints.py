@@ -11,7 +11,7 @@ from elastic_arm.estimation.band import Band
 from elastic_arm.estimation.equation_sets import EquationSet
 from elastic_arm.estimation.noise import encoder_steps
 from elastic_arm.estimation.observation import observe
-from elastic_arm.estimation.residuals import FreeTorque, FreeTorques, Loaded, Stretch, residuals
+from elastic_arm.estimation.residuals import FreeTorque, FreeTorques, Stretch, residuals
 from elastic_arm.sensors import Sensors
 from tests.helpers.gap_recordings import ROBOT, motions, record
 
@@ -29,7 +29,7 @@ def setting() -> tuple[Band, Stretch, np.ndarray]:
     recording = record(motions()[0], seed=0, sensors=Sensors.real())
     seen = observe(replace(recording, link=None))
     band = Band(5.0, seen.rate)
-    (stretch,) = residuals(Loaded(MODEL), seen, LAYOUT, band)
+    (stretch,) = residuals(MODEL, seen, LAYOUT, band)
     stands = np.mod(stretch.quiet.t, 1.0) < 0.1
     speed = np.where(np.arange(MODEL.n) == STICKS, np.where(stands, 0.0, 1.0)[:, None], 1.0)
     return band, replace(stretch, quiet=replace(stretch.quiet, dtheta=speed)), stands

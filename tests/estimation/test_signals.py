@@ -10,7 +10,7 @@ from elastic_arm.estimation.equation_sets import EquationSet
 from elastic_arm.estimation.motion import CompletedMotion
 from elastic_arm.estimation.observation import observe
 from elastic_arm.estimation.regressors import INPUTS, SIGNS, Signals
-from elastic_arm.estimation.residuals import Loaded, residuals
+from elastic_arm.estimation.residuals import residuals
 from elastic_arm.sensors import Sensors
 from tests.helpers.gap_recordings import ROBOT, motions, record
 
@@ -22,7 +22,7 @@ def moved() -> CompletedMotion:
     seen = observe(record(motions()[0], sensors=Sensors.real()))
     model = build_model(ROBOT, "mod3")
     layout = EquationSet.direct(("theta", "tau_m"), model.n)
-    return residuals(Loaded(model), seen, layout, Band(5.0, seen.rate))[0].quiet
+    return residuals(model, seen, layout, Band(5.0, seen.rate))[0].quiet
 
 
 def test_other_torques_are_those_of_the_motion_with_them() -> None:
