@@ -157,6 +157,9 @@ class Observation:
             std = getattr(self.noise, name)
             if std is not None:
                 noise[name] = std / gain
+        made = noise.get("tau_m", self.noise.tau_m)
+        if made is not None:
+            noise["tau_m"] = made * found.scale(len(made))
         return replace(found, noise=replace(self.noise, **noise))
 
     def _moved(
@@ -182,13 +185,11 @@ class Observation:
                 if getattr(motion, name) is not None and np.any(lag):
                     changed[name] = self._at_other_times(motion, name, sign * lag)
         if motion.r is not None and motion.tau_m is not None:
-            # The angles are quiet: the noise of the described torques stays, or a small gain would
-            # explain a recording better because it makes less noise.
-            as_described = replace(quiet, r=motion.r)
-            later = replace(quiet, r=changed.get("r", motion.r))
+            later = replace(motion, r=changed.get("r", motion.r))
             torque = np.array(changed.get("tau_m", motion.tau_m))
             for i, controller in self.made_by.items():
-                torque[:, i] += _followed(now[i], later, i) - _followed(controller, as_described, i)
+                made = _followed(now[i], later, i, stated=controller, quiet=quiet)
+                torque[:, i] += made - _followed(controller, motion, i)
             changed["tau_m"] = torque
         for name, gain in gains.items():
             torque = changed.get(name, getattr(motion, name))
@@ -252,11 +253,25 @@ class Observation:
         return self.gain(f)[:, None] ** 2 * (np.zeros(n) if std is None else std**2)
 
     def impedance(self, f: Array, n: int) -> NDArray[np.complex128]:
-        """Return kp + s kd (F, n) of the described controllers that made motor torques."""
+        """Return kp + s kd (F, n) of the controllers that made motor torques.
+
+        The gains are the present ones, but kd keeps its described ratio to kp: otherwise the noise
+        model would separate kd from viscous friction.
+        """
         found = np.zeros((len(f), n), np.complex128)
         for i, controller in self.made_by.items():
             kp, kd, _ = controller.gains
             found[:, i] = kp + 2j * np.pi * f * kd
+        return found * self.scale(n)
+
+    def scale(self, n: int) -> Array:
+        """Return present gains over described gains (n,) of controllers.
+
+        Gains of the error of the angle are compared where there are such.
+        """
+        found = np.ones(n)
+        for i, controller in self.made_by.items():
+            found[i] = _first_gain(self.driven_by[i]) / _first_gain(controller)
         return found
 
     def made(self, motion: Motion) -> dict[str, Array]:
@@ -318,9 +333,27 @@ class Observation:
         return min(self.cutoff, self.smoother.cutoff / (2 * np.pi))
 
 
-def _followed(controller: JointController, motion: Motion, i: int) -> Array:
+def _first_gain(controller: JointController) -> float:
+    """Return the first gain that is not zero; 1 where all are."""
+    return next((gain for gain in controller.gains if gain), 1.0)
+
+
+def _followed(
+    controller: JointController,
+    motion: Motion,
+    i: int,
+    *,
+    stated: JointController | None = None,
+    quiet: Motion | None = None,
+) -> Array:
     """Return the torque (N,) Nm that the controller of joint i makes of errors of angle and rate,
-    within its limit."""
+    within its limit.
+
+    stated, quiet: the described controller, and the quiet motion of the same samples: what kd
+    deviates from its described ratio to kp is applied to the quiet motion. Friction that is
+    proportional to the speed acts alike, and of the noise of the speed the two would be told apart
+    by it (:meth:`Observation.impedance`).
+    """
     angle, rate = _of_motor(motion)
     assert motion.r is not None
     kp, kd, _ = controller.gains
@@ -329,7 +362,13 @@ def _followed(controller: JointController, motion: Motion, i: int) -> Array:
     wanted = controller.follows_rate * rates_of(motion.t, r)
     error = r - angle[:, i]
     felt = error - np.clip(error, -controller.dead_band, controller.dead_band)
-    made = controller.supplied(kp * felt) + kd * (wanted - rate[:, i])
+    in_ratio = kd
+    if stated is not None:
+        in_ratio = stated.gains[1] * _first_gain(controller) / _first_gain(stated)
+    made = controller.supplied(kp * felt) + in_ratio * (wanted - rate[:, i])
+    if quiet is not None:
+        _, quiet_rate = _of_motor(quiet)
+        made = made + (kd - in_ratio) * (wanted - quiet_rate[:, i])
     return np.asarray(np.clip(made, -limit, limit))
 
 

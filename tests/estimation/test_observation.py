@@ -155,6 +155,7 @@ def test_a_made_torque_follows_the_gains_of_its_controller() -> None:
         np.testing.assert_allclose(
             own.tau_m[margin:-margin], right.tau_m[margin:-margin], rtol=0, atol=1e-4
         )
+    np.testing.assert_allclose(found.scale(3), 1.3)
     (same,) = seen.corrected({}, {}, arm).quiet
     np.testing.assert_array_equal(same.tau_m, seen.quiet[0].tau_m)
 
