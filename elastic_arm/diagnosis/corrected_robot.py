@@ -40,6 +40,16 @@ def repaired_robot(robot: Robot, diagnosis: Diagnosis, taken_back: Collection[st
             # The whole turn from the described base; the model stands at a rounded one.
             x, y = (float(cause.parameters[axis].value) for axis in "xy")
             arm = mounted(arm.with_(base_placement=robot.base_placement), x, y)
+    return _with_firmware_of(robot, arm)
+
+
+def _with_firmware_of(robot: Robot, arm: Robot) -> Robot:
+    """Return an arm with the described firmware where only the electrics made torques, of a
+    recorded duty."""
+    for stated, own in zip(robot.joints, arm.joints, strict=True):
+        if own.follows_duty and own.controller is not None and stated.controller is not None:
+            whole = stated.controller.with_electrics_of(own.controller)
+            arm = arm.with_joint(own.name, controller=whole)
     return arm
 
 

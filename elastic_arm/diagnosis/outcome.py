@@ -90,6 +90,7 @@ class _Outcome:
             unexplained=tuple(sorted(self._unexplained, key=lambda place: -place.rmse)),
             imperfections=self._imperfections(),
             made=prepared.made,
+            of_duty=tuple(joint.name for joint in problem.robot.joints if joint.follows_duty),
             changes=changes_between(self.parts.explanation, problem),
             known=tuple(_known_as_written(known) for known in self._known),
             events=prepared.all_events,

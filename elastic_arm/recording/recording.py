@@ -17,6 +17,8 @@ from elastic_arm.recording.sides import (
     Side,
     Stamps,
     joined_sides,
+    joints_with,
+    listed,
     matched_names,
 )
 from elastic_arm.recording.timebase.joining import join
@@ -50,7 +52,8 @@ class Recording:
         torque constant.
     made_by
         Joint -> controller from which its motor torque was computed; the reference is then the
-        input of the drives. Empty if torques were measured.
+        input of the drives: the command, or in the mode "duty" the share of full duty. Empty if
+        torques were measured.
     firmware_gains
         Joint -> number in its servo's register of the position gain during the recording. Empty
         where it is the one that the description states.
@@ -81,6 +84,23 @@ class Recording:
                         f"{side_name} {channel} has {values.shape[1]} columns for {self.n} joints",
                         "Give one column per joint.",
                     )
+            if side.pwm is not None and side_name != "motor":
+                raise RecordingError(
+                    f"{side_name} has a pwm", "It is the duty of motors: give it to the motor side."
+                )
+        self._check_duty()
+
+    def _check_duty(self) -> None:
+        """Raise a RecordingError if a motor has both a torque and a duty."""
+        motor = self.motor
+        if motor is None or motor.effort is None or motor.pwm is None:
+            return
+        both = joints_with(motor.effort) & joints_with(motor.pwm)
+        if both.any():
+            raise RecordingError(
+                f"{listed(self.joints, both)}: both effort and pwm of the motor",
+                "Give the effort if it is a measured torque, otherwise pwm.",
+            )
 
     def __repr__(self) -> str:
         sides = self.sides().items()

@@ -38,7 +38,7 @@ def _of_electrics(law: Callable[[SymbolicMotion, int, float, Numbers], Any]) -> 
             )
         return law(motion, i, stated.stall, p)
 
-    return made(more, asked=False)
+    return made(more, asked=False, commanded=False)
 
 
 def _sagging(motion: SymbolicMotion, i: int, stall: float, p: Numbers) -> Any:
