@@ -311,8 +311,15 @@ def _refuse_of_commands(silent: Sequence[EffectInstance], robot: Robot) -> None:
 def _uncertain(question: Question) -> list[Effect]:
     """Return the effects of sensors and of the arm's numbers that are not given."""
     given = {instance.effect.id for instance in question.known}
-    effects = [e for e in question.catalogue.values() if e.prior is not None or e.number]
+    effects = [e for e in question.catalogue.values() if e.prior is not None or _has_number(e)]
     return [e for e in effects if e.id not in given]
+
+
+def _has_number(effect: Effect) -> bool:
+    """Whether an effect is an error of a number of the arm."""
+    return bool(effect.number) or (
+        isinstance(effect, ControllerEffect) and bool(effect.number_of_duty)
+    )
 
 
 def _notes(

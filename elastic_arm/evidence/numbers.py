@@ -1,7 +1,7 @@
 """Which numbers of an arm and its sensors are uncertain, each with its prior: nu ~ N(0, (tau
 std)²)."""
 
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -52,18 +52,16 @@ def numbers_of(
     inertias = _motor_inertias(pieces)
     errors: Errors = {}
     for feature in features:
-        if feature.effect.number:
-            errors[feature.effect.number, feature.joint] = feature
+        if number := number_of(feature, robot):
+            errors[number, feature.joint] = feature
     found: list[Number] = []
     for j, joint in enumerate(robot.joints):
         found += _of_joint(j, joint, priors, inertias, errors)
         presliding = min(priors.presliding, PRESLIDING_SHARE * float(largest[j]))
         found += _turnovers(joint, 0.0 if turning is None else float(turning[j]), presliding, sides)
-    driven = [joint.name for joint in robot.joints if joint.follows_duty]
-    found += [_scale_of(name, priors, None) for name in driven]
     for feature in features:
         if isinstance(feature.effect, ControllerEffect):
-            found += _of_controller(feature, priors, errors, driven)
+            found += _of_controller(feature, number_of(feature, robot), priors, errors)
         found += _of_sensor(feature, robot, rate, priors, largest)
     return tuple(found)
 
@@ -99,29 +97,24 @@ def _of_joint(
         yield Number(what, joint.name, unit, std, neutral, error=error, limit=limit)
 
 
+def number_of(feature: Feature, robot: Robot) -> str:
+    """Return the name of the number that an effect at its place is an error of; empty where it is
+    none."""
+    effect = feature.effect
+    if feature.joint is None or not isinstance(effect, ControllerEffect):
+        return effect.number
+    return effect.number_at(robot.joints[robot.joint_names.index(feature.joint)])
+
+
 def _of_controller(
-    feature: Feature, priors: Priors, errors: Errors, driven: Collection[str]
+    feature: Feature, number: str, priors: Priors, errors: Errors
 ) -> Iterator[Number]:
-    """Yield the gain of a joint's controller; where it has one alone, that is the scale of all.
-
-    driven: joints whose duty was recorded: their scale is that of their electrics.
-    """
-    if not feature.effect.number or feature.joint is None:
+    """Yield the gain of a joint's controller; where it has one alone, that is the scale of all."""
+    if not number or feature.joint is None:
         return
-    scaled = (SCALE, feature.joint) in errors or feature.joint in driven
-    if not scaled or feature.effect.number == SCALE:
-        yield _scale_of(feature.joint, priors, feature)
-        return
-    std = priors.gain_ratio
-    limit = LARGEST_SCALE / std
-    yield Number(feature.effect.number, feature.joint, "1", std, 1.0, error=feature, limit=limit)
-
-
-def _scale_of(joint: str, priors: Priors, error: Feature | None) -> Number:
-    """Return the scale of all torque that a joint's controller makes, with the effect as which it
-    is off."""
-    std = priors.controller
-    return Number(SCALE, joint, "1", std, 1.0, error=error, limit=LARGEST_SCALE / std)
+    what = number if (SCALE, feature.joint) in errors else SCALE
+    std = priors.controller if what == SCALE else priors.gain_ratio
+    yield Number(what, feature.joint, "1", std, 1.0, error=feature, limit=LARGEST_SCALE / std)
 
 
 def _of_sensor(

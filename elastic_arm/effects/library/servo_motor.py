@@ -99,6 +99,7 @@ EFFECTS = (
         sides=("motor",),
         regime="load",
         change=lambda controller, p: controller.scaled(kp=p["gain"], kd=p["gain"]),
+        number_of_duty="torque_scale",
         confusions=(
             Confusion(
                 "supply_sag",
