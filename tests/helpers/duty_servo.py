@@ -1,6 +1,7 @@
 """A servo that swings a pendulum, integrated here, whose duty is recorded: the firmware is none of
 the description's."""
 
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -47,6 +48,7 @@ def described(folder: Path) -> Robot:
     return load_robot(folder / "arm.yaml")
 
 
+@cache
 def recorded(
     seed: int, *, per_volt: float = PER_VOLT, sag: float = 0.0, seconds: float = 20.0
 ) -> Recording:
