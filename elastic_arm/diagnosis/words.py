@@ -363,10 +363,11 @@ def scale_sentence(found: Diagnosis) -> str:
         ),
     ]
     made = " or ".join(way for way, used in ways if used)
+    whole = len(found.made) == len(found.joints)
+    lacking = "no torque" if whole else f"no torque of {listed(found.made)}"
     return (
-        f"no torque was recorded; torques are computed from {made}. The standard"
-        f" deviation of their scale is {known}; masses and"
-        f" friction inherit this uncertainty.{where}"
+        f"{lacking} was recorded; torques are computed from {made}. The standard deviation of"
+        f" their scale is {known}; masses and friction inherit this uncertainty.{where}"
     )
 
 

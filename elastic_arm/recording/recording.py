@@ -151,7 +151,7 @@ class Recording:
                 samples = replace(
                     samples, read=np.asarray((self.read_ns - samples.stamp_ns[0]) * 1e-9)
                 )
-            return replace(samples, r=self._followed(samples.stamp_ns)) if self.made_by else samples
+            return self._with_followed(samples) if self.made_by else samples
         except RecordingError as error:
             raise RecordingError(
                 f"{self.source or 'the recording'}: {error.problem}", error.remedy
@@ -220,6 +220,12 @@ class Recording:
             if own in self.firmware_gains
         }
         return replace(self, joints=tuple(joints), notes=notes, firmware_gains=gains, **cut)
+
+    def _with_followed(self, samples: Samples) -> Samples:
+        """Return samples with what the drives follow; joints whose torque was measured lack it."""
+        r = self._followed(samples.stamp_ns)
+        others = {("r", j) for j, name in enumerate(self.joints) if name not in self.made_by}
+        return replace(samples, r=np.nan_to_num(r), lacking=samples.lacking | others)
 
     def _followed(self, stamp_ns: Stamps) -> Array:
         """Return the command (N, n) at other stamps."""

@@ -231,10 +231,11 @@ class Samples:
     notes: tuple[str, ...] = ()  # what was done to bring the channels together
     # what stamps mean where the user knows it; None where the motion decides
     clock: ClockMode | None = None
-    # q, theta, tau_J, tau_m, each with the index of a joint that lacks it while others have it:
-    # there the angle is that of the joint's other side, and the torque is zero
+    # q, theta, tau_J, tau_m, r, each with the index of a joint that lacks it while others have it:
+    # there the angle is that of the joint's other side, and the torque and r are zero
     lacking: Lacking = frozenset()
-    # (N, n) rad, command as the drives take it; None unless tau_m is what controllers make of it
+    # (N, n) rad, command as the drives take it, or share of full duty; None unless tau_m is what
+    # controllers make of it
     r: Array | None = None
     # (M,) s, on the axis of t, at which torques were read where that is not at all of t
     read: Array | None = None

@@ -5,19 +5,24 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
 from elastic_arm.diagnosis import Diagnosis, Question, diagnose
 from elastic_arm.diagnosis.corrected_robot import repaired_robot
 from elastic_arm.diagnosis.words import scale_sentence
+from elastic_arm.dynamics import build_model
 from elastic_arm.effects import EFFECTS, parse
 from elastic_arm.effects.arm_equations import ArmEquations
 from elastic_arm.effects.effect import ControllerEffect
 from elastic_arm.equations.places import features
 from elastic_arm.errors import DiagnosisError
+from elastic_arm.excitation import MotionLimits, random_trajectories
 from elastic_arm.identification import identify
 from elastic_arm.recording import Side
 from elastic_arm.recording.made_torque import with_recorded_duty
-from elastic_arm.robot import Robot
+from elastic_arm.robot import JointController, Robot
+from elastic_arm.simulation import SimulationSettings, simulate
+from tests.diagnosis.test_armature import rigid
 from tests.helpers.duty_servo import described, recorded
 from tests.helpers.nightly import nightly
 
@@ -99,6 +104,32 @@ def test_effects_of_commands_are_not_offered(arm: Robot) -> None:
     given = parse("command_delay:servo:delay=0.02", arm)
     with pytest.raises(DiagnosisError, match="command_delay acts on commands"):
         diagnose(runs[:1], Question(arm, given=[given]), runs[1:])
+
+
+def test_a_duty_of_one_joint_stands_beside_measured_torques() -> None:
+    """The others keep their sensors; the torque constant of that joint is found exactly."""
+    arm = rigid()
+    drive = JointController(kp=30.0, kd=2.0, stall=400.0)
+    rng = np.random.default_rng(0)
+    motions = random_trajectories(build_model(arm), MotionLimits.of(arm), 2, rng=rng)
+    settings = SimulationSettings(nominal=arm)
+    runs = []
+    for motion in motions:
+        run = simulate(arm, motion, settings, rng=rng)
+        t = (run.motor.stamp_ns - run.motor.stamp_ns[0]) * 1e-9
+        speed = CubicSpline(t, run.motor.position[:, 1])(t, 1)
+        duty, effort = np.full_like(run.motor.effort, np.nan), run.motor.effort.copy()
+        duty[:, 1] = (effort[:, 1] / 1.6 + drive.kd * speed) / drive.stall
+        effort[:, 1] = np.nan
+        motor = replace(run.motor, effort=effort, pwm=duty)
+        runs.append(replace(run, motor=motor, reference=None))
+    effects = ["coulomb_friction", "torque_constant", "supply_sag", "position_gain"]
+    question = Question(arm.with_joint("joint_2", controller=drive), effects=effects)
+    found = diagnose(runs[:1], question, runs[1:])
+    (cause,) = found.causes
+    assert (cause.effect, cause.joint) == ("torque_constant", "joint_2")
+    assert cause.parameters["gain"].value == pytest.approx(1.6, rel=1e-3)
+    assert scale_sentence(found).startswith("no torque of joint_2 was recorded")
 
 
 def test_an_identification_takes_the_duty(arm: Robot) -> None:
