@@ -61,6 +61,8 @@ def at_common_gain(robot: Robot, recordings: Sequence[Recording]) -> Robot:
         gains = sorted({gains[joint.name] for gains in own})
         if stated is None or stated.firmware_gain is not None or not gains:
             continue
+        if not stated.kp and not stated.ki:  # whose duty alone is used
+            continue
         if len(gains) > 1:
             listed_gains = " and ".join(f"{gain:g}" for gain in gains)
             raise RobotError(
@@ -222,6 +224,9 @@ def _commanded(
     for i, name in enumerate(recording.joints):
         controller = stated.get(name)
         if controller is None or name in driven:
+            continue
+        # Electrics without a gain of the firmware make nothing of commands.
+        if controller.stall is not None and not controller.kp:
             continue
         if there[i] and _is_told(reference, controller, i):
             limit = robot.joints[robot.joint_names.index(name)].most_torque

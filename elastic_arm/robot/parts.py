@@ -317,7 +317,7 @@ class Limits:
 CONTROLLED = (
     "or record commands and positions, and describe the controllers that compute"
     " torques from them: `controller: {joint_1: {kp: 30, kd: 0.5}}`, Nm/rad and Nm"
-    " s/rad (docs/servo_arm.md)"
+    " s/rad, or the duty (pwm) of servos, and describe their `motor` (docs/servo_arm.md)"
 )
 
 

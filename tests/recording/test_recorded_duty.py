@@ -12,8 +12,13 @@ from elastic_arm.recording import Recording, Side, load_channels, read_recording
 from elastic_arm.recording.foreign.array_export import export_arrays
 from elastic_arm.recording.foreign.arrays import import_arrays
 from elastic_arm.recording.inspection.check import check_bag
-from elastic_arm.recording.made_torque import with_made_torque, with_recorded_duty
+from elastic_arm.recording.made_torque import (
+    at_common_gain,
+    with_made_torque,
+    with_recorded_duty,
+)
 from elastic_arm.robot import JointController, Robot, load_robot
+from elastic_arm.robot.arm_file import MotorEntry
 from tests.helpers.bags import JOINT_STATE, joint_state, write_foreign, write_yaml
 
 JOINTS = ("joint_1", "joint_2", "joint_3")
@@ -67,6 +72,21 @@ def test_the_described_electrics_make_the_torque(arm: Robot) -> None:
         assert made.motor.pwm is None and len(made.motor) == 400
         assert {own.mode for own in made.made_by.values()} == {"duty"}
         assert any("recorded duty (pwm)" in note for note in made.notes)
+
+
+def test_the_gain_of_the_firmware_may_be_unknown(arm: Robot) -> None:
+    """It is not needed, and without it nothing is made of commands."""
+    electrics = MotorEntry(supply=SUPPLY, torque_per_volt=PER_VOLT, back_emf=BACK_EMF)
+    drive = JointController(**electrics.gains())
+    bare = arm.with_(joints=tuple(replace(joint, controller=drive) for joint in arm.joints))
+    made = with_made_torque(recorded(), bare)
+    np.testing.assert_allclose(made.motor.effort[5:-5, 1], wanted(T)[5:-5], atol=1e-5)
+    told = Recording(
+        JOINTS, link=recorded().link, reference=Side(STAMPS, position=np.zeros((400, 3)))
+    )
+    assert with_made_torque(told, bare) is told
+    sweep = [replace(told, firmware_gains={"joint_1": gain}) for gain in (100.0, 400.0)]
+    assert at_common_gain(bare, sweep) is bare
 
 
 def test_a_duty_with_other_stamps_is_interpolated(arm: Robot) -> None:
