@@ -86,7 +86,7 @@ def test_another_torque_constant_is_named_and_written(
 
 
 def test_a_supply_that_sags_is_named(arm: Robot, effects: list[str] | None) -> None:
-    """Where the servo sticks its size comes out a tenth too small, as of commands."""
+    """Its size comes out a tenth too small, as it does from commands."""
     found = answer(arm, effects, sag=0.25)
     (cause,) = found.causes
     assert (cause.effect, cause.joint) == ("supply_sag", "servo")
