@@ -322,7 +322,8 @@ def correct(
     """
     if found.context is not None and not robot.elastic:
         correction.motion = found.context.moved(SAMPLES)
-    if not found.made:
+    # The duty alone says nothing of the firmware: without commands there is no closed loop.
+    if not any(is_commanded(one) for one in (*judges, *fitted)) or not found.made:
         corrected = repaired_robot(robot, found) if found.causes else None
         return Written(correction.write(corrected, folder, deviations(found)), corrected)
     held_back = found.context is not None and found.context.held_back

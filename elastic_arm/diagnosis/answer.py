@@ -27,7 +27,7 @@ from elastic_arm.evidence.problem import ALL
 from elastic_arm.evidence.relinearise import explain
 from elastic_arm.evidence.watch import Stage, Watch
 from elastic_arm.recording import Recording
-from elastic_arm.recording.made_torque import at_common_gain
+from elastic_arm.recording.made_torque import at_common_gain, with_recorded_duty
 from elastic_arm.recording.recording import recordings_of
 
 AGAIN = 3  # times that recordings are explained anew without the events that are found
@@ -69,7 +69,7 @@ def diagnose(
     validate = recordings_of(validate, "validate")
     require_kind(question, Question, "question", DiagnosisError, "Give Question(robot).")
     robot = at_common_gain(question.robot, [*recordings, *validate])
-    question = replace(question, robot=robot)
+    question = replace(question, robot=with_recorded_duty(robot, [*recordings, *validate]))
     watch = watch or Watch()
     prepared = prepare(recordings, validate, question)
     each = [*recordings, *validate]

@@ -116,12 +116,14 @@ class Causes:
 
     def _sets_without(self, name: Name) -> Iterator[tuple[float, set[Name]]]:
         """Yield the probability of each set without a cause that has what the most probable one
-        lacks, and what that is."""
+        lacks, and what that is.
+
+        What the judging recordings do not confirm is no alternative.
+        """
         best = self.beliefs.likely_in_best
-        refused = {other for other, _ in self.confirmed.refused}
         for p, fit in self.beliefs.sets:
             own = self.beliefs.likely_in(fit)
-            others = own - best - refused
+            others = {other for other in own - best if self.confirmed.accepts(other)}
             if name not in own and others:
                 yield p, others
 

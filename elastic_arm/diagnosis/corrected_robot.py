@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 
 from elastic_arm.diagnosis.context import DiagnosisContext
-from elastic_arm.diagnosis.result import Diagnosis
+from elastic_arm.diagnosis.result import Cause, Diagnosis
 from elastic_arm.effects import EffectInstance
-from elastic_arm.effects.effect import Plant, SensorEffect
+from elastic_arm.effects.effect import ControllerEffect, Plant, SensorEffect
 from elastic_arm.effects.library.base_tilt import TILT
 from elastic_arm.identification.batch.mounting import mounted
 from elastic_arm.robot import Robot, with_joints_of
@@ -34,12 +34,30 @@ def repaired_robot(robot: Robot, diagnosis: Diagnosis, taken_back: Collection[st
     arm = (robot if context is None else context.model.robot).with_(effects=(*kept, *causes))
     arm = with_joints_of(arm, robot, taken_back)
     for cause in written:
-        if cause.held_as == "controller" and not cause.instance.effect.number:
+        if cause.held_as == "controller" and not _is_number(cause, arm):
             arm = cause.instance.effect.added_to(Plant(arm, Sensors.exact()), cause.instance).robot
         if cause.effect == TILT and cause.held_as == "number":
             # The whole turn from the described base; the model stands at a rounded one.
             x, y = (float(cause.parameters[axis].value) for axis in "xy")
             arm = mounted(arm.with_(base_placement=robot.base_placement), x, y)
+    return _with_firmware_of(robot, arm)
+
+
+def _is_number(cause: Cause, arm: Robot) -> bool:
+    """Whether a cause at a controller is a number of the arm, which the arm has already."""
+    effect = cause.instance.effect
+    if cause.joint is None or not isinstance(effect, ControllerEffect):
+        return bool(effect.number)
+    return bool(effect.number_at(arm.joints[arm.joint_names.index(cause.joint)]))
+
+
+def _with_firmware_of(robot: Robot, arm: Robot) -> Robot:
+    """Return an arm with the described firmware where only the electrics made torques, of a
+    recorded duty."""
+    for stated, own in zip(robot.joints, arm.joints, strict=True):
+        if own.follows_duty and own.controller is not None and stated.controller is not None:
+            whole = stated.controller.with_electrics_of(own.controller)
+            arm = arm.with_joint(own.name, controller=whole)
     return arm
 
 

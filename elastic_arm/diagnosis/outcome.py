@@ -90,6 +90,7 @@ class _Outcome:
             unexplained=tuple(sorted(self._unexplained, key=lambda place: -place.rmse)),
             imperfections=self._imperfections(),
             made=prepared.made,
+            of_duty=tuple(joint.name for joint in problem.robot.joints if joint.follows_duty),
             changes=changes_between(self.parts.explanation, problem),
             known=tuple(_known_as_written(known) for known in self._known),
             events=prepared.all_events,
@@ -213,7 +214,10 @@ class _Outcome:
         pieces = [observation.pieces for observation in problem.observed[0]]
         found = resonances(problem.robot, problem.model, pieces)
         of_left = {joint: frequency for joint, frequency in found.items() if joint in left}
-        yield from ringing_notes(of_left, self.parts.prepared.made)
+        # A servo swings on its gain, but the torque of a recorded duty is that of the motor alone.
+        driven = {joint.name for joint in problem.robot.joints if joint.follows_duty}
+        commanded = [name for name in self.parts.prepared.made if name not in driven]
+        yield from ringing_notes(of_left, commanded)
 
     def _joints_left(self) -> Set[str]:
         """Return the joints whose residuals are well above their noise after the correction."""

@@ -106,10 +106,12 @@ def predict(
         )
     if bare := _undriven(context):
         return Prediction(reason=f"the driving torque of {', '.join(bare)} was not recorded")
-    if context.seen[0].made_by:
-        return Prediction(
-            reason=("no driving torque was measured; `elastic-arm replay` uses the commands")
+    if made := context.seen[0].made_by:
+        of_duty = all(own.mode == "duty" for own in made.values())
+        instead = (
+            "it is computed from the duty" if of_duty else "`elastic-arm replay` uses the commands"
         )
+        return Prediction(reason=f"no driving torque was measured; {instead}")
     begins = _begins(context, starts)
     if not any(len(b) for b in begins):
         return Prediction(reason=f"no interval of the validation data is {HORIZONS[-1]:g} s long")

@@ -21,7 +21,7 @@ from elastic_arm.diagnosis.words import LOW_PASSED, bare_note, standing_note, un
 from elastic_arm.dynamics import build_model
 from elastic_arm.effects import Effect, EffectInstance, robot_effects
 from elastic_arm.effects.arm_equations import ArmEquations
-from elastic_arm.effects.effect import Scope
+from elastic_arm.effects.effect import ControllerEffect, Scope
 from elastic_arm.effects.library.base_tilt import TILT
 from elastic_arm.effects.library.friction import PLAIN
 from elastic_arm.equations.numbers import Number
@@ -287,17 +287,39 @@ def _acting(question: Question, robot: Robot, layout: EquationSet) -> _Acting:
     unseen: list[EffectInstance] = []
     for part in (stated, question.known):
         acting = [i for i in part if feature_of(i, equations).acts]
+        _refuse_of_commands([i for i in part if i not in acting], robot)
         own = tuple(i for i in acting if _is_seen(feature_of(i, equations), layout))
         seen.append(own)
         unseen += [i for i in acting if i not in own]
     return _Acting(seen[0], seen[1], tuple(unseen))
 
 
+def _refuse_of_commands(silent: Sequence[EffectInstance], robot: Robot) -> None:
+    """Raise a DiagnosisError if one of the effects that act nowhere would act on the commands of a
+    joint whose torque comes from its duty."""
+    for instance in silent:
+        joints = [robot.joints[i] for i in instance.joint_indices(robot)]
+        driven = [joint.name for joint in joints if joint.follows_duty]
+        if driven and isinstance(instance.effect, ControllerEffect):
+            raise DiagnosisError(
+                f"{instance.effect.id} acts on commands, but the torque of {', '.join(driven)}"
+                " comes from its recorded duty (pwm)",
+                "Omit it, or leave pwm out of the recordings",
+            )
+
+
 def _uncertain(question: Question) -> list[Effect]:
     """Return the effects of sensors and of the arm's numbers that are not given."""
     given = {instance.effect.id for instance in question.known}
-    effects = [e for e in question.catalogue.values() if e.prior is not None or e.number]
+    effects = [e for e in question.catalogue.values() if e.prior is not None or _has_number(e)]
     return [e for e in effects if e.id not in given]
+
+
+def _has_number(effect: Effect) -> bool:
+    """Whether an effect is an error of a number of the arm."""
+    return bool(effect.number) or (
+        isinstance(effect, ControllerEffect) and bool(effect.number_of_duty)
+    )
 
 
 def _notes(

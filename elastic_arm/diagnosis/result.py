@@ -332,7 +332,9 @@ class Diagnosis(Result):
     imperfections
         Numbers of the description and of the sensors.
     made
-        Joints whose motor torques are computed from commands and positions.
+        Joints whose motor torques are computed from commands and positions, or from their duty.
+    of_duty
+        Those of them whose torques are computed from their recorded duty.
     changes
         Sizes that differ between recordings.
     known
@@ -376,6 +378,7 @@ class Diagnosis(Result):
     not_confirmed: tuple[UnconfirmedCause, ...] = ()
     imperfections: tuple[Imperfection, ...] = ()
     made: tuple[str, ...] = ()
+    of_duty: tuple[str, ...] = ()
     changes: tuple[Change, ...] = ()
     prismatic: tuple[str, ...] = ()
     known: tuple[Mapping[str, Any], ...] = ()
@@ -394,7 +397,7 @@ class Diagnosis(Result):
 
     @property
     def torque_scale(self) -> dict[str, ParameterEstimate]:
-        """Scale of the torques computed from commands, true / described, by joint."""
+        """Scale of the torques computed from commands or duty, true / described, by joint."""
         found = {p.joint: p for p in self.imperfections if p.what == SCALE}
         scales = {joint: found[joint] for joint in self.made if joint in found}
         return {joint: ParameterEstimate(one.value, one.std, "1") for joint, one in scales.items()}
@@ -539,7 +542,7 @@ class Diagnosis(Result):
         }
 
     def _commanded(self) -> dict[str, Any]:
-        """Return what only an arm has whose torques were made of commands."""
+        """Return what only an arm has whose torques were made of commands or of the duty."""
         if not self.made:
             return {}
         scales = {
@@ -547,6 +550,8 @@ class Diagnosis(Result):
             for name, e in self.torque_scale.items()
         }
         found: dict[str, Any] = {"torque_scale": scales}
+        if self.of_duty:
+            found["torque_of_duty"] = list(self.of_duty)
         if self.closed_loop:
             found["closed_loop"] = {name: one.to_dict() for name, one in self.closed_loop.items()}
             found["taken_back"] = list(self.taken_back)
@@ -664,6 +669,7 @@ def from_dict(data: Mapping[str, Any], folder: Path, catalogue: Catalogue) -> Di
             Imperfection(**one, neutral=float(one["unit"] == "1")) for one in data["imperfections"]
         ),
         made=tuple(data.get("torque_scale", ())),
+        of_duty=tuple(data.get("torque_of_duty", ())),
         closed_loop={
             name: ClosedLoopError.from_dict(one)
             for name, one in data.get("closed_loop", {}).items()

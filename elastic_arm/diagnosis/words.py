@@ -344,7 +344,8 @@ def unknown_sentences(found: Diagnosis) -> list[str]:
 
 
 def scale_sentence(found: Diagnosis) -> str:
-    """Return what anchors the scale of torques that were made of commands, and where it is off."""
+    """Return what anchors the scale of torques that were made of commands or of the duty, and where
+    it is off."""
     known = ", ".join(
         f"{100 * e.std / abs(e.value):.2g} % at {joint}" for joint, e in found.torque_scale.items()
     )
@@ -354,10 +355,19 @@ def scale_sentence(found: Diagnosis) -> str:
         if abs(e.value - 1.0) > OFF * e.std
     ]
     where = f" The estimated scale is {listed(off)}." if off else ""
+    ways = [
+        ("the recorded duty (pwm) with the described electrics", bool(found.of_duty)),
+        (
+            "commands and positions with the described controllers",
+            len(found.of_duty) < len(found.made),
+        ),
+    ]
+    made = " or ".join(way for way, used in ways if used)
+    whole = len(found.made) == len(found.joints)
+    lacking = "no torque" if whole else f"no torque of {listed(found.made)}"
     return (
-        "no torque was recorded; torques are computed from commands and positions with the"
-        f" described controllers. The standard deviation of their scale is {known}; masses and"
-        f" friction inherit this uncertainty.{where}"
+        f"{lacking} was recorded; torques are computed from {made}. The standard deviation of"
+        f" their scale is {known}; masses and friction inherit this uncertainty.{where}"
     )
 
 

@@ -24,7 +24,7 @@ from elastic_arm.effects.motion import Contribution, SymbolicMotion
 from elastic_arm.effects.parameters import Choice, Parameter, Role, combinations
 from elastic_arm.effects.regressor import RegressorOf
 from elastic_arm.errors import EffectError
-from elastic_arm.robot import JointController, Robot
+from elastic_arm.robot import Joint, JointController, Robot
 from elastic_arm.sensors import Sensors
 
 Value = float | tuple[float, ...] | tuple[str, ...] | str
@@ -263,6 +263,14 @@ class ControllerEffect(Effect):
     """
 
     change: Callable[[JointController, Mapping[str, Any]], JointController] = field(kw_only=True)
+    # name of the number that it is an error of where the joint's duty was recorded; empty where it
+    # is `number`
+    number_of_duty: str = ""
+
+    def number_at(self, joint: Joint) -> str:
+        """Return the name of the number of a joint that it is an error of; empty where it is
+        none."""
+        return self.number_of_duty if joint.follows_duty and self.number_of_duty else self.number
 
     def added_to(self, plant: Plant, instance: EffectInstance) -> Plant:
         """Return the arm with its controllers changed."""

@@ -314,6 +314,7 @@ def _of_gain(model: Model, parameter: Number, part: Part, acting: Sequence[Actin
         torque_scale: tau_m = s [kp (r - q) + kd rate],   d tau_m / d ln s = tau_m
         kd:           tau_m = s [kp (r - q) + g kd rate], d tau_m / d ln g = s g kd rate
 
+    Of a recorded duty u, stall u takes the place of kp (r - q).
     The torque is the predicted one: the angle's own noise is in the made torque, too, and gains of
     zero would explain all of it. What the controller commands beyond its limit does not change.
     Laws without a linear size are left out, as they are of the columns of masses: else they would
@@ -334,7 +335,7 @@ def _of_gain(model: Model, parameter: Number, part: Part, acting: Sequence[Actin
     kp, kd, _ = controller.gains
     damped = kd * (controller.follows_rate * dr - motion.dtheta[:, j])
     changed = tau_m - fed if parameter.what == SCALE else damped
-    error = signals.values["r"][:, j] - motion.theta[:, j]
+    error = signals.values["r"][:, j] - controller.follows_angle * motion.theta[:, j]
     asked = controller.supplied(kp * error) + damped
     limit = joint.most_torque
     is_within = np.abs(asked) < (np.inf if limit is None else limit)

@@ -261,7 +261,7 @@ class Observation:
         found = np.zeros((len(f), n), np.complex128)
         for i, controller in self.made_by.items():
             kp, kd, _ = controller.gains
-            found[:, i] = kp + 2j * np.pi * f * kd
+            found[:, i] = controller.follows_angle * kp + 2j * np.pi * f * kd
         return found * self.scale(n)
 
     def scale(self, n: int) -> Array:
@@ -360,7 +360,7 @@ def _followed(
     limit = np.inf if controller.torque is None else controller.torque
     r = motion.r[:, i]
     wanted = controller.follows_rate * rates_of(motion.t, r)
-    error = r - angle[:, i]
+    error = r - controller.follows_angle * angle[:, i]
     felt = error - np.clip(error, -controller.dead_band, controller.dead_band)
     in_ratio = kd
     if stated is not None:
@@ -452,11 +452,14 @@ def observe(recording: Recording, band: float | None = None) -> Observation:
 
     spectra = torque_spectra(recording)
     made_by = {recording.joints.index(name): own for name, own in recording.made_by.items()}
+    # The noise of a recorded duty is its own.
+    made = np.zeros(recording.n, dtype=bool)
+    made[[i for i, own in made_by.items() if own.mode != "duty"]] = True
     torques = {
-        "tau_J": torque_level(grids, "tau_J", spectra.get("link"), readings, singly),
-        "tau_m": torque_level(
-            grids, "tau_m", spectra.get("motor"), readings, singly, made=bool(made_by)
+        "tau_J": torque_level(
+            grids, "tau_J", spectra.get("link"), readings, singly, made=np.zeros_like(made)
         ),
+        "tau_m": torque_level(grids, "tau_m", spectra.get("motor"), readings, singly, made=made),
     }
     noise = _channel_noise(link, motor, torques, samples.lacking)
     steps = {

@@ -40,13 +40,14 @@ def torque_level(
     readings: Readings | None,
     singly: bool,
     *,
-    made: bool = False,
+    made: Array,
 ) -> Array | None:
     """Return the standard deviation (n,) Nm of a torque channel's noise; None where not recorded.
 
     spectrum: of the channel, if it is long enough to have one; singly: readings are compared one by
-    one, as they do not follow the motion; made: controllers make the torque. What the noise of
-    encoders makes of it is known by the controllers then, and the rest is the drive's.
+    one, as they do not follow the motion; made: (n,) whether controllers make the torque of
+    commands. What the noise of encoders makes of it is known by the controllers then, and the rest
+    is the drive's.
     """
     longest = max(grids, key=len)
     torque = getattr(longest, channel)
@@ -55,7 +56,8 @@ def torque_level(
     ordinary = ORDINARY_NOISE * np.std(torque, axis=0)
     if readings is None:
         level = torque_noise(grids, channel)
-        return ordinary if made else _with_low_pass(level, torque, spectrum, longest.rate)
+        measured = _with_low_pass(level, torque, spectrum, longest.rate)
+        return None if measured is None else np.where(made, ordinary, measured)
     if singly:
         return np.asarray(ordinary * readings.every**0.5)
     # They reach above the motion.

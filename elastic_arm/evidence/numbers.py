@@ -52,8 +52,8 @@ def numbers_of(
     inertias = _motor_inertias(pieces)
     errors: Errors = {}
     for feature in features:
-        if feature.effect.number:
-            errors[feature.effect.number, feature.joint] = feature
+        if number := number_of(feature, robot):
+            errors[number, feature.joint] = feature
     found: list[Number] = []
     for j, joint in enumerate(robot.joints):
         found += _of_joint(j, joint, priors, inertias, errors)
@@ -61,7 +61,7 @@ def numbers_of(
         found += _turnovers(joint, 0.0 if turning is None else float(turning[j]), presliding, sides)
     for feature in features:
         if isinstance(feature.effect, ControllerEffect):
-            found += _of_controller(feature, priors, errors)
+            found += _of_controller(feature, number_of(feature, robot), priors, errors)
         found += _of_sensor(feature, robot, rate, priors, largest)
     return tuple(found)
 
@@ -97,11 +97,22 @@ def _of_joint(
         yield Number(what, joint.name, unit, std, neutral, error=error, limit=limit)
 
 
-def _of_controller(feature: Feature, priors: Priors, errors: Errors) -> Iterator[Number]:
+def number_of(feature: Feature, robot: Robot) -> str:
+    """Return the name of the number that an effect at its place is an error of; empty where it is
+    none."""
+    effect = feature.effect
+    if feature.joint is None or not isinstance(effect, ControllerEffect):
+        return effect.number
+    return effect.number_at(robot.joints[robot.joint_names.index(feature.joint)])
+
+
+def _of_controller(
+    feature: Feature, number: str, priors: Priors, errors: Errors
+) -> Iterator[Number]:
     """Yield the gain of a joint's controller; where it has one alone, that is the scale of all."""
-    if not feature.effect.number or feature.joint is None:
+    if not number or feature.joint is None:
         return
-    what = feature.effect.number if (SCALE, feature.joint) in errors else SCALE
+    what = number if (SCALE, feature.joint) in errors else SCALE
     std = priors.controller if what == SCALE else priors.gain_ratio
     yield Number(what, feature.joint, "1", std, 1.0, error=feature, limit=LARGEST_SCALE / std)
 

@@ -45,6 +45,7 @@ SIZES = {
     "velocity_gain": ("kd", "gain"),
     "rotor_inertia_mismatch": ("armature", "inertia"),
 }
+SIZES_OF_DUTY = {"torque_constant": ("scale", "gain")}  # where the duty was recorded
 # Numbers of a description that are ratios, and what they are of the arm.
 RATIOS = {SCALE: "scale", RATIO: "kd", "rotor_inertia": "armature", "link_mass": "mass"}
 
@@ -208,15 +209,19 @@ def with_refined(found: Diagnosis, moved: Sequence[Moved]) -> Diagnosis:
             value, std = one.of(number.value)
             number = replace(number, value=value, std=std)
         numbers.append(number)
-    causes = tuple(_with_sizes(cause, by, found.joints[-1]) for cause in found.causes)
+    causes = tuple(_with_sizes(cause, by, found) for cause in found.causes)
     return replace(found, imperfections=tuple(numbers), causes=causes)
 
 
-def _with_sizes(cause: Cause, by: Mapping[tuple[str, str | None], Moved], last: str) -> Cause:
+def _with_sizes(
+    cause: Cause, by: Mapping[tuple[str, str | None], Moved], found: Diagnosis
+) -> Cause:
     """Return a cause with its parameters as they were refined."""
+    last = found.joints[-1]
     sizes = dict(cause.parameters)
-    if cause.effect in SIZES:
-        what, parameter = SIZES[cause.effect]
+    known = SIZES | (SIZES_OF_DUTY if cause.joint in found.of_duty else {})
+    if cause.effect in known:
+        what, parameter = known[cause.effect]
         one = by.get((what, cause.joint))
         if one is not None:
             value, std = one.of(float(sizes[parameter].value))

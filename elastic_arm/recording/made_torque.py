@@ -1,5 +1,7 @@
-"""Compute the motor torque from recorded commands and states with the described controller, for
-recordings without torques.
+"""Compute the motor torque of recordings without torques: from the recorded duty with the described
+electrics, or from recorded commands and states with the described controller.
+
+    tau_m = stall u (1 - sag |u|) - kd dq
 
     tau_m = limit(kp (r(t - d) - q) + kd (dr(t - d) - dq) + ki int(r - q) + feed-forward)
 
@@ -12,17 +14,19 @@ between commands, of the motion whose samples are the commands: within the band,
 holding.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 from scipy.interpolate import CubicSpline, PPoly
 
 from elastic_arm.dynamics import build_model
-from elastic_arm.errors import RobotError
+from elastic_arm.errors import RecordingError, RobotError
+from elastic_arm.recording.inspection.report import Finding
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Array, Side, joints_with, listed
-from elastic_arm.robot import JointController, Robot
+from elastic_arm.recording.timebase.joining import pair
+from elastic_arm.robot import Joint, JointController, Robot
 
 FINER = 8  # instants in a sample interval, over which a torque sample is the mean
 FEWEST = 12  # samples and commands of which anything is made
@@ -57,6 +61,8 @@ def at_common_gain(robot: Robot, recordings: Sequence[Recording]) -> Robot:
         gains = sorted({gains[joint.name] for gains in own})
         if stated is None or stated.firmware_gain is not None or not gains:
             continue
+        if not stated.kp and not stated.ki:  # whose duty alone is used
+            continue
         if len(gains) > 1:
             listed_gains = " and ".join(f"{gain:g}" for gain in gains)
             raise RobotError(
@@ -70,67 +76,213 @@ def at_common_gain(robot: Robot, recordings: Sequence[Recording]) -> Robot:
     return robot
 
 
-def with_made_torque(recording: Recording, robot: Robot) -> Recording:
-    """Return a recording with motor torques that the described controllers compute from commands
-    and positions.
+def joints_with_duty(recording: Recording) -> tuple[str, ...]:
+    """Return the names of the joints whose duty was recorded."""
+    motor = recording.motor
+    if motor is None or motor.pwm is None:
+        return ()
+    pairs = zip(recording.joints, joints_with(motor.pwm), strict=True)
+    return tuple(name for name, there in pairs if there)
 
-    Any other recording is returned unchanged. The reference becomes the command as the drives
-    receive it, at the stamps of the positions; samples before the first command and after the last
-    one are removed.
+
+def with_recorded_duty(robot: Robot, recordings: Sequence[Recording]) -> Robot:
+    """Return an arm whose joints follow their duty where all recordings contain it.
+
+    Raises a RecordingError if some recordings contain the duty of a joint and others do not, and a
+    RobotError if the description states no electrics of such a joint.
     """
-    side = recording.motor
+    each = [set(joints_with_duty(one)) for one in recordings]
+    for joint in robot.joints:
+        there = [joint.name in names for names in each]
+        if not any(there):
+            continue
+        if not all(there):
+            with_it = recordings[there.index(True)].source or "a recording"
+            without = recordings[there.index(False)].source or "another recording"
+            raise RecordingError(
+                f"{with_it} contains the pwm of {joint.name}, but {without} does not",
+                "Map pwm for all recordings, or leave it out of all",
+            )
+        robot = robot.with_joint(joint.name, controller=_electrics(joint))
+    return robot
+
+
+def _electrics(joint: Joint) -> JointController:
+    """Return what makes a torque of the duty of a joint."""
+    stated = joint.controller
+    if stated is None or stated.stall is None:
+        raise RobotError(
+            f"the pwm of {joint.name} was recorded, but the description states no electrics of its"
+            " motor, which make a torque of it",
+            f"State `controller: {{{joint.name}: {{motor: ...}}}}` in the arm file, or a <dcmotor>"
+            " in the MJCF (docs/servo_arm.md), or leave pwm out",
+        )
+    return stated.of_duty()
+
+
+def with_made_torque(recording: Recording, robot: Robot) -> Recording:
+    """Return a recording with motor torques where only the duty, or commands and positions, were
+    recorded.
+
+    The described electrics compute them from the duty, and the described controllers from commands
+    and positions. Any other recording is returned unchanged. The reference becomes the command as
+    the drives receive it, or their duty, at the stamps of the positions; samples before the first
+    command and after the last one are removed.
+
+    Raises a RobotError if the description states no electrics of a joint whose duty was recorded.
+    """
+    recording = _with_duty_at_positions(recording)
+    side = _with_positions(recording)
     if side is None or side.position is None:
-        side = recording.link
-    reference = recording.reference
-    stated = {joint.name: joint.controller for joint in robot.joints}
-    if not is_commanded(recording) or reference is None or side is None or side.position is None:
         return recording
+    driven = _driven(recording, robot, side)
+    commanded = _commanded(recording, robot, side, driven)
+    made = commanded | driven
+    if not made:
+        return recording
+    reference = recording.reference
+    # Without commands there is no other origin.
+    origin = side.stamp_ns[0] if reference is None or not commanded else reference.stamp_ns[0]
+    t = (side.stamp_ns - origin) * 1e-9
+    known = np.ones(len(t), np.bool_)
+    given = np.empty(0)
+    if commanded:
+        assert reference is not None
+        given = (reference.stamp_ns - origin) * 1e-9
+        latest = max(own.delay for own in commanded.values())
+        known = (t >= latest + float(np.median(np.diff(given)))) & (t <= given[-1])
+    t = t[known]
+    angles = side.position[known]
+    stamps = side.stamp_ns[known]
+    cut = {
+        name: one.at(np.isin(one.stamp_ns, stamps)) for name, one in recording.measured().items()
+    }
+    has_motor = side is recording.motor or bool(driven)
+    motor = cut["motor"] if has_motor else Side(stamps)
+    r = np.full(angles.shape, np.nan)
+    torque = np.full(angles.shape, np.nan) if motor.effort is None else motor.effort.copy()
+    for name, own in driven.items():
+        i = recording.joints.index(name)
+        assert motor.pwm is not None
+        r[:, i] = motor.pwm[:, i]
+        speed = CubicSpline(t, angles[:, i])(t, 1)
+        torque[:, i] = own.supplied(own.gains[0] * r[:, i]) - own.kd * speed
+    if reference is not None:
+        _add_commanded(recording, robot, commanded, (given, t, angles), (r, torque))
+    where = recording.source or "the recording"
+    notes = [f"{where}: {words}" for words in _made_words(recording.joints, commanded, driven)]
+    return replace(
+        recording,
+        link=cut.get("link"),
+        motor=replace(motor, effort=torque, pwm=None),
+        reference=Side(stamps, position=r),
+        made_by=made,
+        notes=(*recording.notes, *notes),
+    )
+
+
+def _with_positions(recording: Recording) -> Side | None:
+    """Return the motor side if it has positions, otherwise the link side."""
+    motor = recording.motor
+    return recording.link if motor is None or motor.position is None else motor
+
+
+def _with_duty_at_positions(recording: Recording) -> Recording:
+    """Return a recording whose duty is at the stamps of its positions."""
+    link = recording.link
+    motor = recording.motor
+    if link is None or motor is None or motor.pwm is None or motor.position is not None:
+        return recording
+    found: list[Finding] = []
+    link, motor = pair(link, motor, "the duty", "the positions", found, recording.clock)
+    words = [finding.message for finding in found]
+    return replace(recording, link=link, motor=motor, notes=(*recording.notes, *words))
+
+
+def _driven(recording: Recording, robot: Robot, side: Side) -> dict[str, JointController]:
+    """Return the electrics of the joints whose duty was recorded."""
+    assert side.position is not None
+    there = joints_with(side.position)
+    names = joints_with_duty(recording)
+    return {
+        joint.name: _electrics(joint)
+        for joint in robot.joints
+        if joint.name in names and there[recording.joints.index(joint.name)]
+    }
+
+
+def _commanded(
+    recording: Recording, robot: Robot, side: Side, driven: Collection[str]
+) -> dict[str, JointController]:
+    """Return the controllers of the other joints that make torques of recorded commands."""
+    reference = recording.reference
+    if reference is None or side.position is None or not is_commanded(recording):
+        return {}
+    stated = {joint.name: joint.controller for joint in robot.joints}
     there = joints_with(side.position)
     made: dict[str, JointController] = {}
     for i, name in enumerate(recording.joints):
         controller = stated.get(name)
-        if controller is not None and there[i] and _is_told(reference, controller, i):
+        if controller is None or name in driven:
+            continue
+        # Electrics without a gain of the firmware make nothing of commands.
+        if controller.stall is not None and not controller.kp:
+            continue
+        if there[i] and _is_told(reference, controller, i):
             limit = robot.joints[robot.joint_names.index(name)].most_torque
             own = controller.with_firmware_gain(recording.firmware_gains.get(name))
             made[name] = replace(own, torque=limit)
-    if not made:
-        return recording
-    given = (reference.stamp_ns - reference.stamp_ns[0]) * 1e-9
-    t = (side.stamp_ns - reference.stamp_ns[0]) * 1e-9
-    first = max(own.delay for own in made.values()) + float(np.median(np.diff(given)))
-    known = (t >= first) & (t <= given[-1])
-    t = t[known]
-    angles = side.position[known]
-    stamps = side.stamp_ns[known]
-    r, torque = np.full((2, *angles.shape), np.nan)
+    return made
+
+
+def _add_commanded(
+    recording: Recording,
+    robot: Robot,
+    commanded: Mapping[str, JointController],
+    times_and_angles: tuple[Array, Array, Array],
+    inputs_and_torques: tuple[Array, Array],
+) -> None:
+    """Fill in commands (N, n) as the drives receive them, and the torques (N, n) Nm made of them.
+
+    times_and_angles: of the commands, (M,) s; of the positions, (N,) s; and these, (N, n) rad.
+    """
+    given, t, angles = times_and_angles
+    r, torque = inputs_and_torques
+    reference = recording.reference
+    if reference is None or not commanded:
+        return
     commands: dict[int, _Command] = {}
-    for name, own in made.items():
+    for name, own in commanded.items():
         i = recording.joints.index(name)
         commands[i] = _Command(reference, given, i, own, angles[0, i])
         r[:, i] = commands[i](t)[0]
-    forward = _fed_forward(robot, t, np.where(np.isnan(r), angles, r), list(made.values()))
-    for name, own in made.items():
+    followed = angles.copy()
+    followed[:, list(commands)] = r[:, list(commands)]
+    forward = _fed_forward(robot, t, followed, list(commanded.values()))
+    for name, own in commanded.items():
         i = recording.joints.index(name)
         fed = forward[own.feedforward][:, i]
         torque[:, i] = _torque(own, commands[i], t, angles[:, i], fed)
-    cut: dict[str, Side] = {}
-    for name, one in recording.measured().items():
-        cut[name] = one.at(np.isin(one.stamp_ns, stamps))
-    motor = cut["motor"] if side is recording.motor else Side(stamps)
-    whose = listed(recording.joints, [name in made for name in recording.joints])
-    note = (
-        "no torque was recorded: the described controllers give the torques of"
-        f" {whose} from commands and positions, and estimates of torques, masses and"
-        " friction scale with their gains"
-    )
-    return replace(
-        recording,
-        link=cut.get("link"),
-        motor=replace(motor, effort=torque),
-        reference=Side(stamps, position=r),
-        made_by=made,
-        notes=(*recording.notes, f"{recording.source or 'the recording'}: {note}"),
-    )
+
+
+def _made_words(
+    joints: Sequence[str], commanded: Collection[str], driven: Collection[str]
+) -> Iterator[str]:
+    """Yield notes on whose torques were computed, and of what."""
+    if driven:
+        whose = listed(joints, [name in driven for name in joints])
+        yield (
+            f"the torques of {whose} are those that the described electrics make of the recorded"
+            " duty (pwm) and the speed: estimates of torques, masses and friction scale with the"
+            " supply voltage and the torque per volt"
+        )
+    if commanded:
+        whose = listed(joints, [name in commanded for name in joints])
+        yield (
+            "no torque was recorded: the described controllers give the torques of"
+            f" {whose} from commands and positions, and estimates of torques, masses and"
+            " friction scale with their gains"
+        )
 
 
 def _is_told(reference: Side, controller: JointController, i: int) -> bool:

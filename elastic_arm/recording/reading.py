@@ -25,6 +25,7 @@ from elastic_arm.recording.timebase.ordering import LATE_NS
 from elastic_arm.recording.topics import (
     JOINT_STATES,
     JOINT_TORQUES,
+    MOTOR_PWM,
     MOTOR_STATES,
     REFERENCE,
     ROBOT_DESCRIPTION,
@@ -32,7 +33,7 @@ from elastic_arm.recording.topics import (
 )
 
 PART = 400_000  # messages of a part of a long bag: three minutes of two topics at 1 kHz
-_CONTRACT = (JOINT_STATES, MOTOR_STATES, JOINT_TORQUES, REFERENCE)
+_CONTRACT = (JOINT_STATES, MOTOR_STATES, JOINT_TORQUES, MOTOR_PWM, REFERENCE)
 _STATE = {name: name for name in ("position", "velocity", "effort")}
 _POINT = {
     "position": "points.0.positions",
@@ -322,6 +323,8 @@ def _contract_recording(
         for topic in (JOINT_STATES, MOTOR_STATES)
     }
     link, motor = _place_torques(sides[JOINT_STATES], sides[MOTOR_STATES], series, joints, found)
+    duty = _side(series.get(MOTOR_PWM), joints, {"pwm": "effort"}, found)
+    motor = _with_duty(motor, duty, found)
     reference = _reference(series.get(REFERENCE), joints, found)
     called = joints if wanted is None else tuple(wanted)
     if called != joints:
@@ -388,6 +391,14 @@ def _place_torques(
 def _with_torque(side: Side, torques: Side, name: str, topic: str, found: list[Finding]) -> Side:
     side, torques = pair(side, torques, f"{JOINT_TORQUES}.{name}", topic, found)
     return replace(side, effort=torques.effort)
+
+
+def _with_duty(motor: Side | None, duty: Side | None, found: list[Finding]) -> Side | None:
+    """Return the motor side with the duty of its motors."""
+    if motor is None or duty is None:
+        return duty if motor is None else motor
+    motor, duty = pair(motor, duty, MOTOR_PWM, MOTOR_STATES, found)
+    return replace(motor, pwm=duty.pwm)
 
 
 def _joints(

@@ -17,6 +17,8 @@ from elastic_arm.recording.sides import (
     Side,
     Stamps,
     joined_sides,
+    joints_with,
+    listed,
     matched_names,
 )
 from elastic_arm.recording.timebase.joining import join
@@ -50,7 +52,8 @@ class Recording:
         torque constant.
     made_by
         Joint -> controller from which its motor torque was computed; the reference is then the
-        input of the drives. Empty if torques were measured.
+        input of the drives: the command, or in the mode "duty" the share of full duty. Empty if
+        torques were measured.
     firmware_gains
         Joint -> number in its servo's register of the position gain during the recording. Empty
         where it is the one that the description states.
@@ -81,6 +84,23 @@ class Recording:
                         f"{side_name} {channel} has {values.shape[1]} columns for {self.n} joints",
                         "Give one column per joint.",
                     )
+            if side.pwm is not None and side_name != "motor":
+                raise RecordingError(
+                    f"{side_name} has a pwm", "It is the duty of motors: give it to the motor side."
+                )
+        self._check_duty()
+
+    def _check_duty(self) -> None:
+        """Raise a RecordingError if a motor has both a torque and a duty."""
+        motor = self.motor
+        if motor is None or motor.effort is None or motor.pwm is None:
+            return
+        both = joints_with(motor.effort) & joints_with(motor.pwm)
+        if both.any():
+            raise RecordingError(
+                f"{listed(self.joints, both)}: both effort and pwm of the motor",
+                "Give the effort if it is a measured torque, otherwise pwm.",
+            )
 
     def __repr__(self) -> str:
         sides = self.sides().items()
@@ -131,7 +151,7 @@ class Recording:
                 samples = replace(
                     samples, read=np.asarray((self.read_ns - samples.stamp_ns[0]) * 1e-9)
                 )
-            return replace(samples, r=self._followed(samples.stamp_ns)) if self.made_by else samples
+            return self._with_followed(samples) if self.made_by else samples
         except RecordingError as error:
             raise RecordingError(
                 f"{self.source or 'the recording'}: {error.problem}", error.remedy
@@ -200,6 +220,12 @@ class Recording:
             if own in self.firmware_gains
         }
         return replace(self, joints=tuple(joints), notes=notes, firmware_gains=gains, **cut)
+
+    def _with_followed(self, samples: Samples) -> Samples:
+        """Return samples with what the drives follow; joints whose torque was measured lack it."""
+        r = self._followed(samples.stamp_ns)
+        others = {("r", j) for j, name in enumerate(self.joints) if name not in self.made_by}
+        return replace(samples, r=np.nan_to_num(r), lacking=samples.lacking | others)
 
     def _followed(self, stamp_ns: Stamps) -> Array:
         """Return the command (N, n) at other stamps."""

@@ -16,7 +16,9 @@ from elastic_arm.errors import RecordingError
 
 Stamps = NDArray[np.int64]
 
-CHANNELS = ("position", "velocity", "effort", "acceleration")
+CHANNELS = ("position", "velocity", "effort", "acceleration", "pwm")
+# Shares of full duty that a servo reports; a little more than 1 as registers round.
+MOST_DUTY = 1.05
 # Channels of :class:`Samples`, by the symbols of (1): side and channel of a recording.
 SAMPLED = {
     "q": ("link", "position"), "dq": ("link", "velocity"), "tau_J": ("link", "effort"),
@@ -43,6 +45,9 @@ class Side:
     position, velocity, effort, acceleration
         (N, n) rad, rad/s, Nm, rad/s²; None where not recorded. Torques and motor angles are reduced
         to the harmonic-drive output. Joints without the channel have NaN throughout.
+    pwm
+        (N, n) share of full duty that a servo applied to its motor, -1 to 1; None where not
+        recorded.
     """
 
     stamp_ns: Stamps
@@ -50,6 +55,7 @@ class Side:
     velocity: Array | None = None
     effort: Array | None = None
     acceleration: Array | None = None
+    pwm: Array | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "stamp_ns", _checked_stamps(self.stamp_ns))
@@ -225,10 +231,11 @@ class Samples:
     notes: tuple[str, ...] = ()  # what was done to bring the channels together
     # what stamps mean where the user knows it; None where the motion decides
     clock: ClockMode | None = None
-    # q, theta, tau_J, tau_m, each with the index of a joint that lacks it while others have it:
-    # there the angle is that of the joint's other side, and the torque is zero
+    # q, theta, tau_J, tau_m, r, each with the index of a joint that lacks it while others have it:
+    # there the angle is that of the joint's other side, and the torque and r are zero
     lacking: Lacking = frozenset()
-    # (N, n) rad, command as the drives take it; None unless tau_m is what controllers make of it
+    # (N, n) rad, command as the drives take it, or share of full duty; None unless tau_m is what
+    # controllers make of it
     r: Array | None = None
     # (M,) s, on the axis of t, at which torques were read where that is not at all of t
     read: Array | None = None

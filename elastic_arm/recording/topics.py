@@ -4,6 +4,7 @@ it."""
 JOINT_STATES = "/joint_states"
 MOTOR_STATES = "/motor_states"
 JOINT_TORQUES = "/joint_torques"
+MOTOR_PWM = "/motor_pwm"
 REFERENCE = "/reference"
 PARAMETER_ESTIMATE = "/parameter_estimate"
 GAP = "/gap"
@@ -16,6 +17,7 @@ TYPES = {
     JOINT_STATES: "sensor_msgs/msg/JointState",
     MOTOR_STATES: "sensor_msgs/msg/JointState",
     JOINT_TORQUES: "elastic_arm_msgs/msg/JointTorques",
+    MOTOR_PWM: "sensor_msgs/msg/JointState",
     REFERENCE: "trajectory_msgs/msg/JointTrajectory",
     PARAMETER_ESTIMATE: "elastic_arm_msgs/msg/ParameterEstimate",
     GAP: "elastic_arm_msgs/msg/GapDiagnosis",

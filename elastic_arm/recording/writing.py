@@ -21,6 +21,7 @@ from elastic_arm.recording.storage.stream_writer import Compression, StreamWrite
 from elastic_arm.recording.topics import (
     JOINT_STATES,
     JOINT_TORQUES,
+    MOTOR_PWM,
     MOTOR_STATES,
     REFERENCE,
     ROBOT_DESCRIPTION,
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
 _DRAWN = 50.0  # Hz, of what is looked at
 _ROWS = 10_000  # messages of a topic that are laid out at a time
 _STATE = ("position", "velocity", "effort")
+_NOT_STATES = ("acceleration", "pwm")
 _TORQUES = ("joint_torque", "motor_torque", "joint_torque_std", "motor_torque_std")
 
 
@@ -164,13 +166,19 @@ def _streams(recording: Recording, further: Mapping[str, Side]) -> list[Stream]:
         (MOTOR_STATES, recording.motor),
         *further.items(),
     ):
-        if side is not None:
-            check_times(side.stamp_ns, topic)
-            channels = {
-                name: values for name, values in side.channels().items() if name != "acceleration"
-            }
+        if side is None:
+            continue
+        check_times(side.stamp_ns, topic)
+        channels = {
+            name: values for name, values in side.channels().items() if name not in _NOT_STATES
+        }
+        if channels or side.pwm is None:
             streams.append(_of_joints(topic, joints, side.stamp_ns, _STATE, channels))
-    if recording.link is not None and recording.link.effort is not None and recording.motor is None:
+        if side.pwm is not None:
+            share = {"effort": side.pwm}
+            streams.append(_of_joints(MOTOR_PWM, joints, side.stamp_ns, _STATE, share))
+    has_motor = any(stream.topic == MOTOR_STATES for stream in streams)
+    if recording.link is not None and recording.link.effort is not None and not has_motor:
         # Without a motor side nothing else marks the effort as the joint torque sensor's.
         torque = {"joint_torque": recording.link.effort}
         streams.append(_of_joints(JOINT_TORQUES, joints, recording.link.stamp_ns, _TORQUES, torque))

@@ -96,19 +96,20 @@ class LimitsEntry(_Entry):
 class MotorEntry(_Entry):
     """The electrics of a servo: `tau = torque_per_volt (supply duty - back_emf speed)`.
 
-    The firmware makes `duty = duty_per_rad error`, at most 1. All numbers are at the joint.
+    The firmware makes `duty = duty_per_rad error`, at most 1; where the duty is recorded, this gain
+    may be left out. All numbers are at the joint.
     """
 
     supply: Annotated[Number, Field(gt=0)]  # V
     torque_per_volt: Annotated[Number, Field(gt=0)]  # kt / R, Nm/V
     back_emf: Annotated[Number, Field(ge=0)]  # kt, V s/rad
-    duty_per_rad: Annotated[Number, Field(gt=0)]
+    duty_per_rad: Annotated[Number, Field(gt=0)] | None = None
 
     def gains(self) -> dict[str, float]:
         """Return them as kp, kd and the torque of full duty."""
         stall = self.supply * self.torque_per_volt
         damping = self.torque_per_volt * self.back_emf
-        gains = {"kp": stall * self.duty_per_rad, "kd": damping, "stall": stall}
+        gains = {"kp": stall * (self.duty_per_rad or 0.0), "kd": damping, "stall": stall}
         return gains | {"supply": self.supply}
 
 

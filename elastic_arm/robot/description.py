@@ -86,10 +86,17 @@ class Joint:
     @property
     def most_torque(self) -> float | None:
         """The lower of the limits of torque of the joint and of its controller, Nm; None without
-        either."""
+        either, and where a duty was recorded, which the firmware has limited."""
+        if self.follows_duty:
+            return None
         own = None if self.controller is None else self.controller.torque
         limits = [one for one in (own, self.limits.torque) if one is not None]
         return min(limits, default=None)
+
+    @property
+    def follows_duty(self) -> bool:
+        """Whether a recorded duty makes its torque."""
+        return self.controller is not None and self.controller.mode == "duty"
 
     def unit(self, unit: str) -> str:
         """Return the unit here of what has `unit` at a revolute joint: N for Nm, m for rad."""

@@ -317,7 +317,7 @@ class Limits:
 CONTROLLED = (
     "or record commands and positions, and describe the controllers that compute"
     " torques from them: `controller: {joint_1: {kp: 30, kd: 0.5}}`, Nm/rad and Nm"
-    " s/rad (docs/servo_arm.md)"
+    " s/rad, or the duty (pwm) of servos, and describe their `motor` (docs/servo_arm.md)"
 )
 
 
@@ -333,10 +333,13 @@ class JointController:
 
     u = limit((kp e + ki int(r - theta) + feed-forward) / stall, 1)
     tau_m = stall u (1 - sag |u|) - kd dtheta
+
+    Where u was recorded, its mode is ``"duty"``: u takes the place of r, and nothing but stall, sag
+    and kd makes the torque (:meth:`of_duty`).
     """
 
     # what is commanded: ``"position"`` r alone, dr is zero; ``"velocity"`` dr alone, ki integrates
-    # its error and there is no kp; ``"both"``
+    # its error and there is no kp; ``"both"``; ``"duty"`` u itself
     mode: str = "position"
     # kp, kd, ki: Nm/rad, Nm s/rad, and Nm/(rad s), of velocity Nm/rad; at the harmonic-drive output
     kp: float = 0.0
@@ -362,7 +365,7 @@ class JointController:
 
     def __post_init__(self) -> None:
         choices = {
-            "mode": ("position", "velocity", "both"),
+            "mode": ("position", "velocity", "both", "duty"),
             "feedforward": ("none", "gravity", "model"),
             "between": ("held", "interpolated"),
         }
@@ -381,9 +384,14 @@ class JointController:
             if getattr(self, what) is not None:
                 check_number(getattr(self, what), what, positive=True)
         require(
-            self.stall is None or self.mode == "position",
+            self.stall is None or self.mode in ("position", "duty"),
             f"stall is the limit of a position controller's duty, and its mode is {self.mode}",
             "Use the mode position, or give the limit as torque",
+        )
+        require(
+            self.stall is not None or self.mode != "duty",
+            "a duty makes no torque without a stall torque",
+            "Give the torque of full duty at rest as stall",
         )
         require(
             0.0 <= self.sag < 1.0 and (self.sag == 0.0 or self.stall is not None),
@@ -401,8 +409,10 @@ class JointController:
     def gains(self) -> tuple[float, float, float]:
         """Gains of the error of the angle, of its rate, and of its integral.
 
-        An integral of speeds is an angle.
+        An integral of speeds is an angle. A duty has its torque of full duty as the first gain.
         """
+        if self.mode == "duty":
+            return (self.stall or 0.0, self.kd, 0.0)
         return (self.ki, self.kd, 0.0) if self.mode == "velocity" else (self.kp, self.kd, self.ki)
 
     def scaled(self, kp: float = 1.0, kd: float = 1.0) -> Self:
@@ -434,7 +444,33 @@ class JointController:
     @property
     def follows_rate(self) -> float:
         """1 where the rate of the command is followed; 0 where kd damps the motor's own motion."""
-        return float(self.mode != "position")
+        return float(self.mode not in ("position", "duty"))
+
+    @property
+    def follows_angle(self) -> float:
+        """1 where the error of the angle is what the first gain multiplies; 0 where a duty is."""
+        return float(self.mode != "duty")
+
+    def of_duty(self) -> Self:
+        """Return the electrics alone, which make the torque of a recorded duty.
+
+        What the firmware did beside, its limit of torque too, is in the duty already. kp is kept,
+        as it scales with the electrics.
+        """
+        return replace(
+            self,
+            mode="duty",
+            ki=0.0,
+            delay=0.0,
+            dead_band=0.0,
+            torque=None,
+            feedforward="none",
+            between="interpolated",
+        )
+
+    def with_electrics_of(self, other: Self) -> Self:
+        """Return it with the electrics of another one, and the kp that goes with these."""
+        return replace(self, kp=other.kp, kd=other.kd, stall=other.stall, sag=other.sag)
 
 
 @dataclass(frozen=True)

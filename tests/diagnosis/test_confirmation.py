@@ -1,9 +1,11 @@
 """What the recordings that judge gain by a cause, on made-up regressions."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 
+from elastic_arm.diagnosis.causes import Causes
 from elastic_arm.diagnosis.confirmation import (
     Confirmation,
     Share,
@@ -101,3 +103,17 @@ def test_numbers_take_over_that_are_far_off_without_a_cause_alone() -> None:
     without = np.array([3.5, 5.0, -2.0, -9.0])
     assert taking_over(beside, without, np.array([3.0, 3.0, 3.0, 10.0])).tolist() == [0]
     assert taking_over(beside, without, np.full(4, 3.0)).tolist() == [0, 3]
+
+
+def test_what_is_not_confirmed_is_no_alternative() -> None:
+    """A number that could be ordinary by the judging recordings adds nothing to a cause."""
+    kd = ("velocity_gain", "servo")
+    scale = ("torque_constant", "servo")
+    beliefs = SimpleNamespace(
+        likely_in_best={kd}, sets=[(0.9, "one"), (0.1, "best")],
+        likely_in=lambda fit: {scale} if fit == "one" else {kd},
+    )  # fmt: skip
+    for accepted, wanted in ((True, [(0.9, {scale})]), (False, [])):
+        confirmed = SimpleNamespace(accepts=lambda name, known=accepted: known)
+        causes = SimpleNamespace(beliefs=beliefs, confirmed=confirmed)
+        assert list(Causes._sets_without(causes, kd)) == wanted  # type: ignore[arg-type]

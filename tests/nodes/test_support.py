@@ -462,6 +462,14 @@ def test_a_driver_that_publishes_currents_is_read_by_a_map(tmp_path: Path) -> No
     assert box.faults.foreign == 1
 
 
+def test_a_duty_is_left_to_bags(tmp_path: Path) -> None:
+    """Live nodes do not make torques of it."""
+    text = DRIVER.replace("unit: A, torque_constant: 0.2, ratio: 100", "full_scale: 885")
+    text = text.replace("effort:", "pwm:")
+    with pytest.raises(RecordingError, match="has pwm, which live nodes do not convert"):
+        Collector(("a", "b"), channels=driver_map(tmp_path, text))
+
+
 def test_both_sides_may_come_on_one_topic(tmp_path: Path) -> None:
     """A driver with link and motor encoders in one message, under different names, gives samples of
     both sides."""

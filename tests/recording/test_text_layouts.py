@@ -644,12 +644,27 @@ def test_a_draft_knows_names_of_simulators_and_controllers() -> None:
 
 
 @pytest.mark.parametrize("values", [np.round(885.0 * Q), 0.8 * Q, 80.0 * Q])
-@pytest.mark.parametrize("name", ["pwm", "present_pwm", "goal_pwm", "duty_cycle"])
-def test_a_share_of_the_voltage_is_no_torque(name: str, values: np.ndarray) -> None:
-    """Counts, shares and per cent, measured and commanded, are left out with the reason."""
+@pytest.mark.parametrize("name", ["pwm", "present_pwm", "duty_cycle"])
+def test_a_share_of_the_voltage_is_a_duty_of_which_the_full_one_is_asked(
+    name: str, values: np.ndarray
+) -> None:
+    """Counts, shares and per cent; the largest number is told, but is no full scale."""
     draft = guess_mapping(Arrays({"time": T, "q": Q, name: values}), NAMES)
-    assert [one.channel for one in draft.channels] == ["position"]
-    assert "share of the supply voltage" in dict(draft.ignored)[name]
+    channels = [(one.side, one.channel) for one in draft.channels]
+    assert channels == [("link", "position"), ("motor", "pwm")]
+    assert draft.missing == ["motor.pwm.full_scale"]
+    assert f"the largest one here is {np.abs(values).max():.6g}" in draft.to_yaml()
+
+
+def test_a_duty_is_left_out_where_it_is_no_measurement_or_a_torque_is_there() -> None:
+    """A commanded duty is not what was applied; a current is a better torque."""
+    told = guess_mapping(Arrays({"time": T, "q": Q, "goal_pwm": 0.8 * Q}), NAMES)
+    assert [one.channel for one in told.channels] == ["position"]
+    assert "a commanded duty" in dict(told.ignored)["goal_pwm"]
+    beside = {"time": T, "q": Q, "motor_current": np.cos(3.0 * Q), "pwm": 0.8 * Q}
+    both = guess_mapping(Arrays(beside), NAMES)
+    assert {one.channel for one in both.channels} == {"position", "effort"}
+    assert "beside the motor torque motor_current" in dict(both.ignored)["pwm"]
 
 
 @pytest.mark.parametrize(("later", "words"), [(0, "q: not"), (1, "1 sample later"), (3, "3 samp")])

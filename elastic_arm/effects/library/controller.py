@@ -35,12 +35,14 @@ def made(
     *,
     limited: bool = True,
     asked: bool = True,
+    commanded: bool = True,
 ) -> Law:
     """Return the law of what the stated controller makes more than the true one.
 
     It is written in the stated controller and parameters; limited: null where the controller
     commands more than its limit; asked: null where the duty is at its limit, as what the firmware
-    commands then does not count.
+    commands then does not count; commanded: of commands alone, and not of a recorded duty, which
+    holds all that the firmware did.
     """
 
     def motor(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
@@ -51,6 +53,11 @@ def made(
             raise EffectError(
                 "no commands are known",
                 "Omit controller effects if torques are given.",
+            )
+        if commanded and joint.follows_duty:
+            raise EffectError(
+                f"the torque of {joint.name} comes from its recorded duty, not from commands",
+                "Omit effects of its firmware, or leave pwm out of the recording.",
             )
         more = law(motion, i, joint.controller, p)
         limit = joint.most_torque
@@ -98,12 +105,14 @@ def _of_delay(motion: SymbolicMotion, i: int, controller: JointController) -> An
 
 
 def _error(motion: SymbolicMotion, i: int) -> Any:
-    assert motion.r is not None
-    return motion.r[i] - motion.theta[i]
+    controller = motion.robot.joints[i].controller
+    assert motion.r is not None and controller is not None
+    return motion.r[i] - controller.follows_angle * motion.theta[i]
 
 
 def asked_for(motion: SymbolicMotion, i: int) -> Any:
-    """Return the torque at rest that the firmware commands by the error of the angle."""
+    """Return the torque at rest that the firmware commands by the error of the angle, or by its
+    recorded duty."""
     assert motion.kp is not None
     return motion.kp[i] * _error(motion, i)
 
@@ -140,7 +149,7 @@ def _not_felt(motion: SymbolicMotion, i: int, controller: JointController, p: Nu
 def _integral(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
     """Less by ki times the integral of the error, rad s, which begins at zero."""
     controller = motion.robot.joints[i].controller
-    if controller is None or motion.r is None:
+    if controller is None or motion.r is None or controller.mode == "duty":
         return made(lambda *_: 0.0)(motion, i, p)  # which says what is missing
     rate = _error(motion, i) if controller.kp else 0.0  # of a controller of speeds, it is stated
     return motion.at(i, motor=-p["ki"] * p["integral"], rates={"integral": ca.SX(rate)})
@@ -188,6 +197,7 @@ EFFECTS = (
         law=made(
             lambda motion, i, stated, p: (1.0 - p["gain"]) * _of_rate(motion, i, stated),
             asked=False,
+            commanded=False,
         ),
         parameters=(ratio("gain", 0.3, 3.0, "true / stated kd", above=0.0, draw=(0.5, 2.0)),),
         sides=("motor",),

@@ -38,7 +38,7 @@ def _of_electrics(law: Callable[[SymbolicMotion, int, float, Numbers], Any]) -> 
             )
         return law(motion, i, stated.stall, p)
 
-    return made(more, asked=False)
+    return made(more, asked=False, commanded=False)
 
 
 def _sagging(motion: SymbolicMotion, i: int, stall: float, p: Numbers) -> Any:
@@ -99,6 +99,7 @@ EFFECTS = (
         sides=("motor",),
         regime="load",
         change=lambda controller, p: controller.scaled(kp=p["gain"], kd=p["gain"]),
+        number_of_duty="torque_scale",
         confusions=(
             Confusion(
                 "supply_sag",

@@ -96,7 +96,7 @@ def number_terms(
             continue
         key = parameter.cause.key
         moves = unit[:, [k]].copy()
-        if parameter.what == SCALE:
+        if parameter.what == SCALE and parameter.cause.effect.number == SCALE:
             # A gain of angles that is off leaves that of speeds where it is.
             for i, other in enumerate(parameters):
                 if (other.what, other.joint) == (RATIO, parameter.joint):

@@ -66,9 +66,9 @@ def without_ignored_commands(
     """Return a recording without the stretches in which its drives ignore their commands, and
     these.
 
-    A recording whose torques were measured is returned as it is.
+    A recording whose torques were measured, or made of the duty, is returned as it is.
     """
-    if not recording.made_by:
+    if all(own.mode == "duty" for own in recording.made_by.values()):
         return recording, ()
     pieces = observe(recording).pieces
     found = [blocks for piece in pieces if (blocks := _blocks(piece, robot, model)) is not None]

@@ -64,7 +64,8 @@ def _sides(recording: Recording, path: Path) -> list[str]:
         for name in list(table)[1:]:
             key = [f"{prefix}{name}.{j}" for j in joints] if of_joints else f"{prefix}{name}"
             # Stated, as a joint's name may end as a unit does.
-            mapping[side][name] = {"key": key, "unit": DEFAULT_UNIT[name]}  # type: ignore[index]
+            unit = {"full_scale": 1.0} if name == "pwm" else {"unit": DEFAULT_UNIT[name]}  # type: ignore[index]
+            mapping[side][name] = {"key": key, **unit}
         if of_joints:
             _write(file, _columns(table, joints))
         said.append(

@@ -17,8 +17,11 @@ from elastic_arm.recording.foreign.calibration import degrees_per_cent
 from elastic_arm.recording.foreign.channels import (
     DAY,
     DEFAULT_UNIT,
+    DUTY_AND_TORQUE,
+    DUTY_OF_COUPLED,
     MOST_JOINTS,
     NANOSECONDS,
+    NOT_OF_MOTOR,
     SIDE_NAMES,
     TO_SI,
     ChannelName,
@@ -90,14 +93,15 @@ class ArrayChannel(Strict):
     # the array holds the numbers of all joints one after the other, sample by sample: one a line of
     # a text file
     flat: bool = False
-    # unit, offset, factor, sign, torque_constant, ratio: as in a channel map; one for all joints,
-    # or one a joint, as where some of them slide (null for those without)
+    # unit, offset, factor, sign, torque_constant, ratio, full_scale: as in a channel map; one for
+    # all joints, or one a joint, as where some of them slide (null for those without)
     unit: Unit | list[Unit] | None = None
     offset: Number | list[Number] = 0.0
     factor: Number | list[Number] = 1.0
     sign: Sign | list[Sign] = 1
     torque_constant: Number | list[Number | None] | None = None
     ratio: Number | list[Number | None] | None = None
+    full_scale: Number | list[Number | None] | None = None  # of pwm
 
     @model_validator(mode="after")
     def _one_layout(self) -> Self:
@@ -123,7 +127,7 @@ class ArrayChannel(Strict):
     def scales(self, channel: ChannelName, n: int) -> list[ChannelScale]:
         """Return for each of n joints how its numbers are converted to SI units at the
         harmonic-drive output."""
-        names = ("unit", "offset", "factor", "sign", "torque_constant", "ratio")
+        names = ("unit", "offset", "factor", "sign", "torque_constant", "ratio", "full_scale")
         given = {name: getattr(self, name) for name in names}
         for name, value in given.items():
             if isinstance(value, list) and len(value) != n:
@@ -144,6 +148,7 @@ class SideArrays(Present):
     position: ArrayChannel | None = None
     velocity: ArrayChannel | None = None
     effort: ArrayChannel | None = None
+    pwm: ArrayChannel | None = None  # duty that servos applied, of the motor side alone
 
 
 class CommandArrays(SideArrays):
@@ -195,6 +200,7 @@ class ArrayMap(Strict):
             raise ValueError("neither link nor motor has a channel")
         for _, name, channel in self.channels():
             channel.scales(name, len(channel.places(self.joints)))
+        self._check_duty()
         coupling_matrix(self.coupling, self.joints)
         if unknown := [name for name in self.firmware_gains() if name not in self.joints]:
             raise ValueError(
@@ -202,6 +208,19 @@ class ArrayMap(Strict):
                 f" {', '.join(self.joints)}"
             )
         return self
+
+    def _check_duty(self) -> None:
+        for side in ("link", "command"):
+            if getattr(self, side).pwm is not None:
+                raise ValueError(NOT_OF_MOTOR.format(side))
+        duty = self.motor.pwm
+        if duty is None:
+            return
+        if self.coupling:
+            raise ValueError(DUTY_OF_COUPLED)
+        effort = self.motor.effort
+        if effort is not None and set(effort.places(self.joints)) & set(duty.places(self.joints)):
+            raise ValueError(DUTY_AND_TORQUE)
 
     def firmware_gains(self) -> dict[str, float]:
         """Return the numbers in the servos' registers of the position gain, by joint."""
@@ -356,6 +375,8 @@ def _in_stated_unit(
 ) -> tuple[ArrayChannel, list[str]]:
     """Give a channel without a unit the units that its column names or a row of units state; note
     those that differ."""
+    if name == "pwm":  # `%` in its name is no unit, but tells what its full scale is
+        return channel, []
     keys = channel.arrays()
     words = [stated_unit(key, arrays.units.get(key, "")) for key in keys]
     known = [known_unit(word) or ("", 1.0) for word in words]

@@ -12,12 +12,12 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 
 from elastic_arm.errors import RecordingError
 from elastic_arm.input_files import Number, WholeNumber, explain, read_fields, refuse_truth
-from elastic_arm.recording.sides import Array, Side
+from elastic_arm.recording.sides import MOST_DUTY, Array, Side
 from elastic_arm.recording.storage.metadata import TORQUE_CHANNELS
 
 SideName = Literal["link", "motor", "command"]
 SIDE_NAMES: tuple[SideName, ...] = ("link", "motor", "command")
-ChannelName = Literal["position", "velocity", "effort", "acceleration"]
+ChannelName = Literal["position", "velocity", "effort", "acceleration", "pwm"]
 Unit = Literal[
     "rad", "deg", "turns", "rad/s", "deg/s", "turns/s", "rpm", "Nm", "Nm_motor", "A", "m", "mm",
     "m/s", "mm/s", "N", "rad/s^2", "deg/s^2", "m/s^2",
@@ -29,7 +29,13 @@ Sign = Annotated[Literal[1, -1], BeforeValidator(refuse_truth)]
 REMEDY = "See docs/channel_maps.md."
 REFERENCE = "docs/channel_maps.md shows every key"
 MOST_JOINTS = 1000
-CHANNEL_NAMES: tuple[ChannelName, ...] = ("position", "velocity", "effort")
+NOT_OF_MOTOR = "pwm under {}: it is the duty of the motor, list it under motor"
+DUTY_AND_TORQUE = (
+    "both effort and pwm of the motor: map the effort if it is a measured torque or current,"
+    " otherwise pwm"
+)
+DUTY_OF_COUPLED = "pwm with coupling: the duties of coupled motors are not converted; leave pwm out"
+CHANNEL_NAMES: tuple[ChannelName, ...] = ("position", "velocity", "effort", "pwm")
 
 _SIZES = {"rad": 1.0, "deg": math.pi / 180, "turns": 2 * math.pi, "m": 1.0, "mm": 1e-3}
 # A position's unit on a velocity means that unit per second.
@@ -40,6 +46,7 @@ TO_SI: dict[ChannelName, dict[str, float]] = {
     ),
     "effort": dict.fromkeys(("Nm", "N", "Nm_motor", "A"), 1.0),
     "acceleration": {f"{unit}/s^2": size for unit, size in _SIZES.items()},
+    "pwm": {},  # a share: `full_scale` is its unit
 }
 # How files call units beside their own names, without blanks and in small letters.
 _CALLED: dict[Unit, str] = {
@@ -126,6 +133,7 @@ class ChannelScale(Strict):
     # motor turns per turn at the harmonic-drive output: what is measured at the motor shaft is
     # reduced by it. Of a prismatic joint rad of the motor per m.
     ratio: Annotated[Number, Field(gt=0)] | None = None
+    full_scale: Annotated[Number, Field(gt=0)] | None = None  # recorded number of full duty; of pwm
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
@@ -146,22 +154,55 @@ class ChannelScale(Strict):
         return self
 
     def check_unit(self, channel: ChannelName) -> None:
-        """Raise a ValueError if the unit does not fit the channel."""
+        """Raise a ValueError if the unit, or the scale in its place, does not fit the channel."""
+        if channel == "pwm":
+            self._check_duty()
+            return
+        if self.full_scale is not None:
+            raise ValueError(f"full_scale is the number of full duty: {channel} has none, only pwm")
         if self.unit is not None and self.unit not in TO_SI[channel]:
             raise ValueError(
                 f"{channel} cannot have unit {self.unit}; choose one of {', '.join(TO_SI[channel])}"
             )
 
+    def _check_duty(self) -> None:
+        for name in ("unit", "torque_constant", "ratio"):
+            if getattr(self, name) is not None:
+                raise ValueError(
+                    f"pwm is a share of the full duty and has no {name}, but full_scale"
+                )
+        if self.full_scale is None:
+            raise ValueError(
+                "pwm needs full_scale: the number that stands for full duty, such as 885 of a"
+                " Dynamixel XL330, 1000 of a Feetech, 100 of per cent"
+            )
+
     def scale(self, channel: ChannelName) -> float:
         """Return the factor that turns the recorded number into rad, rad/s or Nm (m, m/s or N) at
-        the output."""
+        the output; of pwm into a share of full duty."""
+        if channel == "pwm":
+            return self.factor * self.sign / (self.full_scale or 1.0)
         si = TO_SI[channel][self.unit or DEFAULT_UNIT[channel]] * self.factor * self.sign
         ratio = self.ratio or 1.0
         return si * (self.torque_constant or 1.0) * ratio if channel == "effort" else si / ratio
 
     def applied(self, recorded: Array, channel: ChannelName) -> Array:
-        """Return recorded numbers in rad, rad/s or Nm at the harmonic-drive output."""
-        return (recorded + self.offset if self.offset else recorded) * self.scale(channel)
+        """Return recorded numbers in rad, rad/s or Nm at the harmonic-drive output, or as a share
+        of full duty.
+
+        Raises a RecordingError if a duty exceeds the full one.
+        """
+        found = (recorded + self.offset if self.offset else recorded) * self.scale(channel)
+        if channel == "pwm":
+            most = float(np.nanmax(np.abs(found), initial=0.0))
+            if most > MOST_DUTY:
+                raise RecordingError(
+                    f"pwm reaches {most * (self.full_scale or 1.0):.6g}, {most:.3g} times its"
+                    f" full_scale of {self.full_scale:g}",
+                    "State in full_scale the number that stands for full duty. If the sign is a bit"
+                    " of its own, convert the numbers first.",
+                )
+        return found
 
 
 class Channel(ChannelScale):
@@ -194,6 +235,7 @@ class SideChannels(Present):
     position: Channel | None = None
     velocity: Channel | None = None
     effort: Channel | None = None
+    pwm: Channel | None = None  # duty that a servo applied, of the motor side alone
 
     @model_validator(mode="after")
     def _units(self) -> Self:
@@ -218,6 +260,15 @@ class JointChannels(Strict):
     link: SideChannels = SideChannels()
     motor: SideChannels = SideChannels()
     command: SideChannels = SideChannels()
+
+    @model_validator(mode="after")
+    def _duty(self) -> Self:
+        for side in ("link", "command"):
+            if getattr(self, side).pwm is not None:
+                raise ValueError(NOT_OF_MOTOR.format(side))
+        if self.motor.pwm is not None and self.motor.effort is not None:
+            raise ValueError(DUTY_AND_TORQUE)
+        return self
 
     def sides(self) -> tuple[SideChannels, ...]:
         """Return all sides."""
@@ -254,6 +305,8 @@ class ChannelMap(Strict):
         for name, joint in self.joints.items():
             if not any(side.present() for side in joint.sides()):
                 raise ValueError(f"{name} has no channel")
+            if joint.motor.pwm is not None and self.coupling:
+                raise ValueError(DUTY_OF_COUPLED)
         coupling_matrix(self.coupling, list(self.joints))
         return self
 
@@ -302,6 +355,9 @@ CALLED = {
     "column": "columns",
     "gear_ratio": "ratio",
     "kt": "torque_constant",
+    "full_duty": "full_scale",
+    "duty": "pwm",
+    "load": "pwm",
 }
 
 
@@ -347,13 +403,16 @@ def _filled(joint_name: str, joint: Any) -> Any:
     if not isinstance(joint, dict):
         return joint
     name = joint.get("name") or joint_name
+    fields = {"pwm": "effort"}  # where a JointState has room for it
 
     def side(channels: Any) -> Any:
         if not isinstance(channels, dict):
             return channels
         return {
             channel: (
-                {"name": name, "field": channel, **source} if isinstance(source, dict) else source
+                {"name": name, "field": fields.get(channel, channel), **source}
+                if isinstance(source, dict)
+                else source
             )
             for channel, source in channels.items()
         }

@@ -44,11 +44,19 @@ LARGEST_ANGLE = 4 * np.pi
 LARGEST_TRAVEL = 20.0
 # The unit of a quantity that no channel has, at the end of a name or in brackets.
 _OTHER_UNIT = re.compile(r"(?:_|\[|\()(?:m?V|°?C|degC|K|m?W|Hz|Pa|bar)[\])]?$")
-# What a servo's controller puts on its motor is a voltage; the torque falls with the speed.
-_SHARE = re.compile(r"pwm|duty", re.I)
-_NO_TORQUE = (
-    "{} is a share of the supply voltage, not a torque; with commands, a `controller:` in the arm"
-    " file computes the torque"
+# What a servo's firmware puts on its motor is a voltage; the torque falls with the speed.
+_OF_DUTY = (
+    "a share of the supply voltage and no torque: the `motor:` of a `controller:` in the arm file"
+    " computes the torque; otherwise leave it out"
+)
+_FULL_DUTY = (
+    "the number that stands for full duty, by the data sheet; the largest one here is {:.6g}"
+)
+_COMMANDED_DUTY = "a commanded duty: only the applied one makes a torque"
+_BESIDE_TORQUE = "a duty beside the motor torque {}: map one of the two"
+_LOAD = (
+    "if this register is the duty, as that of a Feetech servo, map it as pwm instead, with its"
+    " full_scale (1000)"
 )
 # Unit and words of a channel in counts of a register, by which its number has to be multiplied.
 COUNTED = {"position": ("turns", "turns (1/4096 of a 12-bit encoder)"), "effort": ("Nm", "Nm")}
@@ -70,8 +78,9 @@ _WORDS = {
     ),
     "acceleration": r"acc|ddq|qdd|d2",
     "velocity": r"vel|drehzahl|dq|qd|omega|speed|rpm|dtheta",
+    "pwm": r"pwm|duty",
     "effort": (
-        r"torq|strom|tau|force|eff(?!ect)|cur(?!v|rent_?(?:pos|ang|vel|q|state|joint))|load|moment|pwm|duty"
+        r"torq|strom|tau|force|eff(?!ect)|cur(?!v|rent_?(?:pos|ang|vel|q|state|joint))|load|moment"
         r"|(?<![a-z])iq?(?=_|\d|$)"
     ),
     "position": (
@@ -138,6 +147,11 @@ def guess_mapping(
     ignored = [(key, "not a table of all joints") for key in numbers]
     chosen, left_out = _chosen(_Reader(contents).guesses())
     ignored += left_out
+    duty = chosen.get(("motor", "pwm"))
+    torque = chosen.get(("motor", "effort"))
+    if duty is not None and torque is not None:
+        del chosen["motor", "pwm"]
+        ignored += [(key, _BESIDE_TORQUE.format(torque.table.name)) for key in duty.table.keys]
     if not chosen:
         stated = {key: f"{key} ({fault})" for key, fault in faults.items()}
         listed = ", ".join(stated.get(key, key) for key in arrays)
@@ -247,7 +261,7 @@ def _without_dead(guess: Guess, chosen: Mapping[Place, Guess]) -> Guess:
 
 def _with_lengths(guess: Guess, slides: Sequence[bool]) -> Guess:
     """Return a guess with the units of a length or force for joints that slide."""
-    if not any(slides) or guess.unit in (*_AT_SHAFT, *_OF_SLIDES):
+    if not any(slides) or guess.channel == "pwm" or guess.unit in (*_AT_SHAFT, *_OF_SLIDES):
         return guess
     largest = float(np.abs(guess.table.values[:, np.flatnonzero(slides)]).max())
     length = "mm" if largest > LARGEST_TRAVEL else "m"
@@ -328,9 +342,8 @@ class _Reader:
                 return f"the same numbers as {other.name}"
         if np.ptp(table.values, axis=0).max() == 0:
             return "constant throughout"
-        share = _SHARE.search(table.name)
-        if quantity == "effort" and share is not None:
-            return _NO_TORQUE.format(share[0])
+        if quantity == "pwm" and _is_command(table):
+            return _COMMANDED_DUTY
         if _is_command(table):
             return self._made(table)
         # The velocity of a rotor follows the joint's angle, by the ratio.
@@ -398,6 +411,8 @@ class _Reader:
             # A servo's register of its load is the motor's; a sensor has other units.
             of_servo = side == "link" and word.lower() == "load" and "factor" in missing
             side, word = ("motor", "") if of_servo or side is None else (side, word)
+            if of_servo:
+                reasons.append(_LOAD)
             if not word:
                 why += (
                     "; a motor torque, unless the arm has joint torque sensors: then move it"
@@ -408,7 +423,9 @@ class _Reader:
                     "torque_constant": "Nm/A at the motor shaft",
                     "ratio": "motor turns per output turn",
                 }
-        if word:
+        if channel == "pwm":
+            side = "motor"
+        elif word:
             reasons.append(f"{side} side according to {word!r} in its name")
         elif channel != "effort":
             reasons.append("link side, as its name does not indicate the motor")
@@ -432,6 +449,9 @@ class _Reader:
         self, table: JointTable, channel: ChannelName
     ) -> tuple[str, str, dict[str, list[float]], dict[str, str]]:
         """Return the unit of a channel, the reason, its factors, and the missing entries."""
+        if channel == "pwm":
+            most = float(np.abs(table.values).max())
+            return "", _OF_DUTY, {}, {"full_scale": _FULL_DUTY.format(most)}
         stated = known_unit(table.stated)
         if stated is not None and stated[0] in TO_SI[channel]:
             unit, size = stated

@@ -30,14 +30,20 @@ from elastic_arm.recording.inspection.report import (
 )
 from elastic_arm.recording.inspection.stuck_channels import channel_findings, frozen
 from elastic_arm.recording.inspection.two_encoders import disagreeing
-from elastic_arm.recording.made_torque import is_commanded
+from elastic_arm.recording.made_torque import is_commanded, joints_with_duty
 from elastic_arm.recording.reading import Content, contents, recording_of, urdf_joints
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.series import Series
 from elastic_arm.recording.sides import Stamps, matched_names
 from elastic_arm.recording.storage.bag import open_bag
 from elastic_arm.recording.timebase.clocks import RATE_CHANGE
-from elastic_arm.recording.topics import JOINT_STATES, JOINT_TORQUES, MOTOR_STATES, REFERENCE
+from elastic_arm.recording.topics import (
+    JOINT_STATES,
+    JOINT_TORQUES,
+    MOTOR_PWM,
+    MOTOR_STATES,
+    REFERENCE,
+)
 from elastic_arm.robot import Robot
 from elastic_arm.robot.plausible import doubtful
 
@@ -173,7 +179,9 @@ def misread(
     for recording in recordings:
         whole = cleared(recording)[0]
         words = [] if explained else [finding.message for finding in disagreeing(whole)]
-        if is_commanded(whole):  # torques would be made of commands that no drive received
+        of_commands = len(joints_with_duty(whole)) < whole.n
+        # Torques would be made of commands that no drive received.
+        if of_commands and is_commanded(whole):
             words += [one.message for one in followed(whole) if one.code == "copied_command"]
         if first := next(
             filter(None, [*words, misread_channels(whole, robot, weight=not explained)]), None
@@ -256,6 +264,10 @@ def _check_names(content: Content, report: Report, joints: Sequence[str] | None)
                 for other in present
                 if content.series[other].has("effort")
             ]
+            if MOTOR_PWM in content.series:
+                instead.append(
+                    f"the electrics of a `motor:` in the arm file make them of {MOTOR_PWM}"
+                )
             if REFERENCE in content.series:
                 instead.append("a `controller:` in the arm file computes them from the commands")
             message = ": ".join([f"{topic} has no torques (effort is empty)", *instead[:1]])

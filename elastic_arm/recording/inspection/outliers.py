@@ -27,13 +27,18 @@ from elastic_arm.recording.inspection.report import Finding, about, moment, note
 from elastic_arm.recording.inspection.stuck_channels import HELD, at_updates, filled_in, position_at
 from elastic_arm.recording.inspection.two_encoders import with_one_zero
 from elastic_arm.recording.recording import Recording
-from elastic_arm.recording.sides import Array, Side, joints_with, listed
+from elastic_arm.recording.sides import MOST_DUTY, Array, Side, joints_with, listed
 
-# rad (or m), rad/s, Nm, rad/s². Angles larger than that have lost the digits that a motion is
-# computed from; numbers of this size are counts of an encoder, or a channel that holds something
-# else.
-LARGEST = {"position": 1e6, "velocity": 1e6, "effort": 1e9, "acceleration": 1e9}
-_UNITS = {"position": "rad", "velocity": "rad/s", "effort": "Nm", "acceleration": "rad/s²"}
+# rad (or m), rad/s, Nm, rad/s², share of full duty. Angles larger than that have lost the digits
+# that a motion is computed from; numbers of this size are counts of an encoder, or a channel that
+# holds something else.
+LARGEST = {
+    "position": 1e6, "velocity": 1e6, "effort": 1e9, "acceleration": 1e9, "pwm": MOST_DUTY,
+}  # fmt: skip
+_UNITS = {
+    "position": "rad", "velocity": "rad/s", "effort": "Nm", "acceleration": "rad/s²",
+    "pwm": "times the full duty",
+}  # fmt: skip
 # Nm; the squares of smaller torques are zero, whatever they measure.
 SMALLEST_TORQUE = 1e-150
 _FEWEST = 50  # samples; of fewer no range is known
@@ -51,8 +56,8 @@ _ROUND = 3  # samples to either side of one, within which a joint turns round th
 _STEPS = 4.0  # of the channel's resolution
 _ACCELERATION = 30.0  # rad/s^2, to which an arm changes within a sample
 _CUBIC = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / 6.0
-# rad, rad/s, Nm, rad/s^2
-_LEAST = {"position": 1e-3, "velocity": 1e-3, "effort": 0.1, "acceleration": 1e-2}
+# rad, rad/s, Nm, rad/s^2, share of full duty
+_LEAST = {"position": 1e-3, "velocity": 1e-3, "effort": 0.1, "acceleration": 1e-2, "pwm": 1e-2}
 _RANGE = 1.1  # turns, with noise at the ends, that an angle spans which is given within one
 # Left out behind a jump, a hole that nobody bridges.
 _APART = 6  # samples
@@ -504,6 +509,7 @@ def _off_neighbours(
         "position": _ACCELERATION * step**2,
         "velocity": _ACCELERATION * step,
         "effort": 0.003 * float(high - low),  # 0.003 of the range
+        "pwm": 0.003 * float(high - low),  # a duty makes a torque
     }.get(channel, 0.0)
     rows = 1 + np.flatnonzero((apart > limit)[1:-1] & regular[1:-1])
     rows = rows[~np.isin(rows, inside) | (apart[rows] > high - low)]

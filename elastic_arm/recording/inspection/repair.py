@@ -14,9 +14,15 @@ from elastic_arm.recording.series import Series
 from elastic_arm.recording.storage.bag import bag_stem
 from elastic_arm.recording.storage.messages import read_messages, read_topics
 from elastic_arm.recording.storage.stream_writer import StreamWriter
-from elastic_arm.recording.topics import JOINT_STATES, JOINT_TORQUES, MOTOR_STATES, TYPES
+from elastic_arm.recording.topics import (
+    JOINT_STATES,
+    JOINT_TORQUES,
+    MOTOR_PWM,
+    MOTOR_STATES,
+    TYPES,
+)
 
-_MENDED = (JOINT_STATES, MOTOR_STATES, JOINT_TORQUES)
+_MENDED = (JOINT_STATES, MOTOR_STATES, JOINT_TORQUES, MOTOR_PWM)
 
 
 @dataclass
