@@ -9,6 +9,7 @@ import numpy as np
 from elastic_arm.arrays import Array
 from elastic_arm.dynamics import Model
 from elastic_arm.effects import EffectInstance
+from elastic_arm.estimation.equation_sets import Place
 from elastic_arm.estimation.observation import Observation
 from elastic_arm.estimation.whitening import WhitenedData
 from elastic_arm.evidence.explanation import Explanation
@@ -36,7 +37,7 @@ class DiagnosisContext:
     # equation
     known: tuple[EffectInstance, ...]
     unseen: tuple[EffectInstance, ...]
-    reasons: Mapping[tuple[str, str], Sequence[str]]  # why each open residual is unexplained
+    reasons: Mapping[Place, Sequence[str]]  # why each open residual is unexplained
     held_back: bool  # whether the last third of each recording judged
 
     @property

@@ -24,7 +24,7 @@ from elastic_arm.diagnosis.far_numbers import bounds_of
 from elastic_arm.diagnosis.gap import Gap, Shrink, shrink
 from elastic_arm.diagnosis.preparation import Prepared
 from elastic_arm.diagnosis.question import Question
-from elastic_arm.diagnosis.result import Place
+from elastic_arm.estimation.equation_sets import Place
 from elastic_arm.evidence.explanation import Explanation
 from elastic_arm.evidence.fit import Fit
 from elastic_arm.evidence.linearisation import Linearisation
@@ -76,7 +76,7 @@ class Decomposition:
         return linear.part(self.which, problem)
 
     @property
-    def places(self) -> list[tuple[str, str]]:
+    def places(self) -> list[Place]:
         """Joint and side of each residual."""
         names = self.problem.robot.joint_names
         return [(joint, side) for side in self.problem.layout.sides for joint in names]

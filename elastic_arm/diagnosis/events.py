@@ -26,6 +26,7 @@ from scipy.fft import irfft, rfft
 from scipy.special import gammainc, gammaln
 
 from elastic_arm.arrays import Array
+from elastic_arm.estimation.equation_sets import Place
 from elastic_arm.estimation.whitening import EDGE, WhitenedData
 from elastic_arm.evidence.priors import EVENT, LARGER
 from elastic_arm.evidence.runs import Runs, most_probable_runs
@@ -95,7 +96,7 @@ def blocks_of(
 def events_of(
     stretches: Sequence[Blocks],
     recording: str,
-    places: Sequence[tuple[str, str]],
+    places: Sequence[Place],
     live: NDArray[np.bool_],
 ) -> list[Event]:
     """Return the most probable events in the stretches of a recording, by joint and side of each

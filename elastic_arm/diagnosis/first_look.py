@@ -16,7 +16,7 @@ import numpy as np
 
 from elastic_arm.diagnosis.decomposition import Decomposition
 from elastic_arm.diagnosis.estimates import ParameterEstimate, estimated
-from elastic_arm.diagnosis.result import Place
+from elastic_arm.estimation.equation_sets import Place
 from elastic_arm.evidence.terms.effect import EffectTerm
 from elastic_arm.formatting import JointUnits
 

@@ -25,7 +25,6 @@ from elastic_arm.diagnosis.regimes import shares
 from elastic_arm.diagnosis.result import (
     Diagnosis,
     Imperfection,
-    Place,
     ResidualSizes,
     UnexplainedResidual,
     plain_parameters,
@@ -41,6 +40,7 @@ from elastic_arm.diagnosis.words import (
     unnamed_note,
 )
 from elastic_arm.effects import EffectInstance
+from elastic_arm.estimation.equation_sets import Place
 from elastic_arm.evidence.terms.unnamed import UnnamedTerm
 from elastic_arm.identification.batch.identify import resonances
 from elastic_arm.identification.verdict import SURE

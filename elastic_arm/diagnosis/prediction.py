@@ -24,12 +24,11 @@ from elastic_arm.effects import EffectInstance
 from elastic_arm.effects.arm_equations import ArmEquations
 from elastic_arm.effects.effect import Plant
 from elastic_arm.estimation.effect_columns import SENSED
+from elastic_arm.estimation.equation_sets import Place
 from elastic_arm.estimation.motion import CompletedMotion, drive_constants
 from elastic_arm.formatting import JointUnits
 from elastic_arm.sensors import Sensors
 from elastic_arm.simulation.batch_prediction import BatchPrediction
-
-Place = tuple[str, str]
 
 HORIZONS = (0.01, 0.02, 0.05, 0.1, 0.2)  # s
 STARTS = 64

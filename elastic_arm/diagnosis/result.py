@@ -16,7 +16,7 @@ from elastic_arm.effects import Catalogue
 from elastic_arm.effects.effect import MODELS, ControllerEffect, EffectInstance
 from elastic_arm.equations.numbers import SCALE
 from elastic_arm.errors import DiagnosisError
-from elastic_arm.estimation.equation_sets import SIDES
+from elastic_arm.estimation.equation_sets import SIDES, Place
 from elastic_arm.formatting import JointUnits
 from elastic_arm.output_files import write_result
 from elastic_arm.recording import Side
@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from elastic_arm.diagnosis.context import DiagnosisContext
     from elastic_arm.diagnosis.prediction import Prediction
     from elastic_arm.excitation import FourierTrajectory
-
-Place = tuple[str, str]  # joint and side
 
 SCHEMA = "elastic_arm/diagnosis/2"
 SEPARATING = "separating_trajectory.yaml"  # the proposed motion, beside diagnosis.json

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
+from elastic_arm.estimation.equation_sets import Place
 from elastic_arm.evidence.explanation import Explanation
 from elastic_arm.evidence.fit import Fit
 from elastic_arm.evidence.gauss_newton import linear_model
@@ -19,9 +20,7 @@ AT_JOINT = 3
 NOTHING = "no term"
 
 
-def search_words(
-    explanation: Explanation, reasons: Mapping[tuple[str, str], Sequence[str]]
-) -> list[str]:
+def search_words(explanation: Explanation, reasons: Mapping[Place, Sequence[str]]) -> list[str]:
     """Return lines on the sets, the unexplained residuals, the terms that would gain most, and the
     moves of a search.
 

@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from elastic_arm.arrays import Array
 from elastic_arm.diagnosis.decomposition import Decomposition, Unknown, without_parts
 from elastic_arm.diagnosis.regimes import regime, shares
-from elastic_arm.diagnosis.result import Place, UnexplainedResidual
+from elastic_arm.diagnosis.result import UnexplainedResidual
+from elastic_arm.estimation.equation_sets import Place
 from elastic_arm.evidence.grams import OCTAVES, Bands
 from elastic_arm.evidence.keys import Key
 from elastic_arm.evidence.priors import LEFT, MOTION, NOISY

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from elastic_arm.effects.effect import MODELS, SensorEffect
+from elastic_arm.estimation.equation_sets import Place
 from elastic_arm.formatting import JointUnits, rounded
 
 if TYPE_CHECKING:
@@ -477,7 +478,7 @@ def _verdict_sentence(found: Diagnosis, beside: str) -> str:
     )
 
 
-def _worst_place(found: Diagnosis) -> tuple[str, str]:
+def _worst_place(found: Diagnosis) -> Place:
     """Return joint and side at which the description exceeds the noise most."""
     return max(
         found.before.rmse, key=lambda p: found.before.rmse[p] / (found.noise.get(p) or np.inf)

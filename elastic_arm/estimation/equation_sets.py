@@ -40,6 +40,7 @@ from elastic_arm.estimation.motion import Motion
 from elastic_arm.robot.parts import CONTROLLED
 
 Channels = Collection[str]
+Place = tuple[str, str]  # joint and side of a residual
 
 SIDES = ("link", "drive", "motor")
 # position of these equations in a combination
