@@ -28,6 +28,7 @@ from elastic_arm.identification.result import Carried
 from elastic_arm.robot import Robot
 from elastic_arm.robot.kinematics import lumped
 
+MASS = Priors().mass  # ordinary relative error of a described mass
 LARGEST = PAYLOAD.parameter("mass").high  # kg
 REACH = 0.15  # m; of what is mounted on a link, from the origin of its frame: an ordinary tool's
 # Standard deviations of mass, moments and inertias of a body of the largest mass.
@@ -51,7 +52,8 @@ def carried_of(fit: Fit, equations: BaseRegression, correlated: float = 1.0) -> 
     others = []
     found: dict[str, list[tuple[float, Array, Array]]] = {link: [] for link in links}
     for kind in TRUST.values():
-        noise = np.eye(len(z)) + (kind.factor * Priors().mass) ** 2 * R @ spread @ R.T
+        described = (kind.factor * MASS) ** 2 * spread
+        noise = np.eye(len(z)) + R @ described @ R.T
         root = np.linalg.cholesky(noise)
         rest = np.linalg.solve(root, z)
         known = np.log(kind.prior) - np.log(np.diag(root)).sum() - 0.5 * rest @ rest
