@@ -87,14 +87,11 @@ def _nested(size: Mapping[Place, tuple[float, ...]]) -> dict[str, dict[str, list
     return found
 
 
-def predict(
-    context: DiagnosisContext, causes: Sequence[EffectInstance], starts: int = STARTS
-) -> Prediction:
-    """Measure the short-horizon prediction error on the validation data, without and with the
-    causes.
+def predict(context: DiagnosisContext, causes: Sequence[EffectInstance]) -> Prediction:
+    """Measure the short-horizon prediction error on the validation recordings, without and with
+    the causes.
 
-    context: of the diagnosis; what counted as part of the model acts in both predictions; starts:
-    instants from which is predicted, spread evenly over the validation data.
+    The known effects of the diagnosis act in both predictions.
     """
     if context.model.robot.elastic and "motor" not in context.validate.layout.sides:
         return Prediction(
@@ -109,7 +106,7 @@ def predict(
         return Prediction(
             reason=("no driving torque was measured; `elastic-arm replay` uses the commands")
         )
-    begins = _begins(context, starts)
+    begins = _begins(context)
     if not any(len(b) for b in begins):
         return Prediction(reason=f"no interval of the validation data is {HORIZONS[-1]:g} s long")
     if light := _without_inertia(context):
@@ -257,14 +254,14 @@ def taken_out(context: DiagnosisContext, sensors: Sensors) -> dict[str, tuple[Ar
     return found
 
 
-def _begins(context: DiagnosisContext, starts: int) -> list[NDArray[np.intp]]:
-    """Return the samples of each stretch from which is predicted."""
+def _begins(context: DiagnosisContext) -> list[NDArray[np.intp]]:
+    """Return the samples of each stretch at which predictions start, evenly spread."""
     stretches = [part.stretch for part in context.validate.parts]
     spans = [max(0.0, s.t[-1] - s.t[0] - HORIZONS[-1]) for s in stretches]
     total = sum(spans)
     found = []
     for stretch, span in zip(stretches, spans, strict=True):
-        count = round(starts * span / total) if total else 0
+        count = round(STARTS * span / total) if total else 0
         instants = stretch.t[0] + span * (np.arange(count) + 0.5) / max(1, count)
         found.append(np.searchsorted(stretch.quiet.t, instants))
     return found

@@ -44,11 +44,11 @@ def effect_at(effect: str, joint: str | None) -> str:
     return f"{effect} on {joint or 'the whole arm'}"
 
 
-def estimates_text(parameters: Mapping[str, ParameterEstimate], between: str = ", ") -> str:
+def estimates_text(parameters: Mapping[str, ParameterEstimate]) -> str:
     """Return parameters with standard deviations and units as text; what is whole or given has no
     deviation."""
     named = zip(parameters, sizes_of(parameters), strict=True)
-    return between.join(f"{name} {size}" for name, size in named)
+    return ", ".join(f"{name} {size}" for name, size in named)
 
 
 def sizes_of(parameters: Mapping[str, ParameterEstimate]) -> list[str]:

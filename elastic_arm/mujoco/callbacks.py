@@ -22,7 +22,7 @@ from elastic_arm.effects.effect_set import EffectSet
 from elastic_arm.errors import EffectError, RobotError
 from elastic_arm.mujoco.carried import carried
 from elastic_arm.mujoco.elements import DEFLECTION, Elements
-from elastic_arm.mujoco.stand_ins import ALONE, MARK
+from elastic_arm.mujoco.stand_ins import ALONE, take_stand_in_away
 from elastic_arm.mujoco.stated_arm import acts_by_law, stated_arm
 from elastic_arm.robot import Robot, load_robot
 from elastic_arm.robot.mjcf import engine
@@ -96,22 +96,13 @@ class Attachment:
             engine().set_mjcb_passive(_before.pop() if _before else None)
 
     def _take_stand_ins_away(self) -> None:
-        """Take the friction from the model that stands for laws which act from now on."""
-        model = self.model
+        """Take the friction that approximates laws from the model: the laws act from now on."""
         robot = self.robot
         laws = [one for one in self.instances if one.effect.friction]
         if robot.elastic or not laws:
             return
-        mj = engine()
         for i in {k for law in laws for k in law.joint_indices(robot)}:
-            numeric = mj.mj_name2id(model, mj.mjtObj.mjOBJ_NUMERIC, f"{MARK}{robot.joint_names[i]}")
-            if numeric < 0:
-                continue
-            begin = int(model.numeric_adr[numeric])
-            dry, viscous = (float(v) for v in model.numeric_data[begin : begin + 2])
-            dof = int(self._theta[1][i])
-            model.dof_frictionloss[dof] = max(0.0, float(model.dof_frictionloss[dof]) - dry)
-            model.dof_damping[dof] = max(0.0, float(model.dof_damping[dof]) - viscous)
+            take_stand_in_away(self.model, robot.joint_names[i], int(self._theta[1][i]))
 
     def act(self, data: Any) -> None:
         """Add the laws' forces to the passive forces of a state."""

@@ -23,10 +23,10 @@ from elastic_arm.effects.arm_equations import ArmEquations
 from elastic_arm.effects.effect_set import EffectSet
 from elastic_arm.mujoco.carried import carried
 from elastic_arm.mujoco.elements import Elements
-from elastic_arm.mujoco.stand_ins import MARK
+from elastic_arm.mujoco.stand_ins import take_stand_in_away
 from elastic_arm.mujoco.stated_arm import stated_arm
 from elastic_arm.robot import Robot
-from elastic_arm.robot.mjcf import MjcfArm, engine
+from elastic_arm.robot.mjcf import MjcfArm
 from elastic_arm.simulation.assembly import law_rows
 
 SLOWEST = 1e-9  # rad/s, at which a joint that stands has a direction; numerical
@@ -81,7 +81,6 @@ def with_laws(arm: MjcfArm, laws: Sequence[EffectInstance]) -> MjcfArm:
     """Return a model on which laws act by step, without the friction that stands for them."""
     if not laws:
         return replace(arm, laws=())
-    mj = engine()
     model = copy.copy(arm.model)
     sharp = 2.0 * float(model.opt.timestep)
     for i in {k for law in laws for k in law.joint_indices(arm.robot)}:
@@ -89,14 +88,8 @@ def with_laws(arm: MjcfArm, laws: Sequence[EffectInstance]) -> MjcfArm:
         if not model.dof_frictionloss[dof]:
             # By default friction turns over some 10 ms before the velocity does.
             model.dof_solref[dof] = sharp, 1.0
-        name = f"{MARK}{arm.robot.joint_names[i]}"
-        numeric = mj.mj_name2id(model, mj.mjtObj.mjOBJ_NUMERIC, name)
-        if numeric >= 0:
-            begin = int(model.numeric_adr[numeric])
-            dry, viscous = map(float, model.numeric_data[begin : begin + 2])
-            model.dof_frictionloss[dof] = max(0.0, float(model.dof_frictionloss[dof]) - dry)
-            model.dof_damping[dof] = max(0.0, float(model.dof_damping[dof]) - viscous)
-            model.numeric_data[begin : begin + 2] = 0.0
+        stand_in = take_stand_in_away(model, arm.robot.joint_names[i], dof)
+        stand_in[:] = 0.0
     return replace(arm, model=model, laws=tuple(laws))
 
 

@@ -42,16 +42,10 @@ TIMESTEP = 1e-3
 
 
 def export_new_mjcf(
-    robot: Robot,
-    base: None,
-    out: Path,
-    *,
-    catalogue: Catalogue | None = None,
-    timestep: float = TIMESTEP,
+    robot: Robot, base: None, out: Path, *, catalogue: Catalogue | None = None
 ) -> Exported:
-    """Write an arm with its effects as a new MJCF for a time step, s; an OutputError if it cannot
-    be written."""
-    text, effects, stand_ins = _written(robot, catalogue, timestep)
+    """Write an arm with its effects as a new MJCF; an OutputError if it cannot be written."""
+    text, effects, stand_ins = _written(robot, catalogue, TIMESTEP)
     others = [
         replace(one, controller=None) if servo(one.controller) == one.controller else one
         for one in robot.joints

@@ -1,15 +1,16 @@
-"""Dry and viscous friction in the place of a friction law that a file has no number for.
+"""Dry and viscous friction that approximates a friction law that a file cannot state.
 
     min over c, d of  sum over t of (F(t) - c sign(w(t)) - d w(t))²
     with              friction loss + c >= 0, d >= 0
 
-F is the torque of the laws over a motion: of the recording where one is known, else the swing of
-:mod:`elastic_arm.mujoco.left_out`. Damping is never taken away, as friction would fall beyond the
-motion's speeds.
+F is the torque of the laws over a motion: the recorded one if there is one, otherwise the swing of
+:mod:`elastic_arm.mujoco.left_out`. Damping never decreases, because friction would then fall beyond
+the speeds of the motion.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.optimize import lsq_linear
@@ -20,6 +21,7 @@ from elastic_arm.mujoco.changed_numbers import text_of
 from elastic_arm.mujoco.left_out import Motion, Swing
 from elastic_arm.mujoco.stated_arm import Lacking, StatedArm, number
 from elastic_arm.robot import Robot
+from elastic_arm.robot.mjcf import engine
 
 # Name of the <numeric> that holds a joint's: attach takes them away where the laws themselves act.
 MARK = "in_place_of_friction_laws:"
@@ -78,6 +80,22 @@ def stood_in(
         i = robot.joint_names.index(one.joint)
         arm = arm.with_joint(i, friction_loss=one.friction_loss, damping=one.damping)
     return arm, found
+
+
+def take_stand_in_away(model: Any, joint: str, dof: int) -> Array:
+    """Take the friction that approximates a joint's laws from a compiled model.
+
+    Returns its friction loss and damping (2,), a view into the model; zeros if it has none.
+    """
+    mj = engine()
+    numeric = mj.mj_name2id(model, mj.mjtObj.mjOBJ_NUMERIC, f"{MARK}{joint}")
+    if numeric < 0:
+        return np.zeros(2)
+    begin = int(model.numeric_adr[numeric])
+    stand_in: Array = model.numeric_data[begin : begin + 2]
+    model.dof_frictionloss[dof] = max(0.0, float(model.dof_frictionloss[dof] - stand_in[0]))
+    model.dof_damping[dof] = max(0.0, float(model.dof_damping[dof] - stand_in[1]))
+    return stand_in
 
 
 def explained(lacking: Sequence[Lacking], found: Sequence[StandIn]) -> list[Lacking]:

@@ -83,11 +83,6 @@ REACH = Range(
 )
 WEIGHT = Range("mass of all links", "kg", 0.005, 5e3, "tonnes taken as kg?", "grams taken as kg?")
 GRAVITY = Range("gravity", "m/s²", 0.5, 30.0, "in units of 9.81 m/s²?", "mm/s² taken as m/s²?")
-# In the order in which a description states them.
-TABLE = (
-    POSITION, SPAN, SPEED, TORQUE, TRAVEL, WAY, PACE, FORCE, MASS, CENTRE, LENGTH, ARMATURE, WEIGHT,
-    REACH, GRAVITY,
-)  # fmt: skip
 
 
 def doubtful(robot: Robot) -> list[str]:

@@ -265,18 +265,14 @@ class Prototype:
         duration: float,
         *,
         step: float = DEFAULT_STEP,
-        rate: float = RECORD_RATE,
     ) -> PrototypeRun:
-        """Apply torques at the harmonic-drive output and record what the arm does.
-
-        Through the couplers.
-        """
+        """Apply torques at the harmonic-drive output, through the couplers; record the motion."""
         n = self.n
         state = np.zeros((2, self.T.shape[1]))
         samples = []
         state[:, :n] = start
         state[0, n:] = self.equilibrium(start[0])
-        steps, stride, h = division(duration, step, rate)
+        steps, stride, h = division(duration, step, RECORD_RATE)
 
         def accelerate(half: int, state: np.ndarray) -> np.ndarray:
             at = self.reduced(*state)
