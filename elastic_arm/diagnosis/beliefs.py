@@ -1,9 +1,9 @@
-"""The probability of each effect, and of each number that is far off, over the sets of terms.
+"""The probability of each effect and of each far-off number, summed over the sets of terms.
 
     P(c | y) = sum over sets S of P(S | y) P(c | y, S)
 
-P(c | y, S) is 1 where the set has a term of the effect. For a number it is the probability that the
-number is beyond its ordinary deviations (:mod:`.far_numbers`).
+For an effect, P(c | y, S) is 1 if the set contains a term of the effect. For a number, it is the
+probability that the number is beyond its ordinary deviations (:mod:`.far_numbers`).
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
-"""The causes of a gap: the effects that are likelier there than not, with sizes and alternatives.
+"""The causes of a gap: effects that are more probable than not, with sizes and alternatives.
 
     confidence(c) = P(c | y) s / (s + u)
 
-P(c | y) is the probability of the cause (:mod:`.beliefs`), s the share of the gap that comes back
+P(c | y) is the probability of the cause (:mod:`.beliefs`), s the share of the gap that returns
 without it, and u the share that an unknown effect leaves at its joint; without an unknown effect
-the second factor is 1. A confirmed effect is a cause if it and its alternatives together are
-likelier there than not.
+the second factor is 1. A confirmed effect is a cause if it and its alternatives together are more
+probable than not.
 """
 
 from __future__ import annotations

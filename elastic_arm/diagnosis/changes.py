@@ -1,4 +1,4 @@
-"""What differs between recordings of one arm, by the sets in which a size is not common to all."""
+"""Changes between recordings of one arm: sizes that are not the same in all of them."""
 
 from dataclasses import dataclass
 from functools import partial

@@ -1,4 +1,4 @@
-"""The equations and the band in which all recordings of a diagnosis are compared."""
+"""The equations and the frequency band that all recordings of a diagnosis have in common."""
 
 from collections.abc import Sequence
 

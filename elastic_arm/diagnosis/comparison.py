@@ -1,8 +1,7 @@
-"""A real and a simulated recording of the same commands: which effects are in one and not in the
-other.
+"""Comparison of a real and a simulated recording of the same commands.
 
-Both are diagnosed against one model, and the effects found in either are compared by probability
-and size.
+Both are diagnosed against one model. The effects found in either recording are compared by
+probability and size.
 """
 
 from collections.abc import Mapping

@@ -1,10 +1,10 @@
-"""The causes that the judging recordings confirm; the others are taken out, the worst first.
+"""The causes that the validation recordings confirm.
 
-    repeat: take out each cause in turn, refit the rest, and compare (:mod:`.confirmation`)
-            take out for good the one that loses most likelihood, of those that confirm nothing
-    until all that are left are confirmed
+    repeat: remove each cause in turn, refit the others, and compare (:mod:`.confirmation`)
+            drop the unconfirmed cause that loses most likelihood
+    until all remaining causes are confirmed
 
-What takes nearly no part in a cause that was taken out keeps its comparison.
+The comparison of a cause is reused if the dropped cause hardly correlates with it.
 """
 
 from __future__ import annotations

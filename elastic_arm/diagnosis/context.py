@@ -1,4 +1,4 @@
-"""What a diagnosis worked on, kept for figures and for going on from it."""
+"""The data behind a diagnosis, kept for figures and follow-up steps."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

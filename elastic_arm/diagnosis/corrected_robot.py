@@ -1,4 +1,4 @@
-"""The arm with its causes in it: what the simulator needs to behave like the recording."""
+"""The arm with its causes: the description that makes the simulator behave like the recording."""
 
 from collections.abc import Collection
 from typing import Any

@@ -1,13 +1,13 @@
-"""Residuals of the description and of the corrected arm, and what each term adds to them.
+"""Residuals of the description and of the corrected arm, and the contribution of each term.
 
     y(nu)  = y - N nu
     before = y(nu_described) - known effects at their stated sizes + m
     after  = before - m - N d - sum over the terms of the set of X_t b_t
 
-with y the residuals (N', R) of a stretch at the linearisation, N their columns by the numbers nu of
-arm and sensors, m what another mounting than the described one adds, d the difference of the
-numbers from the description, and X_t b_t what a term adds, Nm. R counts the residuals: each joint
-on each side.
+y are the residuals (N', R) of a stretch at the linearisation, N their columns by the numbers nu of
+arm and sensors, m the contribution of a mounting that differs from the described one, d the
+differences of the numbers from the description, and X_t b_t the contribution of a term, Nm. R
+counts the residuals: one for each joint and side.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """Zeros of link encoders that differ from recording to recording.
 
-An encoder that is referenced anew at each start has a zero of its own in each recording. It shows
-as a constant between the two angles of a joint that differs by more than any load could wind the
-drive.
+An encoder that is referenced at each start has another zero in each recording. The two angles of a
+joint then differ by a constant that changes by more than any load could wind the drive.
 """
 
 from collections.abc import Sequence

@@ -1,5 +1,4 @@
-"""Sizes of causes and numbers from the posterior: means and deviations over the sets that hold
-them."""
+"""Sizes of causes and numbers from the posterior: means and standard deviations over the sets."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

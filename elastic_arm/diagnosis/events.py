@@ -1,19 +1,18 @@
-"""Events inside a recording: stretches of it that its rest contradicts, as a contact, or a payload
-that is picked up.
+"""Events: stretches of a recording that contradict its rest, such as a contact or a payload that is
+picked up.
 
-What effects and numbers leave of a residual, whitened by its sensors' noise, is cut into blocks of
-n values with squares s. Its power ordinarily varies from block to block, as what a model misses
-does,
+The residual that effects and numbers leave, whitened by the noise of its sensors, is divided into
+blocks of n values with sum of squares s. Ordinarily the power of a block varies, because of what
+the model misses:
 
     p(s) = Gamma(n/2 + a) / Gamma(a) b^a / (b + s/2)^(n/2 + a)
 
     a, b most probable, b >= a (sensors' noise)
 
-An event is a run of blocks of one power p, any that is larger: p(s) = integral of p^(-n/2)
-exp(-s/2p) dln p. It begins and ends within a block, so that its first and its last block may have a
-power of their own. It pays the odds that there is one, at one of so many places, and of so many
-runs. The most probable runs follow by dynamic programming; a torque that no law states acts during
-them (:class:`.FreeTorques`).
+An event is a run of blocks with one larger power p: p(s) = integral of p^(-n/2) exp(-s/2p) dln p.
+It begins and ends within a block, so its first and last blocks may have powers of their own. Its
+prior odds account for the number of possible places and runs. Dynamic programming finds the most
+probable runs. During an event, a free torque acts at the joint (:class:`.FreeTorques`).
 """
 
 from collections.abc import Iterator, Sequence

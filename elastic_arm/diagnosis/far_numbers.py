@@ -1,10 +1,9 @@
-"""Which numbers of an arm and its sensors are beyond their ordinary deviations.
+"""Numbers of an arm and its sensors that are beyond their ordinary deviations.
 
     P(abs(nu_k) > 3 s_k | y) = sum over sets p(S | y) P(abs(nu_k) > 3 s_k | y, S)
 
-with s_k the deviation that the priors state, whatever the trust in the description. Of a number
-that is a ratio, 3 s_k is a ratio of 1 + 3 s_k or its inverse: too large and too small are equally
-far.
+s_k is the prior standard deviation, whatever the trust in the description. For a ratio, 3 s_k means
+a factor of 1 + 3 s_k or its inverse: too large and too small are equally far.
 """
 
 from collections.abc import Mapping, Sequence, Set

@@ -1,10 +1,11 @@
-"""The first look at recordings, before the search: where the gap lies, and the friction of the
+"""The first look at the recordings, before the search: where the gap is, and friction of the
 drives.
 
     y = N nu + sum_j (X_j beta_j) + e
 
-One linear fit at the description: numbers nu of arm and sensors within their ordinary deviations,
-viscous and dry friction beta_j of each joint. What is found later replaces it.
+This is one linear fit at the description, with the numbers nu of arm and sensors within their
+ordinary deviations, and viscous and dry friction beta_j of each joint. The result of the search
+replaces it.
 """
 
 from __future__ import annotations

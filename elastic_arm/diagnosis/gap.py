@@ -1,10 +1,10 @@
-"""How large the gap is, and how far it shrinks: power over the sensors' noise, by joint, side and
+"""The size of the gap and its reduction: power over the noise of the sensors by joint, side and
 octave.
 
-    e = max(P - noise, 0)    over the octaves in which P is above the noise by more than chance
+    e = max(P - noise, 0)    over the octaves in which P exceeds the noise by more than chance
     shrink = 1 - sum e(after) / sum e(before)
 
-A slow effect drowns in the noise of a wide band and is plain in its own octave, so that no band has
+A slow effect is hidden by the noise of a wide band, but not by that of its own octave. No band has
 to be chosen.
 """
 

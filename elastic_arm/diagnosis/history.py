@@ -1,35 +1,33 @@
-"""One arm over time: the size of each number in each recording, and where it changed.
+"""One arm over time: the size of each number in each recording, and its changes.
 
-A number has the sizes x_k, with variances s_k² (:mod:`.estimates`), in the recordings k = 1 … n,
-and a level a, which may step to b after recording m. Two things besides noise set sizes apart:
+A number has the sizes x_k with variances s_k² (:mod:`.estimates`) in the recordings k = 1 … n. Its
+level a may step to b after recording m. Besides noise, two things make sizes differ:
 
-- *scatter* from recording to recording (temperature, a tool, noise that is in no model), of a
-  variance that is the same
-  all along, v_k(t) = s_k² + t² (s_k² + (SCATTER R)²), with t from an exponential distribution of
-  mean 1: scatter as large as the deviations and a relative SCATTER is ordinary, ten times as much
-  is told by the sizes themselves;
-- recordings whose size is *wrong*, each with a probability q_k, by w_k R: of those that were
-  diagnosed alone a false
-  cause (w = 1) is as likely as ODDS, shared by the arm's N numbers, and where something is unknown
-  as UNSURE; of those that were diagnosed together, with the same causes, a size may hold a part of
-  what is unknown, w² = 1 - shrink.
+- *Scatter* from recording to recording (temperature, a tool, noise outside the model). Its
+  variance is the same in all recordings, v_k(t) = s_k² + t² (s_k² + (SCATTER R)²), with t from an
+  exponential distribution of mean 1: scatter of the size of the deviations and of a relative
+  SCATTER is ordinary, and only the sizes themselves can show ten times as much.
+- *Wrong* sizes, each with a probability q_k, by w_k R. In recordings that were diagnosed alone, a
+  false cause (w = 1) has the probability ODDS, shared by the arm's N numbers, or UNSURE if
+  something is unknown. In recordings that were diagnosed together, with the same causes, a size may
+  include a part of what is unknown, w² = 1 - shrink.
 
-R, the largest distance of a size from that of no effect x_0, is the range of levels and of what is
-wrong:
+R, the largest distance of a size from that of no effect x_0, is the range of levels and of wrong
+sizes:
 
     a, b ~ N(x_0, R²), independent
     p(x_k | a, t) = (1 - q_k) N(x_k; a, v_k) + q_k N(x_k; a, v_k + (w_k R)²)
     p(x | no step) = ∫dt e⁻ᵗ ∫da p(a) Π_k p(x_k | a, t)
     p(x | m) = ∫dt e⁻ᵗ [∫da p(a) Π_{k ≤ m} p(x_k | a, t)] [∫db p(b) Π_{k > m} p(x_k | b, t)]
 
-With prior odds STEP / (N (n - 1)) for each number and place, that one of an arm's numbers steps,
-these give the posterior of every place; the number has changed with the sum of theirs. The
-integrals are sums over a grid that is as fine as the deviations near every size. A variance that
-all sizes share, as in one diagnosis of all recordings, moves both levels alike: it is taken out
-first, and widens them in the end.
+With prior odds STEP / (N (n - 1)) for each number and place, these give the posterior of every
+place; its sum over places is the probability that the number changed. The integrals are sums over a
+grid that is as fine as the deviations near every size. A variance that all sizes share, as in one
+diagnosis of all recordings, moves both levels alike: it is removed first and added to both levels
+in the end.
 
-A cause that a recording lacks has its value of no effect there, with a deviation of as much as the
-search leaves out: z s with z² / 2 = ln(R / s) - ln ODDS.
+A cause that a recording lacks has the value of no effect there. Its deviation is what the search
+could have overlooked: z s with z² / 2 = ln(R / s) - ln ODDS.
 """
 
 from collections.abc import Sequence

@@ -1,7 +1,7 @@
-"""The diagnosis while the arm moves, over the samples of the last while.
+"""The diagnosis of a moving arm, over its most recent samples.
 
-The node that publishes `/gap` feeds a :class:`Window` and hands its recordings to what
-:func:`answering` makes in a process of its own; there is no physics in the node.
+The node that publishes `/gap` fills a :class:`Window` and passes its recordings to the function of
+:func:`answering`, which runs in a separate process. The node itself contains no physics.
 """
 
 from collections import deque

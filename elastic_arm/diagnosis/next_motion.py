@@ -1,10 +1,10 @@
-"""The motion within the arm's limits that discriminates between a cause and its alternatives.
+"""The motion within the arm's limits that best discriminates between a cause and its alternatives.
 
-If one of two effects is there, the other, refitted to the same motion, leaves a remainder. With
-whitened columns s of the true effect and X of what a refit can combine, the expected log-likelihood
-ratio is half the squared norm of the remainder, 0.5 |s - X X^+ s|^2 (the discrimination criterion
-of Atkinson and Fedorov 1975, T-optimality). Motions are drawn, judged by it, and the best is
-improved by random steps.
+If one of two effects acts, the other one, refitted to the same motion, leaves a remainder. With the
+whitened columns s of the true effect and X of everything that a refit can combine, the expected
+log-likelihood ratio is half the squared norm of the remainder, 0.5 |s - X X^+ s|^2 (the
+discrimination criterion of Atkinson and Fedorov 1975, T-optimality). Motions are drawn at random
+and ranked by this criterion, and random steps improve the best one.
 """
 
 from collections.abc import Callable, Sequence

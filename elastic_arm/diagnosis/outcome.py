@@ -2,7 +2,7 @@
 
 none:       no cause, nothing unexplained
 explained:  causes, nothing unexplained
-unknown:    a residual that keeps power, a law without a form, or an event
+unknown:    a residual that keeps power, a nonparametric law, or an event
 """
 
 from __future__ import annotations

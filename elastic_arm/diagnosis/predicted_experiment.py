@@ -1,5 +1,4 @@
-"""An experiment that was not made yet: what effects would add to its residuals, over noise of known
-size."""
+"""A hypothetical experiment: the residuals that effects would cause, with noise of known size."""
 
 from __future__ import annotations
 

@@ -1,10 +1,9 @@
-"""Short-horizon prediction error: how far ahead the model predicts the angles, without and with the
-causes.
+"""Short-horizon prediction error of the angles, without and with the causes.
 
-From many instants of the validation data the arm is put into its measured state, driven by the
-measured motor torque, and its angles after 10 to 200 ms are compared with those measured. Channels
-are those that the columns of effects are made of, smoothed alike, so that a torque and the motion
-that it makes still belong together.
+From many instants of the validation recordings, the model starts in the measured state, is driven
+by the measured motor torque, and its angles after 10 to 200 ms are compared with the measured ones.
+The channels are smoothed like those of the columns of effects, so that a torque and its motion stay
+aligned.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Recordings and a question become what is to be explained."""
+"""Preparation of a diagnosis: recordings and question become a problem to be explained."""
 
 from __future__ import annotations
 

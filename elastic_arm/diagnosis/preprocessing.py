@@ -1,9 +1,9 @@
-"""Repairs of a recording before it is diagnosed: dead torque channels, clocks that drift apart.
+"""Repairs of a recording before its diagnosis: dead torque channels, and clocks that drift apart.
 
-A channel that holds one number throughout was not recorded, whatever its message holds. Two clocks
-that stamp two topics show in the twist of the drives: link and motor turn alike but for a
-deflection that follows the load, so a lag between them that grows with time, the same on every
-joint, is the clocks'.
+A channel with one constant value was not recorded, whatever its message contains. If two clocks
+stamp the two sides of the arm, their drift appears in the twist of the drives: link and motor move
+alike except for a deflection that follows the load. A lag that grows with time and is the same on
+every joint is therefore a drift of the clocks.
 """
 
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""In which regime a residual is large: the simplest thing that it follows."""
+"""The regime in which a residual is large: the simplest quantity that it follows."""
 
 from collections.abc import Sequence
 

@@ -1,5 +1,4 @@
-"""The search of a diagnosis in words, for `diagnose --explain`: the sets that were scored, what the
-best one lacks, and the moves."""
+"""The search of a diagnosis in words, for `diagnose --explain`: sets, missing terms, and moves."""
 
 from collections.abc import Iterator, Mapping, Sequence
 

@@ -1,4 +1,4 @@
-"""Which part of the recordings is fitted and which part judges."""
+"""The split of the recordings into fitted and validation parts."""
 
 from collections.abc import Sequence
 

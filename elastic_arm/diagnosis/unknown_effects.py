@@ -1,10 +1,10 @@
-"""What no effect of the catalogue explains: laws without a form, and residuals that keep power.
+"""Residuals that no effect of the catalogue explains: nonparametric laws, and open residuals.
 
     left_r = sum of the power over the noise in the octaves of motion / number of values - 1
 
-A residual r is open where left_r is more than its sensors' noise may be and more than a tenth of
-its own gap (:attr:`UnknownEffects.open_rows`): in the fitted recordings, if the rest follows the
-motion, or in the judging ones, if causes act there.
+A residual r is open if left_r exceeds both the uncertainty of its sensors' noise and a tenth of its
+own gap (:attr:`UnknownEffects.open_rows`): in the fitted recordings if the rest follows the motion,
+or in the validation recordings if causes act there.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Effects, sizes, probabilities and what was found, in words, for screen, report and notes."""
+"""Effects, sizes, probabilities and results in words, for screen, report and notes."""
 
 from __future__ import annotations
 

@@ -1,13 +1,13 @@
-"""Whether a link whose inertia is far from its description can exist.
+"""The probability that a link with these inertial numbers can exist.
 
     J(x) = J_0 + sum_k x_k J_k                                pseudo-inertia (4, 4) of the link
     d² = min over J(x') >= 0 of (x' - x)' S^-1 (x' - x)
     ln p(J >= 0) ~ ln 2 Phi(-d)
 
-with x, S the posterior mean and covariance of the link's numbers. A body exists if and only if its
-pseudo-inertia is positive semidefinite (Wensing, Kim and Slotine, RA-L 2018). The recordings
-determine only combinations of the numbers, so that the distance d to the nearest body counts and
-not whether x itself is one.
+x and S are the posterior mean and covariance of the link's numbers. A body exists if and only if
+its pseudo-inertia is positive semidefinite (Wensing, Kim and Slotine, RA-L 2018). The recordings
+determine only combinations of the numbers, so the distance d to the nearest possible body decides,
+not x itself.
 """
 
 from __future__ import annotations

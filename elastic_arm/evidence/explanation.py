@@ -1,4 +1,4 @@
-"""The answer of a search: the sets of terms that share the probability.
+"""The result of a search: sets of terms with their probabilities.
 
 P(S | y) = exp(score(S)) / sum over all sets S' of exp(score(S'))
 """

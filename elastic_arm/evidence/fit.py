@@ -3,10 +3,10 @@
     y = N nu + sum over the terms t of the set of (o_t + X_t beta_t) + e        (docs/diagnosis.md)
     score = ln p(y | S, tau) + ln p(S, tau)
 
-with y the whitened residual (rows,), N its columns (rows, K) by the numbers nu of arm and sensors,
-X_t the columns (rows, k) of a term, o_t what it adds whatever its coefficients, and e noise. The
-numbers are fitted in the combinations V (K, k) of which the data determine anything
-(:attr:`LinearModel.basis`); the posterior is that of the coefficients (V'nu, beta).
+y is the whitened residual (rows,), N (rows, K) are its columns by the numbers nu of arm and
+sensors, X_t (rows, k) the columns of a term, o_t the part of a term without coefficients, and e
+noise. Only the combinations V (K, k) of the numbers that the data determine are fitted
+(:attr:`LinearModel.basis`). The posterior is that of the coefficients (V'nu, beta).
 """
 
 from __future__ import annotations

@@ -1,20 +1,20 @@
-"""Best-first search over sets of terms, each judged where its own numbers lie.
+"""Best-first search over sets of terms; each set is scored at its own linearisation.
 
     s(S) = ln p(y, S) with the residuals linearised about the posterior of S itself
 
-A search at the linearisation of one set meets others with scores that are as good as that
-linearisation. So
+A search at the linearisation of one set also scores other sets, but these scores are only as good
+as that linearisation. Therefore:
 
-1. the best known set is expanded: a search from it, at its own linearisation, gives a path of
-  better and better sets;
-2. the last set of the path is linearised about itself. Where it is better there, it is the best
-  known set;
-3. where it is not, the step was too long: the set half way along the path is tried;
-4. a set from which no path leads to a better one is expanded by more expensive moves;
-5. when there are none left, a runner-up that is a few nats behind is expanded once: its next move
-  may overtake. The search ends when no such set is left.
+1. The best known set is expanded: a search at its own linearisation gives a path of better and
+   better sets.
+2. The last set of the path is linearised about itself. If it is still better, it becomes the best
+   known set.
+3. If it is not, the step was too long, and the set half way along the path is tried.
+4. A set from which no path leads to a better one is expanded by more expensive moves.
+5. If no moves are left, each runner-up within a few nats is expanded once, because its next move
+   may overtake the best set. The search ends when no such set is left.
 
-A set that was linearised about itself keeps that score wherever it is met again.
+A set that was linearised about itself keeps that score in all later searches.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""Gauss–Newton steps: a set of terms linearised about its own numbers.
+"""Gauss–Newton steps that linearise a set of terms about its own numbers.
 
-    nu_{k+1} = nu_k + share E(nu - nu_k | y, S)        residuals and columns made anew at nu_{k+1}
+    nu_{k+1} = nu_k + share E(nu - nu_k | y, S)        residuals and columns recomputed at nu_{k+1}
 
-until each number moves by less than a share of its deviation. Numbers of the arm, nonlinear numbers
-of effects and the effects that act in the predicted torques move together.
+The steps end when each number moves by less than a share of its standard deviation. Numbers of the
+arm, nonlinear numbers of effects, and the effects in the predicted torques move together.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""Products of residual and columns, place by place and octave by octave: G_b = A_b' A_b.
+"""Gram matrices of residual and columns by place and octave: G_b = A_b' A_b.
 
-All that is decided needs no more of the data. Each pair of columns is multiplied once.
+Fits and screens use only these products, and each pair of columns is multiplied once.
 """
 
 from __future__ import annotations

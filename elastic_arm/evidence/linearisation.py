@@ -1,9 +1,9 @@
-"""Residuals and their derivatives where the numbers of arm and sensors have some values.
+"""Residuals and their derivatives at given numbers of arm and sensors.
 
     r(nu, beta) = r(nu_0) - N (nu - nu_0) - X(theta) beta
 
-Late channels are moved back in time and torques divided by their gains, so that what is left of
-them acts linearly.
+Late channels are shifted back in time and torques are divided by their gains, so that the remaining
+errors of both act linearly.
 """
 
 from __future__ import annotations

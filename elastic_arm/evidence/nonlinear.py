@@ -1,8 +1,8 @@
-"""Nonlinear numbers of laws, by Gauss and Newton on the Gram matrices.
+"""Nonlinear numbers of laws, fitted by Gauss–Newton steps on the Gram matrices.
 
-About theta_0 a law is X(theta_0) beta + beta_0 dX/dtheta (theta - theta_0): its derivatives are
-further columns, whose coefficients have the prior of theta over its range. So the evidence of a set
-is Laplace's, and sizes are as uncertain as the nonlinear numbers make them.
+About theta_0 a law is X(theta_0) beta + beta_0 dX/dtheta (theta - theta_0). The derivatives are
+additional columns, and the range of theta is the prior of their coefficients. The evidence of a set
+is therefore Laplace's, and the nonlinear numbers add to the uncertainty of sizes.
 """
 
 from collections.abc import Sequence

@@ -1,5 +1,4 @@
-"""Which numbers of an arm and its sensors are uncertain, each with its prior: nu ~ N(0, (tau
-std)²)."""
+"""The uncertain numbers of an arm and its sensors with their priors, nu ~ N(0, (tau std)²)."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace

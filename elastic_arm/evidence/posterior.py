@@ -1,15 +1,15 @@
 """The posterior of a set of terms in closed form, and its evidence.
 
-With H_b, b_b, c_b the products of band b, prior N(m, P^-1) and noise powers v_b,
+H_b, b_b and c_b are the products of band b, N(m, P^-1) is the prior, and v_b the noise power:
 
     A = P + sum_b H_b / v_b,   x = A^-1 (P m + sum_b b_b / v_b),   rss_b = c_b - 2 b_b'x + x'H_b x
     ln p = -1/2 sum_b (n_b ln v_b + rss_b / v_b) - 1/2 |x - m|²_P
            + 1/2 ln |P| - 1/2 ln |A| - 1/2 sum_{v_b > 1} ln n_b
     v_b  = max(1, rss_b / (n_b - tr(A^-1 H_b) / v_b))                              (MacKay 1992)
 
-at the places whose noise is worth a spectrum of its own, and 1 elsewhere, so that what nobody
-explains is noise and bends nothing. Truncated priors multiply by the mass of the posterior within
-the bounds over that of the prior.
+v_b is estimated at places where a noise spectrum of their own increases the evidence, and is 1
+elsewhere. Residuals that no term explains thus count as noise and do not bias the terms. A
+truncated prior multiplies the evidence by the posterior mass within its bounds over the prior mass.
 """
 
 from dataclasses import dataclass

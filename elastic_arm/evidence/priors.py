@@ -1,9 +1,9 @@
-"""Every number of the diagnosis that decides: priors, and bounds of the search, each with unit and
-source.
+"""All decision parameters of the diagnosis, each with unit and source: priors and bounds of the
+search.
 
-What is found is what is most probable under them (:mod:`.posterior`). How far the numbers of a
-description are ordinarily off may be stated in a file (:func:`read_priors`); what sensors do is
-stated in the files of their effects.
+The result is the most probable set under these priors (:mod:`.posterior`). A file can state the
+ordinary deviations of a description's numbers (:func:`read_priors`); the priors of sensors are in
+the files of their effects.
 """
 
 from __future__ import annotations

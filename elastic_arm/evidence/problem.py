@@ -1,5 +1,4 @@
-"""What is to be explained: recordings, equations, the numbers that may be off, and effects that are
-known."""
+"""The problem to be explained: recordings, equations, uncertain numbers, and known effects."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,10 +1,10 @@
-"""The search over sets of terms, each judged at the linearisation about its own numbers.
+"""The search over sets of terms, alternating with linearisation about the best set.
 
     S_{k+1} = best set found from S_k at the linearisation of S_k
     score(S_{k+1}) counts at the linearisation of S_{k+1}
 
-alternately, until no set is better (:mod:`.frontier`). The search begins at the description, and at
-the description with the friction of every drive.
+Both steps repeat until no set is better (:mod:`.frontier`). The search starts at the description,
+and again at the description with friction in every drive.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""The most probable runs among blocks of a recording, by dynamic programming.
+"""The most probable runs among the blocks of a recording, by dynamic programming.
 
     best_j = max(best_{j-1} + ordinary_{j-1}, max over i < j of best_i + run_ij)
 
-ordinary_j is the log-probability of a block outside of all runs, and run_ij that of the blocks i to
-j - 1 as one run, its prior odds included.
+ordinary_j is the log-probability of block j outside all runs, and run_ij that of the blocks i to
+j - 1 as one run, including its prior odds.
 """
 
 from collections.abc import Callable

@@ -1,10 +1,10 @@
-"""What each further term would gain beside a fit, from products of columns alone.
+"""The gain of each additional term beside a fit, from Gram matrices only.
 
-    G = X'X - C S C',   b = X'(y - what the fit explains)
+    G = X'X - C S C',   b = X'(y - fitted part)
     gain = 1/2 b^2 / (G + 1/s^2) - 1/2 ln(1 + G s^2)        for a column with the prior N(0, s^2)
 
-with X the columns (rows, k) of a term, each band divided by its noise power, C = X'A their products
-with the columns A of the fit, and S the covariance (p, p) of the fit's coefficients.
+X are the columns (rows, k) of a term, with each band divided by its noise power, C = X'A their
+products with the columns A of the fit, and S the covariance (p, p) of the fit's coefficients.
 """
 
 from __future__ import annotations

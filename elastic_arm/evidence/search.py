@@ -1,8 +1,8 @@
-"""The most probable sets of terms: moves over sets, each judged by the one score.
+"""The search for the most probable set of terms, by moves from set to set.
 
-Add, drop, exchange, two for one, one for two, a size on another scale. What a further term would
-gain at the noise of the present fit proposes; the score of the whole set decides. All sets met are
-kept: probabilities are sums over them.
+Moves add, drop or exchange a term, replace two terms by one or one by two, or change the scale of a
+size. The gain of a term at the noise of the present fit proposes a move, and the score of the whole
+set decides. All scored sets are kept, because probabilities are sums over them.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence

@@ -1,7 +1,7 @@
-"""Columns of many terms side by side, without the rows in which they are null.
+"""Columns of many terms side by side, without their leading null rows.
 
-Whitened columns are null before the first place in which they show. Of the candidates of an arm
-that is a third of all rows, of laws without a form nearly half.
+A whitened column is null before the first place at which it acts. These rows are a third of all
+rows of the candidates of an arm, and nearly half of those of nonparametric laws.
 """
 
 from collections.abc import Iterable, Sequence

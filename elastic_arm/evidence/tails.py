@@ -1,4 +1,4 @@
-"""Columns without the rows in which they are null."""
+"""Columns without their leading null rows."""
 
 from typing import NamedTuple
 
