@@ -16,13 +16,12 @@ from elastic_arm.evidence.terms.known import KnownTerm, StatedTerm, least_of
 from elastic_arm.evidence.terms.number import NumberTerm
 from elastic_arm.evidence.terms.term import Term
 
-STEP = 1e-4  # of a standard deviation, for derivatives of parameters by coefficients; numerical
+STEP = 1e-4  # standard deviations, step of the derivatives of parameters by coefficients; numerical
 
 
 @dataclass(frozen=True)
 class ParameterEstimate:
-    """A parameter with its standard deviation (None: not determined); several numbers for a
-    vector."""
+    """A parameter with its standard deviation (None: not determined); lists for a vector."""
 
     value: Any
     std: Any
@@ -32,9 +31,9 @@ class ParameterEstimate:
 def estimated(
     fit: Fit, term: Term, parameters: Sequence[Number], values: Array
 ) -> tuple[dict[str, ParameterEstimate], EffectInstance]:
-    """Return the parameters of a cause with deviations, and the effect as the simulator takes it.
+    """Return the parameters of a cause with standard deviations, and the effect for the simulator.
 
-    parameters, values: the numbers, and where (K,) the model stands.
+    parameters, values: the numbers and their values (K,) at the linearisation.
     """
     if isinstance(term, NumberTerm):
         number = term
@@ -47,11 +46,10 @@ def estimated(
     effect = term
     rows = fit.rows(term)
     is_stated = isinstance(term, StatedTerm)
-    if is_stated:  # what is stated and by how much it is off, together
+    if is_stated:  # the sum of the stated size and its deviation
         (known,) = (t for t in fit.terms if isinstance(t, KnownTerm) and t.key == term.key)
         rows[:, fit.slices[known.ident]] += np.eye(len(rows))
-    # The scale of the torques that a controller makes is that of its effects, and of laws that are
-    # made of masses.
+    # The scale of a controller's torques also scales its effects, and laws of known masses.
     scaled = term.feature.fixed or isinstance(term.feature.effect, ControllerEffect)
     scale = [
         k
@@ -81,8 +79,8 @@ def estimated(
 
 
 def within(x: Array, covariance: Array, low: Array, high: Array) -> tuple[Array, Array]:
-    """Return mean (k,) and covariance (k, k) of a Gaussian within bounds, one coefficient after the
-    other."""
+    """Return the mean (k,) and covariance (k, k) of a Gaussian truncated to bounds, one coefficient
+    after the other."""
     for k in np.flatnonzero(np.isfinite(low) | np.isfinite(high)):
         std = float(np.sqrt(covariance[k, k]))
         mean, variance = truncnorm.stats(
@@ -100,7 +98,7 @@ def _effect_values(term: EffectTerm, beta: Array) -> dict[str, Any]:
 
 
 def _number_values(term: NumberTerm, parameters: Sequence[Number], x: Array) -> dict[str, Any]:
-    """Return the effect's parameters for numbers at x (m,) standard deviations."""
+    """Return the parameters of the effect for numbers at x (m,) standard deviations."""
     effect = term.feature.effect
     first = parameters[0]
     found: dict[str, Any] = {p.name: p.default for p in effect.parameters if p.default is not None}
@@ -153,7 +151,7 @@ def _of(
 
 
 def _physical(parameter: Any, value: Any) -> Any:
-    """Return a value that an arm can have: a mean may lie a rounding error outside."""
+    """Return a physically possible value: a mean may be outside by a rounding error."""
     if not np.isfinite(parameter.above):
         return value
     least = parameter.above + 1e-12 * max(1.0, abs(parameter.high))
@@ -165,8 +163,10 @@ def _physical(parameter: Any, value: Any) -> Any:
 def averaged(
     found: Sequence[tuple[float, Mapping[str, ParameterEstimate]]],
 ) -> dict[str, ParameterEstimate]:
-    """Return mean and deviation of parameters over sets, (probability, parameters) each, the most
-    probable first."""
+    """Return the mean and standard deviation of parameters over sets.
+
+    found: (probability, parameters) of each set, the most probable first.
+    """
     weights = np.array([w for w, _ in found])
     result = dict(found[0][1])
     for name, first in found[0][1].items():

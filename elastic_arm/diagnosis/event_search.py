@@ -12,7 +12,7 @@ from elastic_arm.evidence.problem import FITTED
 
 
 def events_in(parts: Decomposition) -> tuple[Event, ...]:
-    """Return the stretches of recordings that the rest of each contradicts."""
+    """Return the stretches that contradict the rest of their recordings."""
     whole = replace(parts, by_all=True, prepared=parts.prepared.without(()))
     looks = replace(whole, which=FITTED), whole
     problem = whole.problem

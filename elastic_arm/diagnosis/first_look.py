@@ -28,8 +28,8 @@ Friction = Mapping[str, ParameterEstimate]  # parameters of one friction effect
 class FirstLook:
     """Residuals of all recordings by joint and side, Nm (N), and the friction of each joint.
 
-    noise: RMS values of the sensors' noise; described, fitted: RMS residuals of the description,
-    and of the linear fit; friction: effect -> parameters, by joint and side.
+    noise: RMS values of the sensors' noise; described, fitted: RMS residuals of the description
+    and of the linear fit; friction: parameters by effect, for each joint and side.
     """
 
     joints: tuple[str, ...]
@@ -41,7 +41,7 @@ class FirstLook:
 
 
 def first_look(parts: Decomposition) -> FirstLook:
-    """Return the first look by a decomposition of all recordings at the description."""
+    """Return the first look from a decomposition of all recordings at the description."""
     problem = parts.problem
     before, after = parts.gaps
     friction: dict[Place, dict[str, Friction]] = {}

@@ -179,7 +179,7 @@ class _SplitUp(NamedTuple):
 
     parts: Parts
     begins: tuple[dict[str, float], dict[str, float]]  # as in :class:`Prepared`
-    held_back: bool  # whether the recordings that judge are the last parts of the fitted ones
+    held_back: bool  # whether the validation recordings are the last parts of the fitted ones
     ignored: tuple[Event, ...]  # stretches that were cut, as drives ignored their commands
 
     @property

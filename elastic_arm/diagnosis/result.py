@@ -63,7 +63,7 @@ class Cause:
         False  # whether it is a number of the arm, which the corrected arm holds as that
     )
     # share of the gap at its places that comes back where it is taken out and the rest is refitted,
-    # on the recordings that judge; None where no place has a gap
+    # on the validation recordings; None where no place has a gap
     shrink_without: float | None = None
     # whether a commanded arm moves worse with its correction, which then is not written
     rejected: bool = False
@@ -135,7 +135,7 @@ class Cause:
 class UnconfirmedCause:
     """An effect that is likely by the fit and no cause.
 
-    It gains nothing on the recordings that judge, its size is nothing within two deviations, it
+    It gains nothing on the validation recordings, its size is nothing within two deviations, it
     could be ordinary, or it may be a part of an unknown effect at its joint.
     """
 

@@ -13,7 +13,7 @@ SHORTEST = 2.5  # s of either part
 HOLE = 1.0  # s between samples from which on nothing was recorded between them
 RATE = 50.0  # Hz at which motions are compared; above the motions' own frequencies
 REPEATED = 0.02  # difference over spread below which a motion counts as a repetition
-ROWS = 200  # runs of a judging recording that are looked for in what is fitted
+ROWS = 200  # runs of a validation recording that are looked for in what is fitted
 RUN = 20  # rows of a run
 SHARED = 0.2  # share of them that may be found; noise repeats none
 

@@ -36,7 +36,7 @@ class KeptPower(NamedTuple):
     follows: bool  # whether it is beyond the limit in the fitted recordings and follows the motion
     judging: float
     limit_of_judging: float
-    has_causes: bool  # whether causes act there in the recordings that judge
+    has_causes: bool  # whether causes act there in the validation recordings
 
     @property
     def is_open(self) -> bool:
@@ -66,7 +66,7 @@ class UnknownEffects:
 
     @cached_property
     def laws(self) -> list[tuple[float, Unknown]]:
-        """The laws without a form that are likelier there than not, with their probability."""
+        """The nonparametric laws that are more probable than not, with their probability."""
         found: dict[Key, tuple[float, Unknown]] = {}
         for p, fit in self.parts.explanation.sets:
             for t in fit.optional:
@@ -141,7 +141,7 @@ class UnknownEffects:
 
     @cached_property
     def rows(self) -> list[int]:
-        """The residuals that an unknown effect leaves open: laws without a form, then power."""
+        """The residuals that an unknown effect leaves open: nonparametric laws, then power."""
         names = self.parts.problem.robot.joint_names
         sides = self.parts.problem.layout.sides
         places = self.parts.places

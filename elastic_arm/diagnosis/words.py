@@ -216,7 +216,7 @@ UNFINISHED = (
 
 
 def law_note(joint: str, law: GeneralLaw) -> str:
-    """Return the note on a law without a form."""
+    """Return the note on a nonparametric law."""
     return (
         f"A torque of {joint} ({law.side}) depends on {law.argument}, and no effect of the"
         " catalogue has this form."

@@ -199,7 +199,7 @@ class Fit:
         return self._gain_of_width(term, scale / term.scale)
 
     def gain_of_size(self, law: Term, size: float) -> float:
-        """Return what a law without a form would gain, nats, at another size, at the same noise."""
+        """Return what a nonparametric law would gain, nats, at another size, at the same noise."""
         return self._gain_of_width(law, size / float(law.std[0]))
 
     def _gain_of_width(self, term: Term, ratio: float) -> float:

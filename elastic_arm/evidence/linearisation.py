@@ -79,7 +79,7 @@ class Linearisation:
 
     @property
     def judging(self) -> Linearisation:
-        """The recordings that judge, at the same values; made once."""
+        """The validation recordings, at the same values; made once."""
         if "judging" not in self.cache:
             self.cache["judging"] = self.part(JUDGING)
         found: Linearisation = self.cache["judging"]

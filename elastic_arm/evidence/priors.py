@@ -59,14 +59,14 @@ AS_BUILT = Assumed(BUILT)
 USUAL = 9.0
 # that an effect is there or a number is far off: of a hundred sound arms, one has a false cause
 ODDS = 1e-2
-# odds of a law without a form over those of an effect: the catalogue has what arms mostly have
+# odds of a nonparametric law over those of an effect: the catalogue has what arms mostly have
 FORMLESS = 1e-3
 SCALES = np.array([1.0, 0.1, 0.01, 1e-3, 1e-4])  # of a size's range: effects are of all sizes
 # standard deviation of a number that is far off, in ordinary ones: hardly any prior; convention
 WIDE = 30.0
 # relative standard deviation of a stated effect: friction changes so with temperature and wear
 STATED = 0.3
-# Nm; of laws without a form, joints of every kind
+# Nm; of nonparametric laws, joints of every kind
 SIZES = np.array([0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0])
 LEFT = 0.1  # share of a place's own gap that may be left (contract)
 ZERO_AS_MOUNTED = (

@@ -60,7 +60,7 @@ class Problem:
     # candidates that every real drive has and the description does not state
     usual: frozenset[Key] = frozenset()
     held_back: bool = (
-        False  # whether the recordings that judge are the last parts of those that are fitted
+        False  # whether the validation recordings are the last parts of those that are fitted
     )
 
     @property

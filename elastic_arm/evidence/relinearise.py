@@ -277,7 +277,7 @@ def _likeliest_distant(found: Explanation, tried: Set[frozenset[Key]]) -> Fit | 
 
 
 def _screens(linear: Linearisation, model: LinearModel, *, laws: bool) -> list[Screen]:
-    """Return what may be added, laws without a form apart; made once."""
+    """Return what may be added, nonparametric laws apart; made once."""
     if "pool" not in linear.cache:
         linear.cache["pool"] = Screen(model.grams, pool_of(linear))
     if laws and "laws" not in linear.cache:

@@ -385,7 +385,7 @@ def _first_order(model: LinearModel, terms: Sequence[Term], G: Array, b: Array) 
 
 
 def _several(model: LinearModel, terms: Sequence[Term], G: Array, b: Array) -> Gains:
-    """Return the same of terms of as many columns each, laws without a form among them."""
+    """Return the same of terms of as many columns each, nonparametric laws among them."""
     laws = np.array([isinstance(t, LawTerm) for t in terms])
     std = np.array([np.ones(b.shape[1]) if isinstance(t, LawTerm) else t.std for t in terms])
     e, U = np.linalg.eigh(G * std[:, :, None] * std[:, None, :])

@@ -269,7 +269,7 @@ class Search:
             yield self._resized(fit)
 
     def _resized(self, fit: Fit) -> Fit:
-        """Return a fit with each law without a form at the size that is most probable beside the
+        """Return a fit with each nonparametric law at the size that is most probable beside the
         others."""
         for t in [t for t in fit.optional if isinstance(t, LawTerm)]:
             gains = [fit.gain_of_size(t, float(size)) for size in SIZES]

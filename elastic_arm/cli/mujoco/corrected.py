@@ -187,7 +187,7 @@ class Correction:
     ) -> Written:
         """Write the part of a commanded arm's correction that makes it no worse.
 
-        It moves the arm nearer to the recordings that judge, or as near.
+        It moves the arm nearer to the validation recordings, or as near.
 
         robot: as described; units: what can be taken back; caused: whether what is as near as
         described is written; numbers: those that are refined first, on the recordings that were

@@ -74,7 +74,7 @@ def create(
     validate_seconds: Annotated[
         float | None,
         typer.Option(
-            min=4.0, help="Duration of the judging recording, s; 8 s, above the laboratory 10 s."
+            min=4.0, help="Duration of the validation recording, s; 8 s, above the laboratory 10 s."
         ),
     ] = None,
     level: Annotated[
