@@ -31,26 +31,28 @@ from elastic_arm.simulation.batch_prediction import BatchPrediction
 
 HORIZONS = (0.01, 0.02, 0.05, 0.1, 0.2)  # s
 STARTS = 64
-BARE = 1e-12  # inertia of a joint over the largest one's, below which it is rounding
-# An angle that is further off than this, rad, is no prediction: the model has left the motion.
+BARE = 1e-12  # inertia of a joint over the largest one, below which it is rounding
+# rad, error from which the model counts as diverged.
 FARTHEST = 1.0
 
 
 @dataclass(frozen=True)
 class Prediction:
-    """Root mean squares, over the starts, of predicted minus measured angles."""
+    """Root mean square differences of predicted and measured angles, over the starts."""
 
     horizons: tuple[float, ...] = HORIZONS  # (H,) s
-    starts: int = 0  # how many
-    # before, after: (joint, side) -> (H,) rad for "link" (q) and "motor" (theta), with the model
-    # and with the causes added; NaN where the model leaves the motion
+    starts: int = 0  # number of starts
+    # before, after: (joint, side) -> (H,) rad for "link" (q) and "motor" (theta), without and with
+    # the causes; NaN if the model diverges from the motion
     before: Mapping[Place, tuple[float, ...]] | None = None
     after: Mapping[Place, tuple[float, ...]] | None = None
-    reason: str = ""  # why there is no prediction, or not everywhere; empty where there is one
+    reason: str = ""  # why predictions are missing; empty if none are
 
     def to_dict(self, unit: str = "rad") -> dict[str, Any]:
-        """Return it as plain data, with the unit of positions; null where there is no
-        prediction."""
+        """Return the content of `diagnosis.json`; null where there is no prediction.
+
+        unit: of positions.
+        """
         sizes = {"before": self.before, "after": self.after}
         return {
             "horizons_s": list(self.horizons),
@@ -132,7 +134,7 @@ def predict(context: DiagnosisContext, causes: Sequence[EffectInstance]) -> Pred
 
 
 def _undriven(context: DiagnosisContext) -> list[str]:
-    """Return the joints without the torque that a prediction is driven by, while others have it."""
+    """Return the joints that lack the driving torque while others have it."""
     channel = "tau_m" if "motor" in context.validate.layout.sides else "tau_J"
     lacking = {
         joint for piece in context.seen[0].pieces for own, joint in piece.lacking if own == channel
@@ -141,8 +143,8 @@ def _undriven(context: DiagnosisContext) -> list[str]:
 
 
 def _without_inertia(context: DiagnosisContext) -> list[str]:
-    """Return the joints that nothing in the model is heavy for: a point on the last axis, motors
-    without inertia."""
+    """Return the joints without inertia in the model, such as a point mass on the last axis and
+    motors without inertia."""
     model = context.model
     if model.robot.elastic:
         return []
@@ -158,7 +160,7 @@ def _without_inertia(context: DiagnosisContext) -> list[str]:
 def _left(
     size: Mapping[Place, tuple[float, ...]], horizons: Sequence[float], what: str, units: JointUnits
 ) -> str:
-    """Return where the model leaves the motion, in words; empty where it follows everywhere."""
+    """Return in words where the model diverges from the motion; empty if nowhere."""
     first = {
         place: int(np.argmax(np.isnan(values)))
         for place, values in size.items()
@@ -176,12 +178,12 @@ def _left(
 
 
 def _horizons(period: float) -> tuple[float, ...]:
-    """Return the horizons that samples so far apart can resolve."""
+    """Return the horizons of at least one sample period."""
     return tuple(h for h, step in zip(HORIZONS, _steps(period), strict=True) if step)
 
 
 def _steps(period: float) -> list[int]:
-    """Return the number of samples in each horizon; 0 where it has less than one."""
+    """Return the number of samples in each horizon; 0 if it is shorter than a sample."""
     return [int(h / period + 1e-6) for h in HORIZONS]
 
 
@@ -192,13 +194,13 @@ def _errors(
     begins: Sequence[NDArray[np.intp]],
     sides: Sequence[str],
 ) -> dict[Place, tuple[float, ...]]:
-    """Return the root mean square errors with some causes in the plant, those of sensors corrected
-    before use.
+    """Return the root mean square errors with some causes in the plant, after correction of sensor
+    effects among them.
 
-    A lag or a gain among the causes that are lacking is in the channels again, where the
-    calibration took it out.
+    lacking: causes that are not in the plant; their lags and gains, which the calibration removed,
+    are added to the channels again.
     """
-    # in the place of what the description states of them
+    # causes replace the same known effects
     own = {(one.effect.id, one.joint) for one in causes}
     known = [one for one in context.known if (one.effect.id, one.joint) not in own]
     plant = _with(Plant(context.model.robot, Sensors.exact()), (*known, *causes))
@@ -213,7 +215,7 @@ def _errors(
         if not len(starts):
             continue
         motion = corrected(part.stretch.quiet, plant.sensors, taken)
-        # Without transmissions a joint torque sensor reads what drives the arm as well.
+        # Without transmissions, a joint torque sensor measures the driving torque.
         motion = motion if motored else replace(motion, tau_m=motion.tau_J)
         with np.errstate(over="ignore", invalid="ignore"):
             q, theta = predictor.angles(motion, starts, steps)
@@ -237,9 +239,9 @@ def _with(plant: Plant, effects: Sequence[EffectInstance]) -> Plant:
 
 
 def taken_out(context: DiagnosisContext, sensors: Sensors) -> dict[str, tuple[Array, Array]]:
-    """Return the gains and lags, (n,) s, by channel, that the calibration took out of it.
+    """Return the gains and lags, (n,) s, that the calibration removed from each channel.
 
-    sensors: with all causes: of what is ordinary, nothing is a cause, and it stays taken out.
+    sensors: with all causes; ordinary gains and lags are not causes and stay removed.
     """
     n = len(context.model.robot.joints)
     found = {}
@@ -267,15 +269,15 @@ def _begins(context: DiagnosisContext) -> list[NDArray[np.intp]]:
 
 
 def _rms(errors: Sequence[Array]) -> Array:
-    """Root mean square (H, n) of errors (starts, H, n) of all stretches; NaN where it is no
-    prediction any more."""
+    """Return the root mean square (H, n) of errors (starts, H, n) of all stretches; NaN where the
+    model diverged."""
     with np.errstate(over="ignore"):
         size = np.sqrt(np.mean(np.concatenate(errors) ** 2, axis=0))
     return np.where(size < FARTHEST, size, np.nan)
 
 
 def _predictor(model: Model, plant: Plant, period: float, duration: float) -> BatchPrediction:
-    """Return the arm of a plant with what was fitted to the model's parameters."""
+    """Return the predictor of a plant with the fitted changes of the model's parameters."""
     equations = ArmEquations(plant.robot, model.name, bearings=plant.bearings)
     fitted = dict(zip((p.name for p in model.parameters), model.Psi - _nominal(model), strict=True))
     Psi = equations.nominal + [fitted.get(p.name, 0.0) for p in equations.bodies.parameters]
@@ -291,10 +293,9 @@ def corrected(
     sensors: Sensors,
     taken: Mapping[str, tuple[Array, Array]] | None = None,
 ) -> CompletedMotion:
-    """Return what the channels would be without the gains, offsets, eccentricities and delays of
-    these sensors.
+    """Return the channels without the gains, offsets, eccentricities and delays of these sensors.
 
-    taken: gains and lags, s, by channel, that are out of them already.
+    taken: gains and lags, s, by channel, that were already removed.
     """
     n = motion.q.shape[1]
     taken = taken or {}
