@@ -253,8 +253,8 @@ class Decomposition:
 
     @cached_property
     def before(self) -> list[Array]:
-        """Residuals (N', R) of each stretch of the description with known effects, refitted if the
-        question asks for it."""
+        """Residuals (N', R) of each stretch of the description with known effects, refitted if
+        `refit` is set."""
         step = self._described + self._shares * self._numbers_before
         stretches = zip(self.linear.data.y, self.linear.plain_numbers, strict=True)
         left = [y - N @ step for y, N in stretches]

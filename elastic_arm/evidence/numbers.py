@@ -97,7 +97,7 @@ def _of_joint(
 
 
 def _of_controller(feature: Feature, priors: Priors, errors: Errors) -> Iterator[Number]:
-    """Yield the number of a controller's gain; without a number for the common scale, it is that."""
+    """Yield the number of a controller's gain, or of its common scale if there is no other."""
     if not feature.effect.number or feature.joint is None:
         return
     what = feature.effect.number if (SCALE, feature.joint) in errors else SCALE

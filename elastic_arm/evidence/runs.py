@@ -12,11 +12,11 @@ import numpy as np
 
 from elastic_arm.arrays import Array
 
-Runs = list[tuple[int, int]]  # first block, and the one after the last
+Runs = list[tuple[int, int]]  # first block, and the block after the last
 
 
 def most_probable_runs(ordinary: Array, ending: Callable[[int], Array]) -> Runs:
-    """Return the runs of blocks that are most probable together, in order.
+    """Return the most probable runs of blocks, in order.
 
     ordinary: (M,) nats; ending: j -> run_ij (j,) nats of all runs that end before block j.
     """

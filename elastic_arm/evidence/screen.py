@@ -29,48 +29,48 @@ from elastic_arm.evidence.tails import Tail
 from elastic_arm.evidence.terms.law import LawTerm
 from elastic_arm.evidence.terms.term import Term
 
-# screens, products with all terms and gains that are kept; memory
+# sizes of caches of screens, products with all terms, and gains; memory
 SCREENS = 2
 PRODUCTS = 40
 GAINED = 100
-LOOKED_AT = 30  # terms of which first-order gains are made well; numerical
+LOOKED_AT = 30  # number of terms with refined first-order gains; numerical
 
 
 class Gained(NamedTuple):
-    """What terms would gain beside a fit (T,) nats, and the sizes of laws at which they do."""
+    """The gains of terms beside a fit (T,), nats, and the sizes of laws with these gains."""
 
     nats: Array
     chosen: dict[int, float]
 
 
 class Group(NamedTuple):
-    """Products of some columns of terms with those of a fit, in the bands from a first one on."""
+    """Products of some columns of terms with those of a fit, from a first band on."""
 
-    numbers: Array  # (c', B', K) with the numbers' columns, shares of effects in them
-    shares: Array  # (c', B', M) with those of these shares that are not there
+    numbers: Array  # (c', B', K) with the numbers' columns, including shares of effects
+    shares: Array  # (c', B', M) with the shares that are absent
     terms: Array  # (c', B', p') with the terms' columns
 
 
 class Beside(NamedTuple):
-    """What columns of terms have in common with a fit."""
+    """Products of columns of terms with a fit."""
 
-    C: Array  # (c, p) products with its columns, at its noise
-    left: Array  # (c, B) products with what it leaves
-    needed: NDArray[np.intp]  # the stored columns of which they are made
-    groups: list[Group]  # of these columns
-    moved: Array  # (M, K) what of the shares is in the numbers' columns
+    C: Array  # (c, p) products with the columns of the fit, at its noise
+    left: Array  # (c, B) products with the residual of the fit
+    needed: NDArray[np.intp]  # the stored columns that they combine
+    groups: list[Group]  # products of these columns
+    moved: Array  # (M, K) combinations of the shares in the numbers' columns
 
 
 class Screen:
-    """Products of many terms with the residual and the numbers, for what each would gain.
+    """Products of many terms with the residual and the numbers, which give the gains of terms.
 
-    terms: one after the other, as all rows of all of them are large.
+    terms: an iterator, because the rows of all terms together are large.
     """
 
     def __init__(self, grams: Grams, terms: Iterable[Term]) -> None:
         self.grams = grams
         self.terms: list[Term] = []  # without their rows
-        raw: list[int] = []  # in which of the tails the shapes of each term are
+        raw: list[int] = []  # index of the tail with the columns of each term
         mixed: list[Array | None] = []
 
         def tails() -> Iterator[Tail]:
@@ -93,7 +93,7 @@ class Screen:
         self.at = np.concatenate([[0], np.cumsum(self.sizes)])
         self._mix = self._combinations()
         self.with_base = self.columns.products(grams.base)
-        # Terms of as many columns side by side.
+        # Terms with the same number of columns are stacked.
         own = [self._own(t) for t in range(len(self.terms))]
         self.place = np.zeros(len(self.terms), dtype=int)
         self.own: dict[int, Array] = {}
@@ -112,7 +112,7 @@ class Screen:
         self._whole: tuple[Posterior, Array, Array] | None = None  # of the last fit
 
     def _combinations(self) -> csr_array:
-        """Return of what combinations (c, raw) of the stored columns those of the terms are."""
+        """Return the combinations (c, raw) of the stored columns that give those of the terms."""
         rows = [np.zeros(0, dtype=int)]
         columns = [np.zeros(0, dtype=int)]
         values = [np.zeros(0)]
@@ -141,7 +141,7 @@ class Screen:
     def _with_terms(self, terms: Sequence[Term]) -> list[list[Array]]:
         """Return the products (c', B', m) of each group with the columns of each term.
 
-        New ones are made in one pass over the columns.
+        New ones are computed in one pass over the columns.
         """
         new = [t for t in terms if t.ident not in self._with]
         made: dict[Ident, list[Array]] = {}
@@ -158,8 +158,10 @@ class Screen:
         ]
 
     def _beside(self, fit: Fit, among: NDArray[np.intp] | None = None) -> Beside:
-        """Return what the columns of terms have in common with a fit; among: of which; None for
-        all."""
+        """Return the products of columns of terms with a fit.
+
+        among: indices of the terms; None for all.
+        """
         mix = self._mix
         needed = np.arange(self.columns.count)
         if among is not None and len(among) < len(self.terms):
@@ -196,8 +198,8 @@ class Screen:
         return Beside(mix @ np.concatenate(C), mix @ np.concatenate(left), needed, groups, moved)
 
     def _moving_with(self, beside: Beside, t: int, beta: Array, way: Array) -> Array:
-        """Return the products (B,) of what a term adds with what a fit's columns add where its
-        coefficients change by (p,)."""
+        """Return the products (B,) of a term's contribution with the change of a fit by a change
+        `way` (p,) of its coefficients."""
         raw, mixed = self._raw[t], self._mixed[t]
         g = self.columns.group_of(raw)
         first = self.columns.firsts[g]
@@ -210,11 +212,11 @@ class Screen:
         return np.concatenate([np.zeros(first), weights @ found])
 
     def beside(self, fit: Fit) -> tuple[Array, Array]:
-        """Return the products (c, c) of the columns of its only term and of these with the residual
-        (c,) beside a fit.
+        """Return the products (c, c) of the columns of the only term, and those with the residual
+        (c,), beside a fit.
 
-        What the fit's coefficients can take is taken off (a Schur complement), at the noise of the
-        fit.
+        They are Schur complements: without the part that the coefficients of the fit can explain,
+        at the noise of the fit.
         """
         (own,) = self.own.values()
         w = 1.0 / fit.found.v
@@ -222,7 +224,7 @@ class Screen:
         return np.tensordot(w, own[0], 1) - found.C @ fit.found.S @ found.C.T, found.left @ w
 
     def related(self, fit: Fit, term: Term) -> set[int]:
-        """Return the terms that could stand for a term of a fit, by the correlation of their
+        """Return the terms that could replace a term of a fit, by the correlation of their
         coefficients."""
         if not self.terms:
             return set()
@@ -239,12 +241,12 @@ class Screen:
         return set(np.repeat(np.arange(len(self.terms)), self.sizes)[alike.any(axis=0)].tolist())
 
     def gains(self, fit: Fit, among: Iterable[int] | None = None) -> Array:
-        """Return what each term would gain beside a fit (T,) nats, its prior odds paid, and pick
-        sizes of laws.
+        """Return the gain of each term beside a fit (T,), nats, including its prior odds, and
+        choose the sizes of laws.
 
-        What the noise gains that it makes smaller is counted of the terms that could gain most.
+        For the terms with the largest gains, it includes the gain by a reduction of the noise.
 
-        among: the terms that count; the others gain nothing. None for all.
+        among: indices of the terms; the others have no gain. None for all.
         """
         which = None if among is None else frozenset(among)
         key = fit.model.assumed, frozenset(t.ident for t in fit.terms), which
@@ -253,7 +255,7 @@ class Screen:
         return gained.nats
 
     def _gains(self, fit: Fit, among: Iterable[int] | None) -> Gained:
-        """Return the same, made anew, and the sizes."""
+        """Compute the gains and sizes of :meth:`gains`."""
         gains = np.full(len(self.terms), -np.inf)
         chosen: dict[int, float] = {}
         lacking = fit.model.lacking(fit.terms)
@@ -279,7 +281,9 @@ class Screen:
         CS = C @ S
         at = np.concatenate([[0], np.cumsum(self.sizes[some])])
         mean: dict[int, Array] = {}
-        less = np.zeros((len(w), len(some)))  # without what moves with it
+        less = np.zeros(
+            (len(w), len(some))
+        )  # reduction of the squares at fixed coefficients of the fit
         for k, own in self.own.items():
             here = np.flatnonzero(self.sizes[some] == k)
             if not len(here):
@@ -304,7 +308,7 @@ class Screen:
         short = np.unique(
             np.concatenate([np.argsort(-first)[:LOOKED_AT], np.argsort(-rough)[:LOOKED_AT]])
         )
-        # What is there already moves with it.
+        # The coefficients of the fit move with those of the term.
         of_fit = fit.model.assumed, fit.terms
         H, own_left = kept(fit.model.spreads, of_fit, fit.spread, 1)
         changes = [(slice(at[t], at[t + 1]), mean[int(t)]) for t in short]
@@ -324,27 +328,27 @@ class Screen:
 
     @staticmethod
     def _quieter(fit: Fit, less: Array) -> Array:
-        """Return what noise gains (T,) that is as much smaller as terms take off the squares of
-        each band (B, T)."""
-        own = fit.found.v > 1.0  # elsewhere the noise stays what it is
+        """Return the gain (T,) by the reduction of the noise if terms reduce the squares of each
+        band by `less` (B, T)."""
+        own = fit.found.v > 1.0  # elsewhere the noise does not change
         n = fit.model.bands.n[own, None]
         v = fit.found.v[own, None]
         left = fit.found.left[own, None]
         now = np.maximum(left - less[own], 1e-9)
         quiet = np.maximum(now / n, 1.0)
-        # Beyond what the same noise makes of it, which is counted already.
+        # Without the gain at the same noise, which is counted already.
         return np.sum(
             0.5 * (n * np.log(v / quiet) + left / v - now / quiet - (left - now) / v), axis=0
         )
 
     def term(self, t: int) -> Term:
-        """Return a term as :meth:`gains` found it best, with columns of its own: a set that holds
-        it outlives these."""
+        """Return a term at the size chosen by :meth:`gains`, with its own copy of the columns: a
+        set with the term outlives this screen."""
         term = self._whole_term(t)
         return term.at_size(self.chosen[t]) if t in self.chosen else term
 
     def _whole_term(self, t: int) -> Term:
-        """Return a term with its rows."""
+        """Return a term with all rows of its columns."""
         if t not in self._proposed:
             shapes = self.columns.some(self._raw[t]).copy()
             self._proposed[t] = self.terms[t].with_rows(shapes)
@@ -355,8 +359,8 @@ Gains = tuple[Array, Array, list[float | None]]
 
 
 def _first_order(model: LinearModel, terms: Sequence[Term], G: Array, b: Array) -> Gains:
-    """Return what terms of one column gain (T,) with the scale that gains most, their sizes (T, 1),
-    and the scales."""
+    """Return the gains (T,) of terms of one column at their best scales, their coefficients (T, 1),
+    and these scales."""
     G = np.maximum(G[:, 0, 0], 0.0)
     b = b[:, 0]
     price = np.array([t.price + model.doubt(t) for t in terms])
@@ -385,7 +389,7 @@ def _first_order(model: LinearModel, terms: Sequence[Term], G: Array, b: Array) 
 
 
 def _several(model: LinearModel, terms: Sequence[Term], G: Array, b: Array) -> Gains:
-    """Return the same of terms of as many columns each, nonparametric laws among them."""
+    """Return the same for terms with several columns, such as nonparametric laws."""
     laws = np.array([isinstance(t, LawTerm) for t in terms])
     std = np.array([np.ones(b.shape[1]) if isinstance(t, LawTerm) else t.std for t in terms])
     e, U = np.linalg.eigh(G * std[:, :, None] * std[:, None, :])
@@ -395,7 +399,7 @@ def _several(model: LinearModel, terms: Sequence[Term], G: Array, b: Array) -> G
     def at(size: float) -> Array:
         return 0.5 * np.sum(z**2 / (e + size**-2.0) - np.log1p(e * size * size), axis=1)
 
-    # The size of a law is averaged over, as its prior is not stated; the scale of an effect is
+    # The gain of a law is averaged over its sizes, which have no prior; the scale of an effect is
     # chosen.
     of_laws = np.stack([at(a) for a in SIZES])
     of_effects = np.stack([at(s) for s in SCALES])
