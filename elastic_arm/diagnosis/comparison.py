@@ -13,7 +13,7 @@ import numpy as np
 from elastic_arm.diagnosis.answer import diagnose
 from elastic_arm.diagnosis.estimates import ParameterEstimate, estimated
 from elastic_arm.diagnosis.question import Question
-from elastic_arm.diagnosis.result import Diagnosis, plain_parameters
+from elastic_arm.diagnosis.result import Diagnosis, plain
 from elastic_arm.diagnosis.words import estimates_text, probability_text
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.evidence.fit import Fit
@@ -83,7 +83,7 @@ class ComparedEffect:
             **{
                 name: {
                     "confidence": float(f"{f.probability:.7g}"),
-                    "parameters": plain_parameters(f.parameters),
+                    "parameters": plain(f.parameters),
                 }
                 for name, f in findings.items()
             },

@@ -40,7 +40,7 @@ from scipy.special import logsumexp
 
 from elastic_arm.arrays import Array
 from elastic_arm.diagnosis.changes import SizedTerm, sizes_of
-from elastic_arm.diagnosis.result import Change, Diagnosis, plain_parameters
+from elastic_arm.diagnosis.result import Change, Diagnosis, plain
 from elastic_arm.effects import EFFECTS
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.evidence.priors import EVENT, ODDS, SCATTER, STEP, UNSURE
@@ -198,7 +198,7 @@ def _sizes_by_number(
     sizes: dict[tuple[str, str | None, str, str], dict[int, tuple[float, float]]] = {}
     for k, one in enumerate(found):
         known = [(o["effect"], o["joint"], o["parameters"]) for o in one.known]
-        causes = [(c.effect, c.joint, plain_parameters(c.parameters)) for c in one.causes]
+        causes = [(c.effect, c.joint, plain(c.parameters)) for c in one.causes]
         for effect, joint, parameters in [*known, *causes]:
             name = next(iter(parameters), None)
             if name is None:

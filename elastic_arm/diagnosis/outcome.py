@@ -27,7 +27,7 @@ from elastic_arm.diagnosis.result import (
     Imperfection,
     ResidualSizes,
     UnexplainedResidual,
-    plain_parameters,
+    plain,
 )
 from elastic_arm.diagnosis.unknown_effects import UnknownEffects, gear_ratios
 from elastic_arm.diagnosis.words import (
@@ -249,5 +249,5 @@ def _known_as_written(known: Known) -> dict[str, object]:
         "effect": instance.effect.id,
         "joint": instance.joint,
         "sides": list(instance.sides),
-        "parameters": plain_parameters(parameters),
+        "parameters": plain(parameters),
     }

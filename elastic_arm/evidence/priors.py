@@ -61,9 +61,8 @@ USUAL = 9.0
 ODDS = 1e-2
 # odds of a nonparametric law over those of an effect: the catalogue covers most of what arms have
 FORMLESS = 1e-3
-SCALES = np.array(
-    [1.0, 0.1, 0.01, 1e-3, 1e-4]
-)  # shares of the range of a size: effects have all sizes
+# shares of the range of a size: effects have all sizes
+SCALES = np.array([1.0, 0.1, 0.01, 1e-3, 1e-4])
 # standard deviation of a far-off number, in ordinary ones: almost no prior; convention
 WIDE = 30.0
 # relative standard deviation of a stated effect: friction changes with temperature and wear
