@@ -92,22 +92,18 @@ def posterior(
             break
         v = new
     S = S + np.tril(S, -1).T
-    deviation = x - prior.mean
-    evidence = -0.5 * float(
-        np.sum(n * np.log(v) + left / v) + np.sum(P * deviation**2) + logdet - np.sum(np.log(P))
-    )
-    evidence += coloured * len(np.unique(place[v > 1.0])) - 0.5 * float(np.sum(np.log(n[v > 1.0])))
+    of_data = np.sum(n * np.log(v) + left / v)
+    of_prior = np.sum(P * (x - prior.mean) ** 2)
+    evidence = -0.5 * float(of_data + of_prior + logdet - np.sum(np.log(P)))
+    louder = v > 1.0
+    evidence += coloured * len(np.unique(place[louder])) - 0.5 * float(np.sum(np.log(n[louder])))
     std = np.sqrt(np.diag(S))
     bounded = np.isfinite(prior.low) | np.isfinite(prior.high)
     if bounded.any():
-        low = prior.low[bounded]
-        high = prior.high[bounded]
-        evidence += float(
-            np.sum(
-                mass(x[bounded], std[bounded], low, high)
-                - mass(prior.mean[bounded], prior.std[bounded], low, high)
-            )
-        )
+        bounds = prior.low[bounded], prior.high[bounded]
+        after = mass(x[bounded], std[bounded], *bounds)
+        before = mass(prior.mean[bounded], prior.std[bounded], *bounds)
+        evidence += float(np.sum(after - before))
     return Posterior(x, S, v, left, evidence)
 
 

@@ -43,6 +43,17 @@ class Gained(NamedTuple):
     chosen: dict[int, float]
 
 
+class FirstGains(NamedTuple):
+    """Gains of T' terms at fixed noise, with c columns in all."""
+
+    nats: Array  # (T',)
+    less: Array  # (B, T') reductions of squares at fixed coefficients of the fit
+    mean: dict[int, Array]  # coefficients of each term
+    chosen: dict[int, float]  # sizes of laws
+    CS: Array  # (c, p) products with the fit times its covariance
+    at: NDArray[np.intp]  # (T' + 1,) first column of each term
+
+
 class Group(NamedTuple):
     """Products of some columns of terms with those of a fit, from a first band on."""
 
@@ -258,13 +269,12 @@ class Screen:
         """Compute the gains and sizes of :meth:`gains`."""
         gains = np.full(len(self.terms), -np.inf)
         chosen: dict[int, float] = {}
-        lacking = fit.model.lacking(fit.terms)
         which = range(len(self.terms)) if among is None else sorted(among)
-        apart = {
-            t: self.grams.less(self._whole_term(t), lacking)
-            for t in which
-            if self.grams.lacks(self.terms[t], lacking)
-        }
+        lacking = fit.model.lacking(fit.terms)
+        apart: dict[int, Term] = {}
+        for t in which:
+            if self.grams.lacks(self.terms[t], lacking):
+                apart[t] = self.grams.less(self._whole_term(t), lacking)
         if apart:
             screen = self._apart(tuple(apart.values()))
             gains[list(apart)] = screen.gains(fit)
@@ -272,59 +282,73 @@ class Screen:
         some = np.array([t for t in which if t not in apart], dtype=int)
         if not len(some):
             return Gained(gains, chosen)
-        w = 1.0 / fit.found.v
-        S = fit.found.S
         beside = self._beside(fit, some)
+        first = self._first_gains(fit, some, beside)
+        rough = first.nats + self._quieter(fit, first.less)
+        best = np.argsort(-first.nats)[:LOOKED_AT]
+        best_roughly = np.argsort(-rough)[:LOOKED_AT]
+        short = np.unique(np.concatenate([best, best_roughly]))
+        moved = self._less_with_fit(fit, some, beside, first, short)
+        gains[some] = first.nats
+        gains[some[short]] += self._quieter(fit, moved)
+        return Gained(gains, chosen | first.chosen)
+
+    def _first_gains(self, fit: Fit, some: NDArray[np.intp], beside: Beside) -> FirstGains:
+        """Return the gains of some terms (T',) at the noise of a fit."""
+        w = 1.0 / fit.found.v
         C = beside.C
-        left = beside.left
-        b = left @ w
-        CS = C @ S
-        at = np.concatenate([[0], np.cumsum(self.sizes[some])])
-        mean: dict[int, Array] = {}
-        less = np.zeros(
-            (len(w), len(some))
-        )  # reduction of the squares at fixed coefficients of the fit
+        CS = C @ fit.found.S
+        b = beside.left @ w
+        sizes = self.sizes[some]
+        at = np.concatenate([[0], np.cumsum(sizes)])
+        found = FirstGains(
+            np.full(len(some), -np.inf), np.zeros((len(w), len(some))), {}, {}, CS, at
+        )
         for k, own in self.own.items():
-            here = np.flatnonzero(self.sizes[some] == k)
+            here = np.flatnonzero(sizes == k)
             if not len(here):
                 continue
             columns = at[here, None] + np.arange(k)
             squares = own[self.place[some[here]]].reshape(len(here), len(w), k * k)
             G = (w @ squares).reshape(-1, k, k) - C[columns] @ CS[columns].transpose(0, 2, 1)
             terms = [self.terms[t] for t in some[here]]
-            gain, beta, sizes = (_first_order if k == 1 else _several)(
-                fit.model, terms, G, b[columns]
-            )
-            gains[some[here]] = gain
-            chosen |= {
-                int(t): size for t, size in zip(some[here], sizes, strict=True) if size is not None
-            }
-            mean |= dict(zip(here.tolist(), beta, strict=True))
+            gains_of = _first_order if k == 1 else _several
+            gain, beta, best = gains_of(fit.model, terms, G, b[columns])
+            found.nats[here] = gain
+            found.mean.update(zip(here.tolist(), beta, strict=True))
+            for t, size in zip(some[here].tolist(), best, strict=True):
+                if size is not None:
+                    found.chosen[t] = size
             of_pairs = (beta[:, :, None] * beta[:, None, :]).reshape(-1, k * k, 1)
-            less[:, here] = 2.0 * (beta[:, None, :] @ left[columns])[:, 0].T
-            less[:, here] -= (squares @ of_pairs)[:, :, 0].T
-        first = gains[some]
-        rough = first + self._quieter(fit, less)
-        short = np.unique(
-            np.concatenate([np.argsort(-first)[:LOOKED_AT], np.argsort(-rough)[:LOOKED_AT]])
-        )
-        # The coefficients of the fit move with those of the term.
+            found.less[:, here] = 2.0 * (beta[:, None, :] @ beside.left[columns])[:, 0].T
+            found.less[:, here] -= (squares @ of_pairs)[:, :, 0].T
+        return found
+
+    def _less_with_fit(
+        self,
+        fit: Fit,
+        some: NDArray[np.intp],
+        beside: Beside,
+        first: FirstGains,
+        short: NDArray[np.intp],
+    ) -> Array:
+        """Return by how much a few terms reduce the squares of each band (B, T'').
+
+        The coefficients of the fit move with those of the term.
+        """
         of_fit = fit.model.assumed, fit.terms
-        H, own_left = kept(fit.model.spreads, of_fit, fit.spread, 1)
-        changes = [(slice(at[t], at[t + 1]), mean[int(t)]) for t in short]
-        back = -np.stack([beta @ CS[own] for own, beta in changes], axis=1)
-        mixed = [
-            self._moving_with(beside, int(some[t]), mean[int(t)], way)
-            for t, way in zip(short, back.T, strict=True)
-        ]
-        moved = (
-            less[:, short]
-            + 2.0 * (own_left @ back)
-            - np.sum(H @ back * back, axis=1)
-            - 2.0 * np.stack(mixed, axis=1)
-        )
-        gains[some[short]] += self._quieter(fit, moved)
-        return Gained(gains, chosen)
+        H, left = kept(fit.model.spreads, of_fit, fit.spread, 1)
+        means = [first.mean[int(t)] for t in short]
+        changes = []
+        for t, beta in zip(short, means, strict=True):
+            own = slice(first.at[t], first.at[t + 1])
+            changes.append(beta @ first.CS[own])
+        back = -np.stack(changes, axis=1)
+        mixed = []
+        for t, beta, way in zip(some[short].tolist(), means, back.T, strict=True):
+            mixed.append(self._moving_with(beside, t, beta, way))
+        moved = first.less[:, short] + 2.0 * (left @ back) - np.sum(H @ back * back, axis=1)
+        return np.asarray(moved - 2.0 * np.stack(mixed, axis=1))
 
     @staticmethod
     def _quieter(fit: Fit, less: Array) -> Array:
@@ -337,9 +361,8 @@ class Screen:
         now = np.maximum(left - less[own], 1e-9)
         quiet = np.maximum(now / n, 1.0)
         # Without the gain at the same noise, which is counted already.
-        return np.sum(
-            0.5 * (n * np.log(v / quiet) + left / v - now / quiet - (left - now) / v), axis=0
-        )
+        gain = n * np.log(v / quiet) + left / v - now / quiet - (left - now) / v
+        return np.sum(0.5 * gain, axis=0)
 
     def term(self, t: int) -> Term:
         """Return a term at the size chosen by :meth:`gains`, with its own copy of the columns: a
@@ -376,9 +399,9 @@ def _first_order(model: LinearModel, terms: Sequence[Term], G: Array, b: Array) 
         variance = 1.0 / (G + prior**-2.0)
         mean = variance * b
         gain = 0.5 * mean * b + 0.5 * np.log(variance / prior**2)
-        gain[bounded] += mass(
-            mean[bounded], np.sqrt(variance[bounded]), low[bounded], high[bounded]
-        ) - mass(np.zeros(1), prior[bounded], low[bounded], high[bounded])
+        bounds = low[bounded], high[bounded]
+        after = mass(mean[bounded], np.sqrt(variance[bounded]), *bounds)
+        gain[bounded] += after - mass(np.zeros(1), prior[bounded], *bounds)
         gained.append(gain)
         means.append(mean)
     best = np.argmax(gained, axis=0)
