@@ -36,43 +36,50 @@ def estimated(
     parameters, values: the numbers and their values (K,) at the linearisation.
     """
     if isinstance(term, NumberTerm):
-        number = term
+        number = term  # the lambda needs the narrowed type
         total = values + fit.numbers
         moved_by = np.flatnonzero(term.moved)
         covariance = fit.number_covariance[np.ix_(moved_by, moved_by)]
         own = [parameters[int(k)] for k in moved_by]
         return _of(term, lambda x: _number_values(number, own, x), total[moved_by], covariance)
     assert isinstance(term, EffectTerm)
-    effect = term
+    return _of_effect(fit, term, parameters, values)
+
+
+def _of_effect(
+    fit: Fit, term: EffectTerm, parameters: Sequence[Number], values: Array
+) -> tuple[dict[str, ParameterEstimate], EffectInstance]:
+    """Return the same for an effect."""
     rows = fit.rows(term)
-    is_stated = isinstance(term, StatedTerm)
-    if is_stated:  # the sum of the stated size and its deviation
+    if isinstance(term, StatedTerm):  # the sum of the stated size and its deviation
         (known,) = (t for t in fit.terms if isinstance(t, KnownTerm) and t.key == term.key)
         rows[:, fit.slices[known.ident]] += np.eye(len(rows))
     # The scale of a controller's torques also scales its effects, and laws of known masses.
-    scaled = term.feature.fixed or isinstance(term.feature.effect, ControllerEffect)
-    scale = [
-        k
-        for k, p in enumerate(parameters)
-        if scaled and (p.what, p.joint) == (SCALE, term.feature.joint)
-    ]
-    rows = np.vstack([rows, fit.moves[scale]])
+    is_scaled = term.feature.fixed or isinstance(term.feature.effect, ControllerEffect)
+    place = SCALE, term.feature.joint
+    scales: list[int] = []
+    if is_scaled:
+        scales = [k for k, p in enumerate(parameters) if (p.what, p.joint) == place]
+    rows = np.vstack([rows, fit.moves[scales]])
     n = term.count
     x = rows @ fit.found.x
     covariance = rows @ fit.found.S @ rows.T
-    x[n:], covariance[n:, n:] = fit.numbers[scale], fit.number_covariance[np.ix_(scale, scale)]
-    low, high = term.low, term.high
+    x[n:] = fit.numbers[scales]
+    covariance[n:, n:] = fit.number_covariance[np.ix_(scales, scales)]
+    low = term.low
+    high = term.high
     if isinstance(term, KnownTerm | StatedTerm):
-        low, high = least_of(term.feature, n), np.full(n, np.inf)
+        low = least_of(term.feature, n)
+        high = np.full(n, np.inf)
     x, covariance = within(x, covariance, low, high)
+    torques = [p.name for p in term.feature.effect.parameters if p.unit.startswith("Nm")]
 
     def found(x: Array) -> dict[str, Any]:
-        own = _effect_values(effect, x[:n])
-        there = zip(scale, x[n:], strict=True)
-        ratio = np.prod(
-            [parameters[k].value(values[k] + d) / parameters[k].value(values[k]) for k, d in there]
-        )
-        torques = [p.name for p in effect.feature.effect.parameters if p.unit.startswith("Nm")]
+        own = _effect_values(term, x[:n])
+        ratio = 1.0
+        for k, change in zip(scales, x[n:], strict=True):
+            scale = parameters[k]
+            ratio *= scale.value(values[k] + change) / scale.value(values[k])
         return own | {name: np.multiply(ratio, own[name]).tolist() for name in torques}
 
     return _of(term, found, x, covariance)

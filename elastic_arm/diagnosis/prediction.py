@@ -75,8 +75,11 @@ class Prediction:
 def _flat(
     nested: Mapping[str, Mapping[str, Sequence[float | None]]],
 ) -> dict[Place, tuple[float, ...]]:
-    values = {(joint, side): v for joint, by_side in nested.items() for side, v in by_side.items()}
-    return {place: tuple(np.nan if v is None else v for v in row) for place, row in values.items()}
+    found = {}
+    for joint, by_side in nested.items():
+        for side, row in by_side.items():
+            found[joint, side] = tuple(np.nan if v is None else v for v in row)
+    return found
 
 
 def _nested(size: Mapping[Place, tuple[float, ...]]) -> dict[str, dict[str, list[float | None]]]:

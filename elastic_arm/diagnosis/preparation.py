@@ -83,11 +83,10 @@ class Prepared:
         """Return the problem without these events, and with all others."""
         if tuple(events) == self.events:
             return self
-        first, rest = (
-            tuple(self._lacking(events, begins, one) for one in part)
-            for begins, part in zip(self.begins, self.problem.observed, strict=True)
-        )
-        problem = replace(self.problem, observed=(first, rest))
+        parts = []
+        for begins, part in zip(self.begins, self.problem.observed, strict=True):
+            parts.append(tuple(self._lacking(events, begins, one) for one in part))
+        problem = replace(self.problem, observed=(parts[0], parts[1]))
         return replace(self, problem=problem, events=tuple(events))
 
     def _lacking(
@@ -125,7 +124,8 @@ def prepare(
     layout, band = common_equations([*observed[0], *observed[1]], model)
     _check_memory(observed[0], layout, band)
     names = robot.joint_names
-    still = [joint for joint in names if all(joint in standing(r) for r in fitted)]
+    at_rest = [standing(recording) for recording in fitted]
+    still = [joint for joint in names if all(joint in joints for joints in at_rest)]
     acting = _acting(question, robot, layout)
     largest = _largest_torques(observed[0], robot.n)
     priors = question.priors.of_currents(split_up.currents)

@@ -88,8 +88,7 @@ def _course(recording: Recording) -> Array:
 
 def _repeats(part: Array, whole: Array) -> bool:
     """Whether `whole` contains `part`, by the least mean-square distance over all shifts."""
-    if len(part) > len(whole):
-        part, whole = whole, part
+    part, whole = sorted((part, whole), key=len)
     middle = part.mean(axis=0)
     part = part - middle
     whole = whole - middle

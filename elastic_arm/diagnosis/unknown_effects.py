@@ -77,11 +77,11 @@ class UnknownEffects:
         at_place: dict[tuple[int, str], list[tuple[float, Unknown]]] = {}
         for p, t in found.values():
             at_place.setdefault(t.place, []).append((p, t))
-        return [
-            max(each, key=lambda one: one[0])
-            for each in at_place.values()
-            if sum(p for p, _ in each) > 0.5
-        ]
+        probable = []
+        for each in at_place.values():
+            if sum(p for p, _ in each) > 0.5:
+                probable.append(max(each, key=lambda one: one[0]))
+        return probable
 
     @property
     def open_rows(self) -> list[int]:

@@ -83,10 +83,9 @@ def dry_friction_columns(
     n = robot.n
     j = robot.joint_names.index(place.joint)
     of_motor = robot.elastic and place.side == "motor"
-    dry = [
-        np.sum([_dry(effect, part.signals, place) for effect in acting], axis=0)
-        for part in data.parts
-    ]
+    dry = []
+    for part in data.parts:
+        dry.append(np.sum([_dry(effect, part.signals, place) for effect in acting], axis=0))
     if not any(one.any() for one in dry):
         return []
     speeds, loads = _speeds_and_loads(data, robot, place)

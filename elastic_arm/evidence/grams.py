@@ -250,24 +250,20 @@ class Grams:
 
         lacking: shares of the numbers' columns by effects that the set leaves out.
         """
-        (half, base), yy = self._numbers(lacking), self.G0[:, 0, 0]
+        half, base = self._numbers(lacking)
+        yy = self.G0[:, 0, 0]
         terms = [self.less(t, lacking) for t in terms]
         self._multiply(terms)
         offsets = [t for t in terms if t.offset is not None]
         for t in offsets:  # of known size: subtracted from the residual
             base = base - self.with_numbers(t, lacking)[:, :, 0]
-            yy = (
-                yy
-                - 2.0 * self.with_base(t)[:, 0, 0]
-                + sum(self.pair(t, o)[:, 0, 0] for o in offsets)
-            )
+            among_offsets = sum(self.pair(t, o)[:, 0, 0] for o in offsets)
+            yy = yy - 2.0 * self.with_base(t)[:, 0, 0] + among_offsets
         b = [base]
         for t in terms:
             first = int(t.offset is not None)
-            b.append(
-                self.with_base(t)[:, 0, first:]
-                - sum(self.pair(o, t)[:, 0, first:] for o in offsets)
-            )
+            of_offsets = sum(self.pair(o, t)[:, 0, first:] for o in offsets)
+            b.append(self.with_base(t)[:, 0, first:] - of_offsets)
         # Sets differ by a term or two: rows before them are reused from a recent set.
         idents = (tuple(share.ident for share in lacking), *(t.ident for t in terms))
         near = max(self._made, key=lambda known: _shared(known, idents), default=())

@@ -183,7 +183,8 @@ class Screen:
         terms = [self.grams.less(t, lacking) for t in fit.terms]
         moved = self.grams.moved_by(lacking)
         products = self._with_terms([*lacking, *terms])
-        of_shares, of_terms = products[: len(lacking)], products[len(lacking) :]
+        of_shares = products[: len(lacking)]
+        of_terms = products[len(lacking) :]
         w = 1.0 / fit.found.v
         own, x = np.split(fit.found.x, [moved.shape[1]])
         groups: list[Group] = []
@@ -211,7 +212,8 @@ class Screen:
     def _moving_with(self, beside: Beside, t: int, beta: Array, way: Array) -> Array:
         """Return the products (B,) of a term's contribution with the change of a fit by a change
         `way` (p,) of its coefficients."""
-        raw, mixed = self._raw[t], self._mixed[t]
+        raw = self._raw[t]
+        mixed = self._mixed[t]
         g = self.columns.group_of(raw)
         first = self.columns.firsts[g]
         begin, start = np.searchsorted(beside.needed, [raw.start, self.columns.begins[g]])
