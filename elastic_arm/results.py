@@ -1,5 +1,4 @@
-"""What results share: their tables as rows, CSV files and data frames, and how a notebook shows
-them."""
+"""Common parts of results: tables as rows, CSV files and data frames, and display in notebooks."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence

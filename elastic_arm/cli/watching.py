@@ -1,4 +1,4 @@
-"""Long work seen from a terminal or a log file, and ended early: by time, or by Ctrl-C."""
+"""Progress of long commands on a terminal or in a log, and their early end by time or Ctrl-C."""
 
 import signal
 import threading

@@ -1,4 +1,4 @@
-"""Lags and gains of channels at values of the numbers."""
+"""Lags and gains of channels at given numbers."""
 
 from collections.abc import Sequence
 

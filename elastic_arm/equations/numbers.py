@@ -1,4 +1,4 @@
-"""A number of the arm or of a sensor that may differ from what is stated, and where it acts."""
+"""Uncertain numbers of the arm and of its sensors, and where they act."""
 
 from dataclasses import dataclass
 

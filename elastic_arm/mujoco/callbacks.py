@@ -1,8 +1,8 @@
-"""Laws that no number of an MJCF states, acting in MuJoCo through its callback for passive forces.
+"""Laws that an MJCF cannot state, applied in MuJoCo by its callback for passive forces.
 
 The laws are those of the effects' own files. Dry friction is regularised over the speed that the
-model's time step can follow. MuJoCo knows one callback a process: arms attached here share it, and
-one that was set before is called first.
+time step of the model can follow. MuJoCo has one callback per process: all attached arms share it,
+and a callback that was set before is called first.
 """
 
 from __future__ import annotations

@@ -1,12 +1,11 @@
-"""Friction that depends on speed or load, in MuJoCo: the friction loss of a joint for each time
-step.
+"""Friction that depends on speed or load in MuJoCo, by the friction loss of a joint at each step.
 
     frictionloss(t + dt) = own + F(w(t), tau_J(t))
 
-F is the size of the torque of the effects' laws, own what the file states beside what stands for
-these laws, and tau_J the torque behind the gear (:mod:`.carried`): friction of teeth follows
-what they carry. MuJoCo solves for dry friction, so a joint that sticks does not creep, as it does
-under a law whose sign turns over with the speed.
+F is the size of the torque of the effects' laws, own the friction loss in the file without the part
+that approximates these laws, and tau_J the torque behind the gear (:mod:`.carried`), because the
+friction of teeth follows their load. MuJoCo solves for dry friction, so a sticking joint does not
+creep, as it does with a law whose sign is regularised over the speed.
 """
 
 import copy

@@ -1,5 +1,4 @@
-"""A user's own MJCF with the numbers of a corrected arm in it: everything else stays as they wrote
-it."""
+"""A user's own MJCF with the numbers of a corrected arm; everything else stays as it was."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace

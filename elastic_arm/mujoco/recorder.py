@@ -1,4 +1,4 @@
-"""A MuJoCo arm follows a trajectory, and is recorded as a real one would be."""
+"""Recording of a MuJoCo arm that follows a trajectory, as of a real arm."""
 
 import numpy as np
 

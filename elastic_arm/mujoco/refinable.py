@@ -1,5 +1,4 @@
-"""Numbers of a corrected servo arm that a search in closed loop may change: from a diagnosis, and
-back to it."""
+"""Numbers of a corrected servo arm for refinement in closed loop, from a diagnosis and back."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace

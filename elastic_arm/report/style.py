@@ -1,5 +1,4 @@
-"""One look for all figures: colours by meaning, light grid, and signals thinned before they are
-drawn."""
+"""The style of all figures: colours by meaning, light grid, and thinned signals."""
 
 import contextlib
 import io

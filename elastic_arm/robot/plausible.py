@@ -1,7 +1,7 @@
-"""What numbers of an arm are plausible: beyond, a unit is not what it was taken for.
+"""Plausible ranges of the numbers of an arm; a number beyond its range indicates a wrong unit.
 
-Ranges are wide: from a servo of a finger to the largest arm that is sold (2300 kg at a reach of 4
-m).
+The ranges are wide: from a servo of a finger to the largest commercial arm (2300 kg with a reach of
+4 m).
 """
 
 from collections.abc import Iterator

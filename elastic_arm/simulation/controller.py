@@ -1,10 +1,10 @@
-"""The controller of the motor side,
+"""The controller on the motor side,
 
     tau_m = limit(kp (r(t - d) - theta) + kd (dr(t - d) - dtheta) + ki int(r - theta) +
     feed-forward),
 
-held from one command to the next: by default computed torque, else what the arm's description
-states of its drives.
+held between commands. By default it is computed torque, otherwise the controller in the description
+of the arm.
 """
 
 from __future__ import annotations

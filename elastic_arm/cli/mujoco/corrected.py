@@ -1,5 +1,4 @@
-"""The user's own file with the numbers that a diagnosis or an identification found, beside
-robot.yaml."""
+"""The user's own file with numbers from a diagnosis or an identification, next to robot.yaml."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""`elastic-arm challenge`: hidden arms made, diagnosed blindly, and scored."""
+"""`elastic-arm challenge`: create hidden arms, diagnose them blindly, and score the answers."""
 
 import json as json_module
 import os

@@ -1,7 +1,7 @@
-"""One hidden arm: what is drawn of it, and the folder of its recordings.
+"""One hidden arm: its random draw, and the folder of its recordings.
 
-From the seed alone: description, true numbers, sensors, two motions, effects, joints, forms, and
-last the sizes.
+The seed determines, in this order, description, true numbers, sensors, two motions, effects,
+joints, forms, and sizes.
 """
 
 import shutil

@@ -1,5 +1,4 @@
-"""How well challenges were answered: every share with its binomial interval, in one table a
-level."""
+"""The score of challenges: every share with its binomial interval, in one table per level."""
 
 import itertools
 import json

@@ -1,8 +1,8 @@
-"""The paper's claims, in its order: each holds, holds in part, does not hold, or is undecided with
-our numbers.
+"""The claims of the paper, in its order, each with a verdict by our numbers: holds, holds in part,
+does not hold, or undecided.
 
-Each function states its rule in code. Where the paper speaks of joints 1, 2 and 3 the rule speaks
-of the joints before the last and of the last one.
+Each function states its rule in code. Where the paper refers to joints 1, 2 and 3, the rule refers
+to the joints before the last and to the last one.
 """
 
 import itertools

@@ -1,8 +1,6 @@
-"""The low-inertia coupling S in symbols, as in (8) and (9), from the same recursion that the
-numbers use.
+"""The low-inertia coupling S in symbols, as in (8) and (9), by the recursion of the numbers.
 
-Column j of S is what the recursion requires of the link side when motor j alone accelerates and
-nothing else moves.
+Column j of S is the torque on the link side when only motor j accelerates and nothing else moves.
 """
 
 from dataclasses import dataclass, replace

@@ -1,5 +1,4 @@
-"""The report of the paper's study: claims first, then a function a figure: what it shows, how, and
-its numbers."""
+"""The report of the study: claims first, then one function per figure, with method and numbers."""
 
 import math
 from dataclasses import astuple

@@ -1,16 +1,16 @@
-"""mod_ad: the virtual prototype, dynamics by MuJoCo, motion imposed at the rotors, torques read at
-the HD output.
+"""mod_ad: the virtual prototype, with dynamics by MuJoCo, imposed motion of the rotors, and torques
+at the output of the harmonic drive.
 
-Rotors, wave generators and splines are driven, the bushings are free. The engine gives the mass
-matrix and the bias forces of all bodies; couplers r_b and r_hd are exact because the driven bodies'
-velocities are written as G dtheta with a constant G, and the engine's own numbers are projected on
-(theta, bushing):
+Rotors, wave generators and splines are driven, and the bushings are free. The engine provides the
+mass matrix and the bias forces of all bodies. The couplers r_b and r_hd are exact, because the
+velocities of the driven bodies are G dtheta with a constant G, and the engine's numbers are
+projected on (theta, bushing):
 
     T = [G F],   T' M T (ddtheta, a_f) + T' (bias - passive) = (tau_m, 0).
 
-With the motion imposed, ddtheta is known: the lower rows give the bushing's acceleration a_f
-(forward dynamics), the upper rows the torque tau_m at the harmonic-drive output (inverse dynamics).
-With torques imposed it is all forward.
+With an imposed motion, ddtheta is known: the lower rows give the acceleration a_f of the bushing
+(forward dynamics), and the upper rows the torque tau_m at the output of the harmonic drive (inverse
+dynamics). With imposed torques, all rows are forward dynamics.
 """
 
 from __future__ import annotations
