@@ -28,17 +28,17 @@ from elastic_arm.robot import Robot
 from elastic_arm.robot.mjcf import MjcfArm
 from elastic_arm.simulation.assembly import law_rows
 
-SLOWEST = 1e-9  # rad/s, at which a joint that stands has a direction; numerical
+SLOWEST = 1e-9  # rad/s, smallest speed with a direction; numerical
 
 
 def laws_beside(arm: MjcfArm, robot: Robot) -> tuple[EffectInstance, ...]:
-    """Return the friction laws of a rigid robot that no number or element of a model states."""
+    """Return the friction laws of a rigid robot that the numbers and elements of a model lack."""
     if robot.elastic:
         return ()
     step = float(arm.model.opt.timestep)
     own = [one.to_dict() for one, _ in stated_arm(arm.robot).left]
     left = Elements(robot, stated_arm(robot), step).left_by(arm.model)
-    # Laws with a memory have no size at an instant.
+    # Laws with internal states have no size at an instant.
     sizes = [one for one in left if one.effect.friction and not one.effect.states]
     return tuple(one for one in sizes if one.to_dict() not in own)
 
@@ -54,7 +54,7 @@ class FrictionLevel:
         still = np.zeros(robot.n)
         given = equations.nominal.copy(), effects.numbers(), sharp
         self._law: ca.Function = law_rows(equations, effects)
-        # The buffer points into the function and the arrays: they live as long as it does.
+        # The buffer points into the function and the arrays, so both must stay alive.
         self._arguments = [still.copy(), still.copy(), still, z, still.copy(), *given]
         self._rows = np.zeros(robot.n)
         self._buffer, self._evaluate = self._law.buffer()
@@ -77,7 +77,7 @@ class FrictionLevel:
 
 
 def with_laws(arm: MjcfArm, laws: Sequence[EffectInstance]) -> MjcfArm:
-    """Return a model on which laws act by step, without the friction that stands for them."""
+    """Return a model on which laws act by step, without the friction that approximates them."""
     if not laws:
         return replace(arm, laws=())
     model = copy.copy(arm.model)
@@ -85,7 +85,7 @@ def with_laws(arm: MjcfArm, laws: Sequence[EffectInstance]) -> MjcfArm:
     for i in {k for law in laws for k in law.joint_indices(arm.robot)}:
         dof = int(arm.dofs[i])
         if not model.dof_frictionloss[dof]:
-            # By default friction turns over some 10 ms before the velocity does.
+            # By default friction changes its sign some 10 ms before the velocity.
             model.dof_solref[dof] = sharp, 1.0
         stand_in = take_stand_in_away(model, arm.robot.joint_names[i], dof)
         stand_in[:] = 0.0
@@ -93,7 +93,7 @@ def with_laws(arm: MjcfArm, laws: Sequence[EffectInstance]) -> MjcfArm:
 
 
 def acting_by_step(arm: MjcfArm, laws: Sequence[EffectInstance]) -> Callable[[Any], None]:
-    """Return what sets the friction loss of a model for the next step from MuJoCo's data."""
+    """Return a function of MuJoCo's data that sets the friction loss for the next step."""
     if not laws:
         return lambda data: None
     level = FrictionLevel(arm.robot, laws)
