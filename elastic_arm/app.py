@@ -1,8 +1,8 @@
-"""The `elastic-arm` command.
+"""The entry point of the `elastic-arm` command.
 
-A module without imports of weight: libraries take a second to load, and a Ctrl-C in that time
-should end the process as quietly as one later on. SIGTERM is taken as Ctrl-C is: what a command has
-started or laid aside would outlive it.
+This module has no heavy imports: the libraries take a second to load, and Ctrl-C during that time
+should end the process as quietly as later. SIGTERM acts like Ctrl-C, so that child processes and
+temporary files of a command do not outlive it.
 """
 
 import atexit

@@ -1,5 +1,4 @@
-"""The array that nearly everything here is: of floating-point numbers, its shape in the
-docstrings."""
+"""The type of arrays of floating-point numbers; docstrings state their shapes."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -1,4 +1,4 @@
-"""How many threads the libraries under NumPy and SciPy take."""
+"""The number of threads of the libraries under NumPy and SciPy."""
 
 from collections.abc import MutableMapping
 

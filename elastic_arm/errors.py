@@ -1,8 +1,7 @@
-"""Every error a user can meet.
+"""All errors that users can meet.
 
-One base class, so that an entry point (command line, node) catches exactly these and nothing else.
-Each error states what is wrong and what to do about it, and carries the values that were wrong as
-attributes.
+They have one base class, so that an entry point (command line, node) catches exactly these. Each
+error states the problem and the remedy, and has the wrong values as attributes.
 """
 
 from importlib.util import find_spec

@@ -1,4 +1,4 @@
-"""Estimates as text: no more digits than their standard deviations warrant."""
+"""Estimates as text, with as many digits as their standard deviations warrant."""
 
 import math
 from collections.abc import Collection, Iterable, Sequence

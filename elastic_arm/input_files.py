@@ -1,4 +1,4 @@
-"""Files that a user writes: read as text or YAML, with errors that name what is wrong."""
+"""Files written by users, read as text or YAML, with errors that name the mistake."""
 
 import os
 import re

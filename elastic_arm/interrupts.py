@@ -1,8 +1,9 @@
-"""Ctrl-C, which reaches all processes of a terminal: those that are just starting, too, and
-libraries that take it.
+"""Ctrl-C reaches all processes of a terminal, including those that are just starting, and libraries
+that handle it themselves.
 
-A Python that is interrupted while it loads prints a traceback. Processes that are spawned within
-:func:`interrupts_held` begin with SIGINT held back, and take it from :func:`take_interrupts` on.
+A Python process that is interrupted while it loads prints a traceback. Processes that are spawned
+within :func:`interrupts_held` start with SIGINT blocked, and accept it from :func:`take_interrupts`
+on.
 """
 
 import signal

@@ -1,4 +1,4 @@
-"""Memory that was given back is kept for the next array, and how much there is."""
+"""Reuse of freed memory for later arrays, and the available memory."""
 
 import ctypes
 import math

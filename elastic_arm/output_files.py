@@ -1,5 +1,6 @@
-"""Files of results: written aside and renamed, so that a full disk or an interrupt leaves what was
-there before."""
+"""Result files are written under a temporary name and renamed, so that a full disk or an interrupt
+leaves the earlier file.
+"""
 
 import csv
 import io

@@ -1,4 +1,4 @@
-"""Independent tasks over the machine's cores, or the workers of a Dask cluster, with progress."""
+"""Independent tasks on all cores, or on the workers of a Dask cluster, with progress."""
 
 import multiprocessing
 import os

@@ -1,6 +1,6 @@
-"""What results share: their tables as rows, CSV files and data frames, and how a notebook shows
-them."""
+"""Common parts of results: tables as rows, CSV files and data frames, and display in notebooks."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
@@ -48,7 +48,7 @@ class ClosedLoopError:
         return ClosedLoopError(**numbers, unit=data["unit"])
 
 
-class Result:
+class Result(ABC):
     """A result with tables, a summary and a figure.
 
     The plot functions belong to a later package and are found by name on first use.
@@ -57,9 +57,9 @@ class Result:
     # module with `overview(result)`, a figure, `head(result)`, HTML, and `summary`
     _report: ClassVar[str]
 
+    @abstractmethod
     def tables(self) -> dict[str, Sequence[Row]]:
         """Return the tables by name, as rows; the first one is the most important."""
-        raise NotImplementedError
 
     def summary(self) -> list[str]:
         """Return the result as sentences, the most important first."""

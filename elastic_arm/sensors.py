@@ -1,8 +1,7 @@
-"""What the sensors of an arm make of the truth: noise, resolution, gain, offset, eccentricity,
-delay, jitter.
+"""The sensors of an arm: noise, resolution, gain, offset, eccentricity, delay, jitter.
 
-A layer of its own on arrays of samples: it knows no dynamics. A :class:`SensorBank` carries what
-the sensors remember, so that samples fed one at a time and samples fed at once give the same bits.
+This layer works on arrays of samples and has no dynamics. A :class:`SensorBank` carries the memory
+of the sensors, so that samples fed one at a time and samples fed at once give identical results.
 """
 
 from collections.abc import Callable, Mapping, Sequence

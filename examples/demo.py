@@ -28,7 +28,7 @@ from scipy.stats import chi2
 
 from elastic_arm.cli.console import err, out, print_error
 from elastic_arm.cli.describe import base_of
-from elastic_arm.cli.diagnose import write_diagnosis
+from elastic_arm.cli.diagnose import draw_report, save_diagnosis
 from elastic_arm.cli.diagnosis_printing import print_diagnosis, print_written
 from elastic_arm.diagnosis import Question, diagnose, follow_up
 from elastic_arm.diagnosis.corrected_robot import repaired_robot
@@ -364,7 +364,8 @@ def _diagnose_withheld(
     with err.status("diagnosing"):
         fitted, judged = (read_recording(folder / name) for name in ("identify", "validate"))
         found = follow_up(diagnose([fitted], Question(nominal), [judged]), rng=rng)
-        write_diagnosis(found, repaired_robot(nominal, found) if found.causes else None, folder)
+        save_diagnosis(found, repaired_robot(nominal, found) if found.causes else None, folder)
+        draw_report(found, folder)
     print_diagnosis(found)
     print_written(folder)
     words = f"{drawn.effect.id} on {drawn.joint}, {instance_text(drawn, nominal.units)}"

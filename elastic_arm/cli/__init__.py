@@ -1,1 +1,1 @@
-"""The command line `elastic-arm`: one module a subcommand, each a thin layer over the library."""
+"""The command line `elastic-arm`: one module per subcommand, each a thin layer over the library."""

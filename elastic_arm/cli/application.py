@@ -1,6 +1,6 @@
-"""The commands as one application, which gathers the subcommands and imports one when it runs.
+"""The application with all commands; a subcommand is imported only when it runs.
 
-Usage errors are as every other error: one line with problem and remedy, and exit status 2.
+Usage errors have the form of all other errors: one line with problem and remedy, and exit status 2.
 """
 
 import os

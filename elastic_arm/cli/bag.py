@@ -1,4 +1,4 @@
-"""`elastic-arm bag`: look into, check, mend and make recordings."""
+"""`elastic-arm bag`: show, check, repair, import and export recordings."""
 
 import os
 import sys

@@ -1,4 +1,4 @@
-"""What all subcommands share: the console, JSON output, and errors turned into exit codes.
+"""Common parts of all subcommands: the console, JSON output, and errors as exit codes.
 
 Exit codes: 0 done; 1 the work was done and its answer is "no" (a bag that fails its check); 2
 unusable input.

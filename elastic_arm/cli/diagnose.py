@@ -1,5 +1,4 @@
-"""`elastic-arm diagnose`: where model and recording part, which effect causes it, how far the gap
-shrinks."""
+"""`elastic-arm diagnose`: where model and recordings differ, why, and how far the gap shrinks."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -149,45 +148,42 @@ def diagnose_command(
     check_gate(fail_on or ())
     options.require_bags([*bags, *(validate or [])])
     claim_folder(out_dir, [*RESULTS, *(TABLES if csv else ())], force=force)
-    residual_bags = _numbered(mcap, len(validate or bags))
-    for bag in residual_bags:
-        claim_bag(bag, "--mcap")
+    residual_bags = _claimed_bags(mcap, len(validate or bags))
     catalogue = Catalogue.default().with_files(effects_files or ())
     robot = options.load_arm(robot_file, chain, at, catalogue)
     priors = _priors(priors_file, catalogue)
     correction = Correction(robot_file, chain, at, catalogue, priors)
     correction.require_mjcf("--replay" if replayed else None)
-    mapping = options.channel_map(channels)
+    source = options.channel_map(channels), robot, clock, namespace
     working = Console(quiet=True).status if quiet else err.status
     with working("reading") as status:
 
         def read(path: Path) -> Recording:
-            if against:  # sample by sample
-                return options.read_by_clock(path, mapping, robot, clock, namespace)
-            says = shares_of(status)
-            return options.read_motion(
-                path, mapping, robot, clock, namespace, says, DIAGNOSED, most
-            )
+            if against:  # Two recordings are compared sample by sample.
+                return options.read_by_clock(path, *source)
+            return options.read_motion(path, *source, shares_of(status), DIAGNOSED, most)
 
         recorded = _Recorded.read(read, bags, validate or [], against, robot)
-    given = known_effects(with_ or (), robot, catalogue)
-    # Misread channels have no causes: laws would fit them by chance alone.
-    wrong = misread(recorded.fitted, robot, explained=True)
-    sought = None if wrong is None else ()
+    # Laws would fit misread channels only by chance, so no cause is sought in them.
+    misread_channels = misread(recorded.fitted, robot, explained=True)
     question = Question(
-        robot, model, refit=refit, given=given, effects=sought, catalogue=catalogue, priors=priors
+        robot,
+        model,
+        refit=refit,
+        given=known_effects(with_ or (), robot, catalogue),
+        effects=None if misread_channels is None else (),
+        catalogue=catalogue,
+        priors=priors,
     )
-    keep_memory()  # what was read and left out would leave holes
+    keep_memory()  # The parts of the recordings that were not kept would leave holes.
     commanded = any(is_commanded(one) for one in recorded.fitted)
     with (
         working("diagnosing") as status,
         watched(Progress(seconds), status, commanded=commanded, quiet=quiet) as watch,
     ):
-        found = diagnose(recorded.fitted, question, recorded.validation, watch=watch)
-        watch.say("prediction, and a motion to record next", Stage.FOLLOWED)
-        found = follow_up(found, rng=np.random.default_rng(0) if propose else None)
-        corrected = Written(wrong)
-        if wrong is None:
+        found = _diagnosed(recorded, question, watch, propose=propose)
+        corrected = Written(misread_channels)
+        if misread_channels is None:
             corrected = correct(
                 found, robot, out_dir, correction, recorded.judging, recorded.fitted, watch
             )
@@ -197,7 +193,7 @@ def diagnose_command(
         save_diagnosis(found, corrected.robot, out_dir, comparison)
     if not json and not quiet:
         _print_answer(found, corrected, replays, comparison, explain=explain)
-    # Figures take seconds: the answer is read meanwhile, in a log file, too.
+    # The answer is printed before the figures, which take seconds.
     with working("drawing the report"):
         draw_report(found, out_dir, replays, comparison)
         if csv:
@@ -211,31 +207,12 @@ def diagnose_command(
     pass_gate(found, fail_on or ())
 
 
-def _print_answer(
-    found: Diagnosis,
-    corrected: Written,
-    replays: list[Replay],
-    comparison: SimulationComparison | None,
-    *,
-    explain: bool,
-) -> None:
-    """Print a diagnosis, the search where it is asked for, the correction and the comparisons."""
-    print_diagnosis(found)
-    if explain:
-        print_search(found)
-    print_correction(corrected.file)
-    print_closed_loop(found.closed_loop, "robot.yaml")
-    print_replays(replays)
-    print_comparison(comparison)
-    out.file.flush()
-
-
 @dataclass(frozen=True)
 class _Recorded:
     """The recordings of a diagnosis."""
 
     fitted: list[Recording]
-    validation: list[Recording]  # empty if the last thirds of the fitted ones judge
+    validation: list[Recording]  # empty if the last third of each fitted one validates
     simulated: Recording | None  # of --against
     difference: RecordingDifference | None  # of the first fitted recording from the simulated one
 
@@ -259,7 +236,7 @@ class _Recorded:
 
     @property
     def judging(self) -> list[Recording]:
-        """The recordings that judge, as a whole or by their last thirds."""
+        """The validation recordings, whole or the last third of each."""
         return self.validation or self.fitted
 
     def comparison(self, found: Diagnosis, question: Question) -> SimulationComparison | None:
@@ -267,6 +244,34 @@ class _Recorded:
         if self.simulated is None or self.difference is None:
             return None
         return compare(found, self.simulated, question, self.difference)
+
+
+def _diagnosed(
+    recorded: _Recorded, question: Question, watch: Watch, *, propose: bool
+) -> Diagnosis:
+    """Diagnose, predict, and propose a motion if asked."""
+    found = diagnose(recorded.fitted, question, recorded.validation, watch=watch)
+    watch.say("prediction, and a motion to record next", Stage.FOLLOWED)
+    return follow_up(found, rng=np.random.default_rng(0) if propose else None)
+
+
+def _print_answer(
+    found: Diagnosis,
+    corrected: Written,
+    replays: list[Replay],
+    comparison: SimulationComparison | None,
+    *,
+    explain: bool,
+) -> None:
+    """Print a diagnosis, the search if asked, the correction and the comparisons."""
+    print_diagnosis(found)
+    if explain:
+        print_search(found)
+    print_correction(corrected.file)
+    print_closed_loop(found.closed_loop, "robot.yaml")
+    print_replays(replays)
+    print_comparison(comparison)
+    out.file.flush()
 
 
 def _priors(file: Path | None, catalogue: Catalogue) -> Priors:
@@ -278,7 +283,7 @@ def _priors(file: Path | None, catalogue: Catalogue) -> Priors:
 
 
 def _with_correction(found: Diagnosis, corrected: Written, *, cut_short: bool) -> Diagnosis:
-    """Return a diagnosis with how the corrected arm moves under the recorded commands."""
+    """Add to a diagnosis how the corrected arm moves under the recorded commands."""
     choice = corrected.choice
     if choice is None:
         return found
@@ -288,17 +293,20 @@ def _with_correction(found: Diagnosis, corrected: Written, *, cut_short: bool) -
     return replace(found, notes=(*found.notes, *corrected.notes(), *ended))
 
 
-def _numbered(bag: Path | None, count: int) -> list[Path]:
-    """Return the names of bags for `count` recordings; an empty list without --mcap."""
+def _claimed_bags(bag: Path | None, count: int) -> list[Path]:
+    """Return the names of new bags for `count` recordings; an empty list without --mcap."""
     if bag is None:
         return []
-    return [bag, *(bag.with_name(f"{bag.name}_{k}") for k in range(2, count + 1))]
+    bags = [bag, *(bag.with_name(f"{bag.name}_{k}") for k in range(2, count + 1))]
+    for one in bags:
+        claim_bag(one, "--mcap")
+    return bags
 
 
 def _write_residuals(
     bags: Sequence[Path], judges: Sequence[Recording], found: Diagnosis, robot: Robot
 ) -> None:
-    """Write each judging recording with its residuals as a bag."""
+    """Write each validation recording with its residuals as a bag."""
     for bag, judge in zip(bags, judges, strict=False):
         recording = judge.select(robot.joint_names)
         sides = found.residual_sides(recording.source, recording.start_ns)
@@ -368,23 +376,6 @@ def _followed(recording: Recording, robot: Robot, found: Diagnosis) -> Recording
     return without(selected, sorted(spans)) if spans else selected
 
 
-def write_diagnosis(
-    found: Diagnosis,
-    robot: Robot | None,
-    folder: Path,
-    replays: Sequence[Replay] = (),
-    comparison: SimulationComparison | None = None,
-) -> None:
-    """Write diagnosis.json, report.html and, where there are any, the corrected arm and the motion
-    proposed.
-
-    robot: the corrected arm; None where none is written. What an earlier diagnosis left in the
-    folder is replaced.
-    """
-    save_diagnosis(found, robot, folder, comparison)
-    draw_report(found, folder, replays, comparison)
-
-
 def draw_report(
     found: Diagnosis,
     folder: Path,
@@ -404,7 +395,10 @@ def save_diagnosis(
     folder: Path,
     comparison: SimulationComparison | None = None,
 ) -> None:
-    """Write all but the report, whose figures take longer: arguments of :func:`write_diagnosis`."""
+    """Write all files except the report, and replace those of an earlier diagnosis.
+
+    robot: the corrected arm; None if none is written.
+    """
     found.save(folder / "diagnosis.json")
     for name in (ROBOT, SEPARATING, COMPARISON):
         (folder / name).unlink(missing_ok=True)
@@ -414,9 +408,6 @@ def save_diagnosis(
         )
     if robot is not None:
         save_robot(robot, folder / ROBOT)
-    if (
-        found.proposal is not None
-        and found.proposal.trajectory is not None
-        and found.proposal.worthwhile
-    ):
-        found.proposal.trajectory.save(folder / SEPARATING)
+    proposal = found.proposal
+    if proposal is not None and proposal.trajectory is not None and proposal.worthwhile:
+        proposal.trajectory.save(folder / SEPARATING)

@@ -1,4 +1,4 @@
-"""For pipelines: which answers of a diagnosis make a command end with exit status 1."""
+"""The gate of pipelines: results of a diagnosis with which a command ends with exit status 1."""
 
 import re
 from collections.abc import Iterator, Sequence

@@ -1,4 +1,4 @@
-"""`elastic-arm identify`: recordings in, parameters with their doubts out."""
+"""`elastic-arm identify`: parameters with standard deviations from recordings."""
 
 from collections.abc import Sequence
 from pathlib import Path

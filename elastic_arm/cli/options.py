@@ -1,4 +1,4 @@
-"""Options that several subcommands share, and what is read from them."""
+"""Options that several subcommands share, and the objects that they read."""
 
 from __future__ import annotations
 

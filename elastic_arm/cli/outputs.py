@@ -1,7 +1,6 @@
-"""Where results go: looked at before the work, so that no minutes are lost and no earlier result
-is.
+"""Output paths, checked before the work starts, so that neither time nor earlier results are lost.
 
-Results are overwritten with --force alone, recordings never: they cannot be made again.
+Results are overwritten only with --force, and recordings never, because they cannot be repeated.
 """
 
 import os

@@ -1,4 +1,4 @@
-"""`elastic-arm simulate`: record a simulated arm, with whatever effects it is given."""
+"""`elastic-arm simulate`: record a simulated arm with any effects."""
 
 import time
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Long work seen from a terminal or a log file, and ended early: by time, or by Ctrl-C."""
+"""Progress of long commands on a terminal or in a log, and their early end by time or Ctrl-C."""
 
 import signal
 import threading
@@ -15,8 +15,8 @@ from elastic_arm.cli.console import err
 from elastic_arm.cli.diagnosis_printing import print_first_look
 from elastic_arm.evidence.watch import Stage, Watch
 
-# When each stage of a command typically begins, as a share of its time; measured on recordings of
-# six axes, with torques and with commands alone.
+# Typical start of each stage as a share of the time of a command, measured on recordings of six
+# axes, with torques and with commands only.
 WITH_TORQUES = {
     Stage.CHECKED: 0.09,
     Stage.ORDINARY: 0.1,
@@ -37,28 +37,28 @@ WITH_COMMANDS = {
 
 @dataclass
 class Progress:
-    """The time of a diagnosis, and which share of its work is typically done at a stage.
+    """The time of a diagnosis, and the typical share of its work that is done.
 
-    seconds: after which a search is to end; None for no bound.
+    seconds: time after which the search must end; None for no limit.
     """
 
     seconds: float | None = None
     begin: float = field(default_factory=time.monotonic)
-    share: float = 0.0  # that is done
+    share: float = 0.0  # of the work that is done
 
     @property
     def spent(self) -> float:
-        """Seconds since it began."""
+        """Time since the start, s."""
         return time.monotonic() - self.begin
 
     def line(self, words: str, begins: dict[Stage, float], stage: Stage, done: float) -> str:
         """Return a line of a log: time spent, typical share of the work, time left, and words.
 
-        begins: when each stage begins, as a share of the whole; done: share of this stage.
+        begins: start of each stage as a share of the whole; done: share of this stage.
         """
         start = begins[stage]
         end = min((one for one in begins.values() if one > start), default=1.0)
-        # A search that begins anew, without some events, is further than the first one was.
+        # The share never decreases, even if a search starts again without some events.
         self.share = max(self.share, start + done * (end - start))
         left = self.spent * (1.0 - self.share) / self.share
         if self.seconds is not None:
@@ -68,9 +68,9 @@ class Progress:
 
 @contextmanager
 def watched(progress: Progress, status: Status, *, commanded: bool, quiet: bool) -> Iterator[Watch]:
-    """Watch a search: a line a stage in a log, a status on a screen, and the first look.
+    """Watch a search: one line per stage in a log, a status on a terminal, and the first look.
 
-    The first Ctrl-C ends the search with the best answer so far, a second one ends the command.
+    The first Ctrl-C ends the search with the best answer so far, and a second one the command.
 
     commanded: whether only commands and positions were recorded.
     """

@@ -1,5 +1,5 @@
-"""From a CasADi function to compiled code: a straight-line program, printed as C or run by NumPy,
+"""Compiled code from CasADi functions: straight-line programs, printed as C or run by NumPy, and
 cached on disk.
 
-Reusable by itself; docs/codegen.md is the page on it.
+The package can be used on its own; see docs/codegen.md.
 """

@@ -32,7 +32,6 @@ class CEngine:
     name = "c"
 
     def __init__(self, program: Program, shared: Sequence[str]) -> None:
-        self._program = program
         self.library = build_once(
             block_identity(program, shared), lambda: emit_block(program, shared)
         )

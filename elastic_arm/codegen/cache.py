@@ -1,5 +1,4 @@
-"""The cache on disk: what was derived or compiled once is found again by any process of this
-machine."""
+"""The cache on disk: results of one process serve all processes of the machine."""
 
 import atexit
 import contextlib

@@ -1,5 +1,6 @@
-"""The system's C compiler behind a cache: every source is compiled once per machine and found again
-by its content."""
+"""The C compiler of the system behind a cache: every source is compiled once per machine, and found
+again by its content.
+"""
 
 import ctypes
 import functools

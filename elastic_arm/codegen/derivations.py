@@ -1,5 +1,4 @@
-"""What CasADi derived, on disk: a model that was derived once is never derived again, and CasADi
-stays unloaded."""
+"""Derived CasADi functions on disk: a model is derived once, and CasADi then stays unloaded."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A program printed as C for one sample a call, to go inside a loop written in C."""
+"""A program printed as C for one sample per call, for loops written in C."""
 
 import numpy as np
 

@@ -1,7 +1,7 @@
-"""Programs printed as one file that needs nothing but C's `math.h` or Python's `math`.
+"""Programs printed as one file that needs only C's `math.h` or Python's `math`.
 
-Unlike :mod:`.emit_block`, whose code this package runs itself, it is for a controller: one sample a
-call, names that a person knows again, and no memory of its own.
+Unlike the code of :mod:`.emit_block`, which this package runs itself, it is for controllers: one
+sample per call, readable names, and no memory of its own.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Compiled functions over whole arrays of samples.
 
-A CasADi function becomes a straight-line :class:`~elastic_arm.codegen.program.Program`, and that a
-kernel: in C where a compiler is found, in numpy otherwise.
+A CasADi function becomes a straight-line :class:`~elastic_arm.codegen.program.Program`, and the
+program a kernel: in C if there is a compiler, otherwise in NumPy.
 """
 
 from __future__ import annotations

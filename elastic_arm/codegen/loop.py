@@ -1,5 +1,4 @@
-"""A loop written in C around a step that is printed: recursions over samples and integrators are
-compiled this way."""
+"""Loops written in C around a printed step: recursions over samples and integrators use them."""
 
 from __future__ import annotations
 

@@ -1,9 +1,8 @@
-"""Work shared out among the cores by threads: it is done in NumPy, SciPy and compiled code, which
-let threads run.
+"""Work distributed over the cores by threads, for NumPy, SciPy and compiled code, which release the
+interpreter lock.
 
-There is one pool, whose threads share nothing out themselves. Work that none of them has begun by
-the time the calling thread has nothing else to do is done by that one: nobody waits for a pool that
-is busy with something else.
+There is one pool, and its threads do not distribute work themselves. The calling thread does the
+work that no thread has started when it becomes idle, so that nobody waits for a busy pool.
 """
 
 import os

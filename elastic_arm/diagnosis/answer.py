@@ -1,6 +1,6 @@
-"""The diagnosis from recordings to result.
+"""The steps of a diagnosis, from recordings to result.
 
-    prepare -> explain -> take out events, and explain again -> confirm -> result
+    prepare -> explain -> exclude events, and explain again -> confirm -> result
 
 Each step has its module: :mod:`.preparation`, :mod:`elastic_arm.evidence.relinearise`,
 :mod:`.event_search`, :mod:`.confirmed_set`, :mod:`.outcome`.

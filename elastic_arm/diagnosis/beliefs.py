@@ -1,9 +1,9 @@
-"""The probability of each effect, and of each number that is far off, over the sets of terms.
+"""The probability of each effect and of each far-off number, summed over the sets of terms.
 
     P(c | y) = sum over sets S of P(S | y) P(c | y, S)
 
-P(c | y, S) is 1 where the set has a term of the effect. For a number it is the probability that the
-number is beyond its ordinary deviations (:mod:`.far_numbers`).
+For an effect, P(c | y, S) is 1 if the set contains a term of the effect. For a number, it is the
+probability that the number is beyond its ordinary deviations (:mod:`.far_numbers`).
 """
 
 from __future__ import annotations
@@ -23,38 +23,38 @@ from elastic_arm.evidence.terms.known import KnownTerm, StatedTerm
 from elastic_arm.evidence.terms.number import NumberTerm
 from elastic_arm.evidence.terms.term import Term
 
-BY_SIZE = (NumberTerm, StatedTerm)  # terms whose effect is a cause only where it is far off
+BY_SIZE = (NumberTerm, StatedTerm)  # terms whose effect is a cause only if its size is far off
 
 
 @dataclass(frozen=True)
 class Beliefs:
-    """What the sets of terms say of each effect and number."""
+    """The probability of each effect and number over the sets of terms."""
 
     problem: Problem
     explanation: Explanation  # sets and their posteriors
 
     @property
     def sets(self) -> Sequence[tuple[float, Fit]]:
-        """The sets that share the probability, the most probable first."""
+        """The sets with their probabilities, the most probable first."""
         return self.explanation.sets
 
     @cached_property
     def given(self) -> set[Name]:
-        """The effects that the user knows to be there, on either side of a drive."""
+        """The effects that the user declared as known, on either side of a drive."""
         return {(i.effect.id, i.joint) for i in self.problem.given}
 
     @cached_property
     def named(self) -> dict[Name, list[int]]:
-        """Which numbers are reported as each effect and joint."""
+        """The numbers that are reported as each effect and joint."""
         return named_numbers(self.problem.numbers, self.problem.far)
 
     def probability(self, name: Name) -> float:
-        """Return the probability that an effect is there, on either side, or a number is off."""
+        """Return the probability that an effect acts, on either side, or a number is far off."""
         return self.probabilities.get(name, 0.0)
 
     @cached_property
     def probabilities(self) -> dict[Name, float]:
-        """The probability of each effect that some set has, and of each number that may be off."""
+        """The probability of each effect in the sets, and of each number that may be far off."""
         found: dict[Name, float] = {}
         for p, fit in self.sets:
             for name, there in self._in_set(fit).items():
@@ -63,12 +63,12 @@ class Beliefs:
 
     @cached_property
     def _known_in_sets(self) -> dict[Fit, dict[Name, float]]:
-        """What :meth:`_in_set` found, by set."""
+        """The results of :meth:`_in_set`, by set."""
         return {}
 
     def _in_set(self, fit: Fit) -> dict[Name, float]:
-        """Return the probability of each effect and of each number that may be off, in a set; made
-        once for each fit."""
+        """Return the probability of each effect and of each number that may be far off in a set;
+        computed once per fit."""
         if fit not in self._known_in_sets:
             values = self.explanation.linear.values
             of_numbers = probabilities(fit, values, self.problem.numbers, self.named)
@@ -78,25 +78,24 @@ class Beliefs:
         return self._known_in_sets[fit]
 
     def likely_in(self, fit: Fit) -> set[Name]:
-        """Return the effects of a set, and the numbers that are more likely than not off in it."""
+        """Return the effects of a set, and the numbers that are probably far off in it."""
         return {name for name, p in self._in_set(fit).items() if p > 0.5}
 
     @property
     def likely_in_best(self) -> set[Name]:
-        """The same of the most probable set."""
+        """The same for the most probable set."""
         return self.likely_in(self.explanation.best)
 
     def is_cause(self, term: Term) -> bool:
-        """Whether a term of the most probable set is a cause: no law without a form, no number with
-        an ordinary deviation, no known effect."""
+        """Whether a term of the most probable set is a cause, and not a nonparametric law, a number
+        with an ordinary deviation, or a known effect."""
         name = name_of(term.key)
         if not term.says_cause or name in self.given:
             return False
         return not isinstance(term, BY_SIZE) or name in self.likely_in_best
 
     def terms_of(self, fit: Fit, name: Name) -> list[Term]:
-        """Return the terms of a fit that are an effect; of a number that no term makes wide, one
-        that stands for it."""
+        """Return the terms of an effect in a fit; for a number without a term, a substitute."""
         terms = [t for t in fit.optional if t.says_cause and name_of(t.key) == name]
         if terms or name not in self.likely_in(fit):
             return terms
@@ -111,10 +110,10 @@ class Beliefs:
         return [NumberTerm.of(first, fit.model.N, first.cause.key, moves)]
 
     def term_of_best(self, name: Name) -> Term | None:
-        """Return a term of the most probable set that is an effect, if there is one."""
+        """Return the term of an effect in the most probable set, if any."""
         return next(iter(self.terms_of(self.explanation.best, name)), None)
 
 
 def name_of(key: Key) -> Name:
-    """Return effect and joint of a term."""
+    """Return the effect and joint of a term."""
     return key[0], key[1]

@@ -1,11 +1,11 @@
-"""The causes of a gap: the effects that are likelier there than not, with sizes and alternatives.
+"""The causes of a gap: effects that are more probable than not, with sizes and alternatives.
 
     confidence(c) = P(c | y) s / (s + u)
 
-P(c | y) is the probability of the cause (:mod:`.beliefs`), s the share of the gap that comes back
+P(c | y) is the probability of the cause (:mod:`.beliefs`), s the share of the gap that returns
 without it, and u the share that an unknown effect leaves at its joint; without an unknown effect
-the second factor is 1. A confirmed effect is a cause if it and its alternatives together are
-likelier there than not.
+the second factor is 1. A confirmed effect is a cause if it and its alternatives together are more
+probable than not.
 """
 
 from __future__ import annotations
@@ -36,23 +36,25 @@ from elastic_arm.evidence.terms.number import NumberTerm
 from elastic_arm.evidence.terms.term import Term
 from elastic_arm.identification.batch.mounting import CHANCE, STEP
 
-# rad, to which a mounting is known where no tilt is found beside it
+# rad, standard deviation of a mounting if no additional tilt is found
 MOUNTED = float(np.radians(STEP))
-SHOWN = 0.05  # least part of a cause's probability at which its sides are listed
+SHOWN = 0.05  # smallest share of a cause's probability at which its sides are listed
 
-SetWithCause = tuple[float, Fit, Term]  # probability of a set that has a cause, the set, the term
+SetWithCause = tuple[
+    float, Fit, Term
+]  # probability of a set with a cause, the set, and the term of the cause
 
 
 @dataclass(frozen=True)
 class Causes:
-    """Which effects are causes."""
+    """The causes of a gap."""
 
     confirmed: Confirmed
     unknown: UnknownEffects
 
     @property
     def parts(self) -> Decomposition:
-        """The residuals by the terms of the most probable set."""
+        """The residuals, divided by the terms of the most probable set."""
         return self.confirmed.parts
 
     @property
@@ -62,8 +64,8 @@ class Causes:
 
     @cached_property
     def found(self) -> list[tuple[Cause, list[Array]]]:
-        """The causes, most important first, each with the residuals (N', R) that it leaves
-        alone."""
+        """The causes, most important first, each with the residuals (N', R) that remain if it
+        alone is added."""
         probabilities = self.beliefs.probabilities.items()
         found = [self._cause(name, p) for name, p in probabilities if self._is_cause(name)]
         found.sort(key=lambda one: -one[0].shrink)
@@ -73,10 +75,10 @@ class Causes:
         return [mounted, *found]
 
     def not_confirmed(self) -> tuple[UnconfirmedCause, ...]:
-        """Return what is likely by the fit and no cause.
+        """Return the probable effects that are not causes.
 
-        It gains nothing on the judging recordings, its size is zero within two deviations, it could
-        be ordinary, or it may be a part of an unknown effect.
+        Such an effect gains nothing on the validation recordings, its size is zero within two
+        standard deviations, it could be ordinary, or it may be part of an unknown effect.
         """
         refused = self.confirmed.refused
         shares = {name: share for name, share in refused if not self._is_cause(name)}
@@ -90,7 +92,7 @@ class Causes:
         )
 
     def _is_cause(self, name: Name) -> bool:
-        """Whether an effect is a cause: it and its alternatives are likelier there than not."""
+        """Whether an effect is a cause: it and its alternatives are more probable than not."""
         if name in self.beliefs.given or not self.confirmed.accepts(name):
             return False
         p = self.beliefs.probability(name)
@@ -99,8 +101,8 @@ class Causes:
         return self._confidence(name, p) > 0.5
 
     def _confidence(self, name: Name, probability: float) -> float:
-        """Return the probability that an effect is there and no part of an unknown effect at its
-        joint: what is left is as likely to hide in a cause as elsewhere."""
+        """Return the probability that an effect acts and is not part of an unknown effect at its
+        joint: an unknown effect is as likely to hide in a cause as elsewhere."""
         left = self.unknown.share_left.get(name[1])
         if left is None:
             return probability
@@ -108,17 +110,17 @@ class Causes:
         return probability * (share / (share + left)) if share else 0.0
 
     def _share_without(self, name: Name) -> float | None:
-        """Return the share of the gap that comes back without a cause; None without a gap."""
+        """Return the share of the gap that returns without a cause; None without a gap."""
         confirmation = self.confirmed.of(name)
         return None if confirmation is None else confirmation.share
 
     # -- alternatives
 
     def _sets_without(self, name: Name) -> Iterator[tuple[float, set[Name]]]:
-        """Yield the probability of each set without a cause that has what the most probable one
-        lacks, and what that is.
+        """Yield the probability of each set without a cause, and its effects that the most probable
+        set lacks.
 
-        What the judging recordings do not confirm is no alternative.
+        Effects that the validation recordings do not confirm are no alternatives.
         """
         best = self.beliefs.likely_in_best
         for p, fit in self.beliefs.sets:
@@ -128,8 +130,7 @@ class Causes:
                 yield p, others
 
     def _alternatives(self, name: Name, term: Term) -> Iterator[Alternative]:
-        """Yield what is there in the sets without a cause and not in the most probable one, most
-        probable first."""
+        """Yield the effects that replace a cause in sets without it, the most probable first."""
         found: dict[Name, float] = {}
         for p, others in self._sets_without(name):
             for other in others:
@@ -144,13 +145,13 @@ class Causes:
     # -- a cause
 
     def _cause(self, name: Name, probability: float) -> tuple[Cause, list[Array]]:
-        """Return an effect as a cause, with the residuals (N', R) that it leaves alone."""
+        """Return a cause, with the residuals (N', R) that remain if it alone is added."""
         problem = self.parts.problem
         beliefs = self.beliefs
         confidence = self._confidence(name, probability)
         best = self.parts.explanation.best
         holding = [(p, fit, t) for p, fit in beliefs.sets for t in beliefs.terms_of(fit, name)]
-        # The best set without what was not confirmed may be none of those met.
+        # The search may not have scored the best set without the unconfirmed causes.
         holding = holding or [(confidence, best, t) for t in beliefs.terms_of(best, name)]
         likeliest, fit, term = holding[0]
         values = self.parts.explanation.linear.values
@@ -180,8 +181,8 @@ class Causes:
         return cause, alone
 
     def _sizes(self, holding: list[SetWithCause]) -> dict[str, ParameterEstimate]:
-        """Return the parameters of a cause over the sets in which it is the same kind of term as in
-        the first."""
+        """Return the parameters of a cause, averaged over the sets in which its term has the same
+        kind as in the first."""
         numbers = self.parts.problem.numbers
         values = self.parts.explanation.linear.values
         likeliest, _, first = holding[0]
@@ -194,7 +195,7 @@ class Causes:
         return averaged(each)
 
     def _stated(self, name: Name, term: Term) -> dict[str, Any] | None:
-        """Return the sizes of an effect that the description states; None of another."""
+        """Return the sizes of an effect in the description; None if it states none."""
         if not isinstance(term, KnownTerm | StatedTerm):
             return None
         for _, instance in self.parts.problem.known:
@@ -203,8 +204,8 @@ class Causes:
         return None
 
     def _mounted(self, found: list[tuple[Cause, list[Array]]]) -> tuple[Cause, list[Array]]:
-        """Return the tilt of an arm that is mounted otherwise than described, with what was found
-        beside it."""
+        """Return the tilt of an arm with another mounting than described, including the tilt that
+        was found relative to it."""
         mounting = self.parts.prepared.mounting
         effect = EFFECTS[TILT]
         assert mounting is not None

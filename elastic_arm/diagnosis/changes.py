@@ -1,4 +1,4 @@
-"""What differs between recordings of one arm, by the sets in which a size is not common to all."""
+"""Changes between recordings of one arm: sizes that are not the same in all of them."""
 
 from dataclasses import dataclass
 from functools import partial
@@ -19,8 +19,8 @@ from elastic_arm.evidence.terms.number import NumberTerm
 
 
 def changes_between(explanation: Explanation, problem: Problem) -> tuple[Change, ...]:
-    """Return the causes and known effects whose size is likelier not the same in all recordings
-    that were fitted."""
+    """Return the causes and known effects whose size probably differs between fitted
+    recordings."""
     found = []
     for term in (t for t in explanation.best.optional if isinstance(t, ChangeTerm)):
         probability = explanation.probability(partial(eq, term.key))
@@ -31,8 +31,7 @@ def changes_between(explanation: Explanation, problem: Problem) -> tuple[Change,
 
 @dataclass(frozen=True)
 class SizedTerm:
-    """A term's size in each recording: values and standard deviations (n,), and covariance (n,
-    n)."""
+    """The size of a term in each recording: values (n,) and covariance (n, n)."""
 
     effect: str
     joint: str | None
@@ -48,7 +47,7 @@ class SizedTerm:
 
 
 def sizes_of(explanation: Explanation, problem: Problem, fit: Fit, term: ChangeTerm) -> SizedTerm:
-    """Return the sizes of what changes by a term of a fit."""
+    """Return the sizes of the term that changes by a term of a fit."""
     common = term.common(fit.terms)
     assert common is not None
     base = fit.slices[common.ident].start
@@ -69,7 +68,7 @@ def sizes_of(explanation: Explanation, problem: Problem, fit: Fit, term: ChangeT
         at = common.feature.linear[0].neutral or 0.0
     together = np.zeros((len(problem.observed[0]), len(fit.found.x)))
     together[:, base] = 1.0
-    for more in fit.terms:  # by how much a stated size is off
+    for more in fit.terms:  # the deviation of a stated size
         if isinstance(more, StatedTerm) and more.key == common.key:
             together[:, fit.slices[more.ident].start] = 1.0
     for k in range(len(together)):

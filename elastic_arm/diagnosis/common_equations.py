@@ -1,4 +1,4 @@
-"""The equations and the band in which all recordings of a diagnosis are compared."""
+"""The equations and the frequency band that all recordings of a diagnosis have in common."""
 
 from collections.abc import Sequence
 
@@ -12,17 +12,18 @@ from elastic_arm.estimation.observation import Observation, widest_band
 from elastic_arm.robot import Robot
 
 ONE_ENCODER = (
-    5.0  # Hz; above it the deflection that a single encoder does not show changes the motion
+    5.0  # Hz; above it, the deflection that a single encoder does not measure changes the motion
 )
-# Of a band's edge, Hz, times the length of a stretch, s: below, its filters leave too little. They
-# take 4.2 and 3.6 over the edge; half of what the first leaves must be longer than the second.
+# Band edge, Hz, times length of a stretch, s, below which the filters of the band leave too few
+# samples. The filters take 4.2 and 3.6 over the edge, and half of what the first one leaves must be
+# longer than the second.
 NARROW = 12.0
 
 
 def common_equations(observations: Sequence[Observation], model: Model) -> tuple[EquationSet, Band]:
-    """Return equations and band that all recordings allow.
+    """Return the equations and the band that all recordings allow.
 
-    Raises a DiagnosisError if the recordings hold different channels.
+    Raises a DiagnosisError if the recordings have different channels.
     """
     layouts = [EquationSet.of(o.pieces[0], model) for o in observations]
     if any(layout != layouts[0] for layout in layouts):
@@ -31,7 +32,7 @@ def common_equations(observations: Sequence[Observation], model: Model) -> tuple
             "Diagnose recordings with the same channels together",
         )
     rate = min(o.rate for o in observations)
-    # s of the longest piece of each recording, without what the smoother loses at its ends
+    # s, longest piece of each recording without the samples that the smoother loses at its ends
     lengths = []
     for one in observations:
         samples = max(len(piece) for piece in one.pieces)
@@ -46,13 +47,13 @@ def common_band(
 ) -> Band:
     """Return the band in which residuals are compared.
 
-    torque_band: hz, from which on torques were low-passed before they were recorded: above, they
-    are not those of the motion.
+    torque_band: Hz, above which torques were low-passed before they were recorded and do not match
+    the motion.
     """
     widest = min(widest_band(rate), torque_band)
     return Band(min(widest, ONE_ENCODER) if has_one_encoder(layout, model.robot) else widest, rate)
 
 
 def has_one_encoder(layout: EquationSet, robot: Robot) -> bool:
-    """Whether an elastic arm is one equation a joint, in which the deflection follows the load."""
+    """Whether an elastic arm has one equation per joint, with deflections that follow the load."""
     return len(layout.sides) == 1 and robot.elastic

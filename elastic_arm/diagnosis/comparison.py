@@ -1,8 +1,7 @@
-"""A real and a simulated recording of the same commands: which effects are in one and not in the
-other.
+"""Comparison of a real and a simulated recording of the same commands.
 
-Both are diagnosed against one model, and the effects found in either are compared by probability
-and size.
+Both are diagnosed against one model. The effects found in either recording are compared by
+probability and size.
 """
 
 from collections.abc import Mapping
@@ -14,7 +13,7 @@ import numpy as np
 from elastic_arm.diagnosis.answer import diagnose
 from elastic_arm.diagnosis.estimates import ParameterEstimate, estimated
 from elastic_arm.diagnosis.question import Question
-from elastic_arm.diagnosis.result import Diagnosis, plain_parameters
+from elastic_arm.diagnosis.result import Diagnosis, plain
 from elastic_arm.diagnosis.words import estimates_text, probability_text
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.evidence.fit import Fit
@@ -22,22 +21,21 @@ from elastic_arm.evidence.priors import LISTED
 from elastic_arm.recording import Recording
 from elastic_arm.recording.inspection.differences import RecordingDifference
 
-# standard deviations within which two sizes are one (contract: a size within two is nothing)
+# standard deviations within which two sizes agree (contract: a size within two is zero)
 ALIKE = 2.0
 Name = tuple[str, str | None]  # effect and joint
 
 
 @dataclass(frozen=True)
 class SizeFound:
-    """An effect in one recording: how probably it is there, and its size where any set that was met
-    holds it."""
+    """An effect in one recording: its probability, and its size if any scored set contains it."""
 
     probability: float
     parameters: Mapping[str, ParameterEstimate]
 
     @property
     def there(self) -> bool:
-        """Whether it is likelier there than not."""
+        """Whether it is more probable than not."""
         return self.probability > 0.5
 
     def text(self) -> str:
@@ -61,14 +59,14 @@ class ComparedEffect:
 
     @property
     def where(self) -> str:
-        """In which recording it is: "real", "simulated" or "both"."""
+        """The recording with the effect: "real", "simulated" or "both"."""
         if self.real.there and self.simulated.there:
             return "both"
         return "real" if self.real.there else "simulated"
 
     @property
     def agrees(self) -> bool | None:
-        """Whether it has one size in both; None where it is in one alone."""
+        """Whether its sizes in both recordings agree; None if only one of them has it."""
         if self.where != "both":
             return None
         pairs = [(e, self.simulated.parameters[name]) for name, e in self.real.parameters.items()]
@@ -85,7 +83,7 @@ class ComparedEffect:
             **{
                 name: {
                     "confidence": float(f"{f.probability:.7g}"),
-                    "parameters": plain_parameters(f.parameters),
+                    "parameters": plain(f.parameters),
                 }
                 for name, f in findings.items()
             },
@@ -98,11 +96,11 @@ class SimulationComparison:
 
     simulated: str  # where the simulated recording came from
     difference: RecordingDifference  # channel by channel, without a model
-    effects: tuple[ComparedEffect, ...]  # those found in either, most important first
+    effects: tuple[ComparedEffect, ...]  # effects of either recording, most important first
 
     def rows(self) -> list[list[str]]:
-        """Return effect, place, in which recording, and its size in the real and in the simulated
-        one, as text."""
+        """Return effect, place, recording, and the sizes in the real and the simulated recording as
+        text."""
         words = {"real": "the real recording only", "simulated": "the simulated recording only"}
         return [
             [
@@ -131,16 +129,16 @@ def compare(
     real
         The diagnosis of the real recording.
     simulated
-        A recording of the same commands, made by any simulator.
+        A recording of the same commands from any simulator.
     question
-        Of the diagnosis.
+        The question of the diagnosis.
     difference
-        Of the two recordings, without a model.
+        The difference of the two recordings, without a model.
 
     Raises
     ------
     DiagnosisError
-        If the simulated recording allows no diagnosis, or holds other channels.
+        If the simulated recording allows no diagnosis, or has other channels.
     """
     other = diagnose([simulated], question)
     if set(other.before.rmse) != set(real.before.rmse):
@@ -177,8 +175,8 @@ def _finding(found: Diagnosis, name: Name) -> SizeFound:
 
 
 def _apart(one: ParameterEstimate, other: ParameterEstimate) -> float:
-    """Return the largest distance of two estimates, in standard deviations; none where a deviation
-    is not known."""
+    """Return the largest distance of two estimates, in standard deviations; zero if a deviation is
+    unknown."""
     if one.std is None or other.std is None:
         return 0.0
     difference = np.subtract(one.value, other.value)

@@ -1,12 +1,12 @@
-"""The causes that the judging recordings confirm; the others are taken out, the worst first.
+"""The causes that the validation recordings confirm.
 
-    repeat: take out each cause in turn, refit the rest, and compare (:mod:`.confirmation`)
-            take out for good the one that loses most likelihood, of those that confirm nothing
-    until all that are left are confirmed
+    repeat: remove each cause in turn, refit the others, and compare (:mod:`.confirmation`)
+            drop the unconfirmed cause that loses most likelihood
+    until all remaining causes are confirmed
 
-A cause that is taken out is taken out of all sets that share the probability: what stands for it
-there would otherwise keep the low probability that it has beside it. What takes nearly no part in a
-cause that was taken out keeps its comparison.
+A dropped cause is removed from all sets that share the probability. A parameter that can replace it
+would otherwise keep the low probability that it has beside the cause. The comparison of a cause is
+reused if the dropped cause hardly correlates with it.
 """
 
 from __future__ import annotations
@@ -45,10 +45,10 @@ from elastic_arm.evidence.terms.term import Term
 
 @dataclass(frozen=True)
 class Confirmed:
-    """The most probable set, and what the judging recordings confirm of it."""
+    """The most probable set, and the terms of it that the validation recordings confirm."""
 
     parts: Decomposition
-    # what was likely by the fit and gains nothing on the judging recordings, with its share there
+    # probable causes that the validation recordings do not confirm, with their shares there
     refused: tuple[tuple[Name, float | None], ...] = ()
     of_terms: Mapping[Key, Confirmation] = field(default_factory=dict)
 
@@ -58,7 +58,7 @@ class Confirmed:
         return Beliefs(self.parts.problem, self.parts.explanation)
 
     def of(self, name: Name) -> Confirmation | NumberConfirmation | None:
-        """Return what confirms a cause: its term in the best set, or its numbers."""
+        """Return the confirmation of a cause, by its term in the best set or by its numbers."""
         term = self.beliefs.term_of_best(name)
         own = None if term is None else self.of_terms.get(term.key)
         return own or self._of_numbers.get(name)
@@ -66,8 +66,8 @@ class Confirmed:
     def accepts(self, name: Name) -> bool:
         """Whether a cause is confirmed.
 
-        Terms were confirmed one by one (:func:`confirmed`); a number that no term makes wide is
-        confirmed here.
+        Terms were confirmed one by one (:func:`confirmed`); numbers without a term are confirmed
+        here.
         """
         if name in {other for other, _ in self.refused} - self.beliefs.likely_in_best:
             return False
@@ -76,7 +76,7 @@ class Confirmed:
 
     @cached_property
     def _of_numbers(self) -> dict[Name, NumberConfirmation]:
-        """What the judging recordings gain by the numbers that are far off and have no term."""
+        """The confirmation of far-off numbers without a term."""
         explanation = self.parts.explanation
         beliefs = self.beliefs
         with_term = {name_of(term.key) for term in explanation.best.optional}
@@ -92,7 +92,7 @@ class Confirmed:
 
 
 def confirmed(parts: Decomposition) -> Confirmed:
-    """Return the set without the causes that gain nothing on the judging recordings."""
+    """Return the set without the causes that the validation recordings do not confirm."""
     now = Confirmed(parts)
     while True:
         best = now.parts.explanation.best
@@ -112,7 +112,7 @@ def confirmed(parts: Decomposition) -> Confirmed:
 
 
 def _less(parts: Decomposition, term: Term) -> Decomposition:
-    """Return the decomposition without a term of the best set, the rest refitted."""
+    """Return the decomposition without a term of the best set; the other terms are refitted."""
     best = parts.explanation.best
     return parts.with_best(best.model.fit(without(best, term), best))
 
@@ -144,7 +144,7 @@ def _confirmation(parts: Decomposition, term: Term) -> Confirmation:
         explanation = less.explanation
         values = explanation.linear.values
         held = gain_beyond_together(other, explanation.sized, values, numbers, over)
-        # Numbers that are far off by the fitted recordings alone predict worse than ordinary ones.
+        # Numbers that only the fitted recordings put far off predict worse than ordinary ones.
         nats += max(held, 0.0)
         less = _at_bounds(less, over)
     return Confirmation(
@@ -158,8 +158,8 @@ def _confirmation(parts: Decomposition, term: Term) -> Confirmation:
 
 
 def _friction_curves(beside: Fit, without: Fit, cause: Term) -> tuple[Array, Array]:
-    """Return how the friction curves that could stand for a cause turn over and bend with and
-    without it, (k,) in their ordinary deviations."""
+    """Return the coefficients of the friction curves that correlate with a cause, with and without
+    it, (k,) in their ordinary deviations."""
     found: list[list[Array]] = [[], []]
     for term in without.optional:
         is_curve = isinstance(term, DryFrictionTerm) and term in beside.optional
@@ -171,7 +171,7 @@ def _friction_curves(beside: Fit, without: Fit, cause: Term) -> tuple[Array, Arr
 
 
 def _at_bounds(parts: Decomposition, which: list[int]) -> Decomposition:
-    """Return the decomposition where some numbers are at their nearest ordinary values, the rest
+    """Return the decomposition with some numbers at their nearest ordinary values and the others
     refitted to the fitted recordings."""
     sized = parts.explanation.sized
     values = parts.explanation.linear.values[which]
@@ -181,10 +181,10 @@ def _at_bounds(parts: Decomposition, which: list[int]) -> Decomposition:
 
 
 def _has_size(parts: Decomposition, term: Term) -> bool:
-    """Whether the size of a term, by the fitted recordings, is possible and beyond two deviations
-    of none.
+    """Whether the size of a term in the fitted recordings is possible and more than two standard
+    deviations from zero.
 
-    A stated effect is beyond its ordinary deviations where it is a cause.
+    A stated effect that is a cause is always beyond its ordinary deviations.
     """
     sized = parts.explanation.sized
     if isinstance(term, NumberTerm):
@@ -194,7 +194,7 @@ def _has_size(parts: Decomposition, term: Term) -> bool:
 
 
 def _share_without(parts: Decomposition, term: Term, less: Decomposition) -> Share | None:
-    """Return the share of the gap at the places of a term that comes back without it."""
+    """Return the share of the gap at the places of a term that returns without it."""
     own = parts.gap(parts.added[term.ident])
     between = parts.gap(without_parts(less.after, [parts.after]))
     before, after = parts.gaps
@@ -202,17 +202,17 @@ def _share_without(parts: Decomposition, term: Term, less: Decomposition) -> Sha
 
 
 def _share_alone(parts: Decomposition, term: Term) -> Share | None:
-    """Return the share of the whole gap that goes when one cause alone is added."""
+    """Return the share of the whole gap that one cause alone removes."""
     own = parts.added_alone(term)
     left = without_parts(parts.before, [own])
     return share_alone(parts.gaps[0], parts.gap(left), parts.gap(own))
 
 
 def _share_of_numbers(parts: Decomposition, which: list[int]) -> float | None:
-    """Return the share of a gap that comes back where some numbers are ordinary.
+    """Return the share of a gap that returns if some numbers are ordinary.
 
-    Each is at its nearest ordinary value, and the rest is refitted. The gap is that of the numbers
-    as they are, without any term, or what is left then, where that is larger.
+    Each is set to its nearest ordinary value, and the others are refitted. The gap is that of the
+    present numbers without any term, or the remaining one if it is larger.
     """
     sized = parts.explanation.sized
     held = _at_bounds(parts, which)

@@ -1,4 +1,4 @@
-"""The arm with its causes in it: what the simulator needs to behave like the recording."""
+"""The arm with its causes: the description that makes the simulator behave like the recording."""
 
 from collections.abc import Collection
 from typing import Any
@@ -16,12 +16,13 @@ from elastic_arm.sensors import Sensors
 
 
 def repaired_robot(robot: Robot, diagnosis: Diagnosis, taken_back: Collection[str] = ()) -> Robot:
-    """Return the arm with its numbers where they were found, the causes, and what was known at the
-    sizes found.
+    """Return the arm with the numbers and causes that were found, and the known effects at the
+    sizes that were found.
 
-    What a model variant has is left out: take that variant. An ordinary drift is left out, too: it
-    is of the recording, and a simulated zero would run away with it. taken_back: joints, and
-    effects of the whole arm, as described.
+    Effects of a model variant are left out: use that variant. Ordinary drifts are also left out,
+    because they belong to the recording and would grow without bound in a simulation.
+
+    taken_back: joints, and effects of the whole arm, that stay as described.
     """
     context = diagnosis.context
     written = [
@@ -37,7 +38,7 @@ def repaired_robot(robot: Robot, diagnosis: Diagnosis, taken_back: Collection[st
         if cause.held_as == "controller" and not _is_number(cause, arm):
             arm = cause.instance.effect.added_to(Plant(arm, Sensors.exact()), cause.instance).robot
         if cause.effect == TILT and cause.held_as == "number":
-            # The whole turn from the described base; the model stands at a rounded one.
+            # The cause is the whole rotation from the described base; the model has a rounded one.
             x, y = (float(cause.parameters[axis].value) for axis in "xy")
             arm = mounted(arm.with_(base_placement=robot.base_placement), x, y)
     return _with_firmware_of(robot, arm)
@@ -62,7 +63,7 @@ def _with_firmware_of(robot: Robot, arm: Robot) -> Robot:
 
 
 def units_of(diagnosis: Diagnosis) -> tuple[str, ...]:
-    """Return what of a correction can be taken back: each joint, and each cause of the whole
+    """Return the parts of a correction that can be taken back: joints, and causes of the whole
     arm."""
     whole = [cause.effect for cause in diagnosis.causes if cause.joint is None]
     return (*diagnosis.joints, *whole)

@@ -1,13 +1,13 @@
-"""Residuals of the description and of the corrected arm, and what each term adds to them.
+"""Residuals of the description and of the corrected arm, and the contribution of each term.
 
     y(nu)  = y - N nu
     before = y(nu_described) - known effects at their stated sizes + m
     after  = before - m - N d - sum over the terms of the set of X_t b_t
 
-with y the residuals (N', R) of a stretch at the linearisation, N their columns by the numbers nu of
-arm and sensors, m what another mounting than the described one adds, d the difference of the
-numbers from the description, and X_t b_t what a term adds, Nm. R counts the residuals: each joint
-on each side.
+y are the residuals (N', R) of a stretch at the linearisation, N their columns by the numbers nu of
+arm and sensors, m the contribution of a mounting that differs from the described one, d the
+differences of the numbers from the description, and X_t b_t the contribution of a term, Nm. R
+counts the residuals: one for each joint and side.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from elastic_arm.diagnosis.far_numbers import bounds_of
 from elastic_arm.diagnosis.gap import Gap, Shrink, shrink
 from elastic_arm.diagnosis.preparation import Prepared
 from elastic_arm.diagnosis.question import Question
-from elastic_arm.diagnosis.result import Place
+from elastic_arm.estimation.equation_sets import Place
 from elastic_arm.evidence.explanation import Explanation
 from elastic_arm.evidence.fit import Fit
 from elastic_arm.evidence.linearisation import Linearisation
@@ -45,14 +45,14 @@ class Decomposition:
     """The residuals of one part of the recordings, by the terms of the most probable set."""
 
     prepared: Prepared
-    explanation: Explanation  # sets and their posteriors
+    explanation: Explanation  # the sets with their posteriors
     question: Question
     which: int = JUDGING  # the part of the recordings
-    by_all: bool = False  # whether sizes are those by all recordings, not by the fitted ones alone
+    by_all: bool = False  # whether sizes are fitted to all recordings, not only to the fitted ones
 
     @property
     def problem(self) -> Problem:
-        """What was to be explained."""
+        """The problem that was explained."""
         return self.prepared.problem
 
     @property
@@ -61,12 +61,12 @@ class Decomposition:
         return self.explanation.best if self.by_all else self.explanation.sized
 
     def with_best(self, fit: Fit) -> Decomposition:
-        """Return the decomposition by another set."""
+        """Return the decomposition by the terms of another set."""
         return replace(self, explanation=replace(self.explanation, best=fit))
 
     @cached_property
     def linear(self) -> Linearisation:
-        """The last linearisation, of this part of the recordings."""
+        """The last linearisation of this part of the recordings."""
         linear = self.explanation.linear
         problem = self.problem
         if self.which == linear.which:
@@ -76,13 +76,13 @@ class Decomposition:
         return linear.part(self.which, problem)
 
     @property
-    def places(self) -> list[tuple[str, str]]:
+    def places(self) -> list[Place]:
         """Joint and side of each residual."""
         names = self.problem.robot.joint_names
         return [(joint, side) for side in self.problem.layout.sides for joint in names]
 
     def by_place(self, values: Array) -> dict[Place, float]:
-        """Return the values (R,) of the residuals that are recorded, by joint and side."""
+        """Return the values (R,) of the recorded residuals, by joint and side."""
         rows = zip(self.places, values, self.problem.layout.live, strict=True)
         return {place: float(value) for place, value, is_live in rows if is_live}
 
@@ -94,7 +94,7 @@ class Decomposition:
 
     @cached_property
     def _numbers(self) -> tuple[Array, Array]:
-        """All numbers and the ordinary part of them, (K,)."""
+        """All numbers and their ordinary parts, (K,)."""
         total = self.explanation.linear.values + self.fit.numbers
         ordinary = total - self.fit.far_off
         own = self._numbers_of_judging_recordings()
@@ -111,12 +111,11 @@ class Decomposition:
 
     @property
     def ordinary_numbers(self) -> Array:
-        """The numbers (K,) without what the terms of the set move them by."""
+        """The numbers (K,) without the deviations that the terms of the set describe."""
         return self._numbers[1]
 
     def _numbers_of_judging_recordings(self) -> list[int]:
-        """Return the numbers of single recordings that are not fitted, as zeros of their
-        encoders."""
+        """Return the numbers of single validation recordings, such as zeros of their encoders."""
         fitted = set(self.problem.indices[0])
         return [
             k
@@ -129,8 +128,8 @@ class Decomposition:
 
             (N'N / p + I) z = N'r / p
 
-        with r what all else leaves of the whitened residuals, N the columns of these numbers, and p
-        the mean square of r, at least that of the sensors' noise.
+        r are the whitened residuals without all other contributions, N the columns of these
+        numbers, and p is the mean square of r, at least that of the sensors' noise.
         """
         data = self.linear.data
         plain = self.linear.plain_numbers
@@ -143,7 +142,7 @@ class Decomposition:
         return np.asarray(change, dtype=float)
 
     def _white_causes(self) -> Array:
-        """Return what the effects of the set add to the whitened residuals (rows,)."""
+        """Return the contribution of the effects of the set to the whitened residuals (rows,)."""
         data = self.linear.data
         each = [self._added(t) for t in self.fit.terms if isinstance(t, EffectTerm)]
         if not each:
@@ -153,30 +152,30 @@ class Decomposition:
 
     @cached_property
     def _described(self) -> Array:
-        """The difference (K,) of the description from the linearisation, in columns: residuals are
-        linear in ratios."""
+        """The difference (K,) of the description from the linearisation, in units of the columns:
+        residuals are linear in ratios."""
         numbers = zip(self.problem.numbers, self.explanation.linear.values, strict=True)
         return np.array([(p.neutral - p.value(x)) / p.slope(x) for p, x in numbers])
 
     @cached_property
     def _shares(self) -> Array:
-        """What a standard deviation changes (K,), in columns, between the description and where the
-        numbers are."""
+        """The change (K,) by a standard deviation, in units of the columns, between the description
+        and the present numbers."""
         total = self.numbers
         way = total - self.explanation.linear.values - self._described
         return np.where(total == 0.0, 1.0, way / np.where(total == 0.0, 1.0, total))
 
     @cached_property
     def _excess(self) -> Array:
-        """How far numbers that no term makes wide are beyond their ordinary deviations (K,)."""
+        """The distance (K,) of numbers without a term from their ordinary deviations."""
         ordinary = self.ordinary_numbers
         bounds = bounds_of(self.problem.numbers, self.fit.model.assumed.zeros)
         return ordinary - np.clip(ordinary, -bounds, bounds)
 
     @cached_property
     def _numbers_before(self) -> Array:
-        """The numbers (K,) with which the description is compared: ordinary ones after a refit,
-        else those of single recordings."""
+        """The numbers (K,) of the description in the comparison: ordinary ones after a refit,
+        otherwise those of single recordings."""
         ordinary = self.ordinary_numbers - self._excess
         if self.question.refit:
             return ordinary
@@ -185,12 +184,12 @@ class Decomposition:
         return np.where(is_of_one, ordinary, 0.0)
 
     def moved_by(self, numbers: Array) -> list[Array]:
-        """Return what a change of the numbers (K,) adds to the residuals of each stretch, Nm."""
+        """Return the contribution of a change of the numbers (K,) to each stretch, Nm."""
         return [N @ (self._shares * numbers) for N in self.linear.plain_numbers]
 
     @cached_property
     def numbers_added(self) -> list[Array]:
-        """What the ordinary deviations of the numbers change beside :attr:`before`."""
+        """The contribution of ordinary deviations of the numbers, relative to :attr:`before`."""
         more = self.ordinary_numbers - self._excess - self._numbers_before
         return self.moved_by(more)
 
@@ -202,27 +201,27 @@ class Decomposition:
         return [t for t in self.fit.terms if isinstance(t, KnownTerm)]
 
     def _added(self, term: Term) -> list[Array]:
-        """Return what a term adds to the residuals (N', R) of each stretch, Nm."""
+        """Return the contribution of a term to the residuals (N', R) of each stretch, Nm."""
         along = np.zeros(0) if isinstance(term, EffectTerm) else self._shares
         return term.added(self.linear, self.fit, along)
 
     def _as_stated(self, term: KnownTerm) -> list[Array]:
-        """Return the same of a known effect at its stated size."""
+        """Return the same for a known effect at its stated size."""
         return term.added_as_stated(self.linear, self.fit, np.zeros(0))
 
     @cached_property
     def added(self) -> dict[Any, list[Array]]:
-        """What each term of the set adds to the residuals of each stretch, Nm."""
+        """The contribution of each term of the set to the residuals of each stretch, Nm."""
         return {t.ident: self._added(t) for t in self.fit.terms if not isinstance(t, Unknown)}
 
     @property
     def causes_added(self) -> list[list[Array]]:
-        """What each optional term of the set adds, except laws without a form."""
+        """The contribution of each optional term of the set, except nonparametric laws."""
         return [self.added[t.ident] for t in self.fit.optional if t.ident in self.added]
 
     @property
     def friction_added(self) -> list[Array]:
-        """What the friction of the set adds to the residuals (N', R) of each stretch, Nm."""
+        """The contribution of friction to the residuals (N', R) of each stretch, Nm."""
         total = [np.zeros_like(y) for y in self.linear.data.y]
         for t in self.fit.terms:
             is_law = isinstance(t, EffectTerm) and t.feature.effect.friction
@@ -233,7 +232,7 @@ class Decomposition:
 
     @cached_property
     def mounting_added(self) -> list[Array]:
-        """What another mounting than the described one adds to the residuals of the description."""
+        """The contribution of a mounting that differs from the described one."""
         if self.prepared.mounting is None:
             return [np.zeros_like(y) for y in self.linear.data.y]
         neutral = np.zeros(len(self.problem.numbers))
@@ -242,7 +241,7 @@ class Decomposition:
         return without_parts(described.data.y, [at.data.y])
 
     def added_alone(self, term: Term) -> list[Array]:
-        """Return what a cause alone adds to the residuals of each stretch, Nm."""
+        """Return the contribution of a cause alone to the residuals of each stretch, Nm."""
         if isinstance(term, KnownTerm) and term.stated is not None:
             return without_parts(self.added[term.ident], [self._as_stated(term)])
         if not isinstance(term, NumberTerm):
@@ -254,8 +253,8 @@ class Decomposition:
 
     @cached_property
     def before(self) -> list[Array]:
-        """Residuals (N', R) of each stretch of the description, with known effects, and refitted
-        where that was asked."""
+        """Residuals (N', R) of each stretch of the description with known effects, refitted if
+        `refit` is set."""
         step = self._described + self._shares * self._numbers_before
         stretches = zip(self.linear.data.y, self.linear.plain_numbers, strict=True)
         left = [y - N @ step for y, N in stretches]
@@ -278,18 +277,18 @@ class Decomposition:
 
     @cached_property
     def shrink(self) -> Shrink:
-        """By how much the gap shrinks."""
+        """The reduction of the gap."""
         return shrink(*self.gaps)
 
     @cached_property
     def gap_without_terms(self) -> Gap:
-        """The gap of the numbers as they are, without any term."""
+        """The gap with the present numbers and without any term."""
         each = zip(self.after, *self.causes_added, strict=True)
         return self.gap([sum(parts) for parts in each])
 
 
 def without_parts(first: Sequence[Array], added: Sequence[Sequence[Array]]) -> list[Array]:
-    """Return residuals (N', R) of each stretch without what some terms add."""
+    """Return residuals (N', R) of each stretch without the contributions of some terms."""
     left = [y.copy() for y in first]
     for own in added:
         for y, more in zip(left, own, strict=True):

@@ -1,8 +1,7 @@
 """Zeros of link encoders that differ from recording to recording.
 
-An encoder that is referenced anew at each start has a zero of its own in each recording. It shows
-as a constant between the two angles of a joint that differs by more than any load could wind the
-drive.
+An encoder that is referenced at each start has another zero in each recording. The two angles of a
+joint then differ by a constant that changes by more than any load could wind the drive.
 """
 
 from collections.abc import Sequence
@@ -16,15 +15,14 @@ from elastic_arm.effects.arm_equations import ArmEquations
 from elastic_arm.recording import Recording
 from elastic_arm.robot import Robot
 
-# times the deflection under the largest torque or weight: loads of both signs differ by as much
+# deflections under the largest torque or weight: loads of both signs differ by this much
 BEYOND_LOAD = 2.0
 
 
 def with_common_zeros(recordings: Sequence[Recording], robot: Robot) -> list[Recording]:
-    """Take out the zeros of link encoders that are not the same in all recordings; notes state
-    them.
+    """Remove the zeros of link encoders that differ between recordings; notes state them.
 
-    robot: its description: the stiffness of the drives is taken from it.
+    robot: its description provides the stiffness of the drives.
     """
     both = [r for r in recordings if _has_both_encoders(r)]
     if len(both) < 2 or len(both) < len(recordings) or not robot.elastic:
@@ -51,9 +49,9 @@ def _has_both_encoders(recording: Recording) -> bool:
 
 
 class _Observed(NamedTuple):
-    """What the zeros of one recording are estimated from."""
+    """The quantities from which the zeros of one recording are estimated."""
 
-    apart: Array  # (N, n) rad, angle of the link beside that of the motor
+    apart: Array  # (N, n) rad, angle of the link minus that of the motor
     load: Array  # (N, n) Nm, torque that winds the drive
     speed: Array  # (N, n) rad/s
     largest: Array  # (n,) Nm, the largest torque or weight
@@ -75,13 +73,13 @@ def _observed(recording: Recording, equations: ArmEquations) -> _Observed:
 
 
 def _zeros(observed: Sequence[_Observed], joint: int, stiffness: float) -> Array:
-    """Return the zeros (recordings,) rad of the encoder of a link beside that of its motor.
+    """Return the zeros (recordings,) rad of a link encoder relative to that of its motor.
 
         q - theta = zero_r + lag_r dtheta - (1 + x) tau / K
 
-    The lag of one encoder belongs to its recording. The deviation x of the compliance is common to
-    all recordings: otherwise another stiffness than the described one would count as other zeros
-    where the mean loads differ.
+    The lag of the encoder may differ between recordings. The deviation x of the compliance is
+    common to all. Otherwise, if the mean loads differ, another stiffness than the described one
+    would appear as different zeros.
     """
     count = len(observed)
     rows = []

@@ -1,5 +1,4 @@
-"""Sizes of causes and numbers from the posterior: means and deviations over the sets that hold
-them."""
+"""Sizes of causes and numbers from the posterior: means and standard deviations over the sets."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -17,13 +16,12 @@ from elastic_arm.evidence.terms.known import KnownTerm, StatedTerm, least_of
 from elastic_arm.evidence.terms.number import NumberTerm
 from elastic_arm.evidence.terms.term import Term
 
-STEP = 1e-4  # of a standard deviation, for derivatives of parameters by coefficients; numerical
+STEP = 1e-4  # standard deviations, step of the derivatives of parameters by coefficients; numerical
 
 
 @dataclass(frozen=True)
 class ParameterEstimate:
-    """A parameter with its standard deviation (None: not determined); several numbers for a
-    vector."""
+    """A parameter with its standard deviation (None: not determined); lists for a vector."""
 
     value: Any
     std: Any
@@ -33,57 +31,63 @@ class ParameterEstimate:
 def estimated(
     fit: Fit, term: Term, parameters: Sequence[Number], values: Array
 ) -> tuple[dict[str, ParameterEstimate], EffectInstance]:
-    """Return the parameters of a cause with deviations, and the effect as the simulator takes it.
+    """Return the parameters of a cause with standard deviations, and the effect for the simulator.
 
-    parameters, values: the numbers, and where (K,) the model stands.
+    parameters, values: the numbers and their values (K,) at the linearisation.
     """
     if isinstance(term, NumberTerm):
-        number = term
+        number = term  # the lambda needs the narrowed type
         total = values + fit.numbers
         moved_by = np.flatnonzero(term.moved)
         covariance = fit.number_covariance[np.ix_(moved_by, moved_by)]
         own = [parameters[int(k)] for k in moved_by]
         return _of(term, lambda x: _number_values(number, own, x), total[moved_by], covariance)
     assert isinstance(term, EffectTerm)
-    effect = term
+    return _of_effect(fit, term, parameters, values)
+
+
+def _of_effect(
+    fit: Fit, term: EffectTerm, parameters: Sequence[Number], values: Array
+) -> tuple[dict[str, ParameterEstimate], EffectInstance]:
+    """Return the same for an effect."""
     rows = fit.rows(term)
-    is_stated = isinstance(term, StatedTerm)
-    if is_stated:  # what is stated and by how much it is off, together
+    if isinstance(term, StatedTerm):  # the sum of the stated size and its deviation
         (known,) = (t for t in fit.terms if isinstance(t, KnownTerm) and t.key == term.key)
         rows[:, fit.slices[known.ident]] += np.eye(len(rows))
-    # The scale of the torques that a controller makes is that of its effects, and of laws that are
-    # made of masses.
-    scaled = term.feature.fixed or isinstance(term.feature.effect, ControllerEffect)
-    scale = [
-        k
-        for k, p in enumerate(parameters)
-        if scaled and (p.what, p.joint) == (SCALE, term.feature.joint)
-    ]
-    rows = np.vstack([rows, fit.moves[scale]])
+    # The scale of a controller's torques also scales its effects, and laws of known masses.
+    is_scaled = term.feature.fixed or isinstance(term.feature.effect, ControllerEffect)
+    place = SCALE, term.feature.joint
+    scales: list[int] = []
+    if is_scaled:
+        scales = [k for k, p in enumerate(parameters) if (p.what, p.joint) == place]
+    rows = np.vstack([rows, fit.moves[scales]])
     n = term.count
     x = rows @ fit.found.x
     covariance = rows @ fit.found.S @ rows.T
-    x[n:], covariance[n:, n:] = fit.numbers[scale], fit.number_covariance[np.ix_(scale, scale)]
-    low, high = term.low, term.high
+    x[n:] = fit.numbers[scales]
+    covariance[n:, n:] = fit.number_covariance[np.ix_(scales, scales)]
+    low = term.low
+    high = term.high
     if isinstance(term, KnownTerm | StatedTerm):
-        low, high = least_of(term.feature, n), np.full(n, np.inf)
+        low = least_of(term.feature, n)
+        high = np.full(n, np.inf)
     x, covariance = within(x, covariance, low, high)
+    torques = [p.name for p in term.feature.effect.parameters if p.unit.startswith("Nm")]
 
     def found(x: Array) -> dict[str, Any]:
-        own = _effect_values(effect, x[:n])
-        there = zip(scale, x[n:], strict=True)
-        ratio = np.prod(
-            [parameters[k].value(values[k] + d) / parameters[k].value(values[k]) for k, d in there]
-        )
-        torques = [p.name for p in effect.feature.effect.parameters if p.unit.startswith("Nm")]
+        own = _effect_values(term, x[:n])
+        ratio = 1.0
+        for k, change in zip(scales, x[n:], strict=True):
+            scale = parameters[k]
+            ratio *= scale.value(values[k] + change) / scale.value(values[k])
         return own | {name: np.multiply(ratio, own[name]).tolist() for name in torques}
 
     return _of(term, found, x, covariance)
 
 
 def within(x: Array, covariance: Array, low: Array, high: Array) -> tuple[Array, Array]:
-    """Return mean (k,) and covariance (k, k) of a Gaussian within bounds, one coefficient after the
-    other."""
+    """Return the mean (k,) and covariance (k, k) of a Gaussian truncated to bounds, one coefficient
+    after the other."""
     for k in np.flatnonzero(np.isfinite(low) | np.isfinite(high)):
         std = float(np.sqrt(covariance[k, k]))
         mean, variance = truncnorm.stats(
@@ -101,7 +105,7 @@ def _effect_values(term: EffectTerm, beta: Array) -> dict[str, Any]:
 
 
 def _number_values(term: NumberTerm, parameters: Sequence[Number], x: Array) -> dict[str, Any]:
-    """Return the effect's parameters for numbers at x (m,) standard deviations."""
+    """Return the parameters of the effect for numbers at x (m,) standard deviations."""
     effect = term.feature.effect
     first = parameters[0]
     found: dict[str, Any] = {p.name: p.default for p in effect.parameters if p.default is not None}
@@ -154,7 +158,7 @@ def _of(
 
 
 def _physical(parameter: Any, value: Any) -> Any:
-    """Return a value that an arm can have: a mean may lie a rounding error outside."""
+    """Return a physically possible value: a mean may be outside by a rounding error."""
     if not np.isfinite(parameter.above):
         return value
     least = parameter.above + 1e-12 * max(1.0, abs(parameter.high))
@@ -166,8 +170,10 @@ def _physical(parameter: Any, value: Any) -> Any:
 def averaged(
     found: Sequence[tuple[float, Mapping[str, ParameterEstimate]]],
 ) -> dict[str, ParameterEstimate]:
-    """Return mean and deviation of parameters over sets, (probability, parameters) each, the most
-    probable first."""
+    """Return the mean and standard deviation of parameters over sets.
+
+    found: (probability, parameters) of each set, the most probable first.
+    """
     weights = np.array([w for w, _ in found])
     result = dict(found[0][1])
     for name, first in found[0][1].items():

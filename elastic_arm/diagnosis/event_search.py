@@ -1,7 +1,7 @@
-"""The events of all recordings, by what the most probable set leaves of their residuals.
+"""The search for events in the residuals that the most probable set leaves.
 
-Numbers and effects are those of all recordings: where the judging recordings move a size, that is
-no event. Each recording is read as a whole, its fitted and its judging part one after the other.
+All recordings share numbers and effects, so a size that differs only in the validation recordings
+is not an event. Each recording is searched as a whole: the fitted part, then the validation part.
 """
 
 from dataclasses import replace
@@ -12,7 +12,7 @@ from elastic_arm.evidence.problem import FITTED
 
 
 def events_in(parts: Decomposition) -> tuple[Event, ...]:
-    """Return the stretches of recordings that the rest of each contradicts."""
+    """Return the stretches that contradict the rest of their recordings."""
     whole = replace(parts, by_all=True, prepared=parts.prepared.without(()))
     looks = replace(whole, which=FITTED), whole
     problem = whole.problem

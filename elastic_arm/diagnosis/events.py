@@ -1,19 +1,18 @@
-"""Events inside a recording: stretches of it that its rest contradicts, as a contact, or a payload
-that is picked up.
+"""Events: stretches of a recording that contradict its rest, such as a contact or a payload that is
+picked up.
 
-What effects and numbers leave of a residual, whitened by its sensors' noise, is cut into blocks of
-n values with squares s. Its power ordinarily varies from block to block, as what a model misses
-does,
+The residual that effects and numbers leave, whitened by the noise of its sensors, is divided into
+blocks of n values with sum of squares s. Ordinarily the power of a block varies, because of what
+the model misses:
 
     p(s) = Gamma(n/2 + a) / Gamma(a) b^a / (b + s/2)^(n/2 + a)
 
     a, b most probable, b >= a (sensors' noise)
 
-An event is a run of blocks of one power p, any that is larger: p(s) = integral of p^(-n/2)
-exp(-s/2p) dln p. It begins and ends within a block, so that its first and its last block may have a
-power of their own. It pays the odds that there is one, at one of so many places, and of so many
-runs. The most probable runs follow by dynamic programming; a torque that no law states acts during
-them (:class:`.FreeTorques`).
+An event is a run of blocks with one larger power p: p(s) = integral of p^(-n/2) exp(-s/2p) dln p.
+It begins and ends within a block, so its first and last blocks may have powers of their own. Its
+prior odds account for the number of possible places and runs. Dynamic programming finds the most
+probable runs. During an event, a free torque acts at the joint (:class:`.FreeTorques`).
 """
 
 from collections.abc import Iterator, Sequence
@@ -26,30 +25,29 @@ from scipy.fft import irfft, rfft
 from scipy.special import gammainc, gammaln
 
 from elastic_arm.arrays import Array
+from elastic_arm.estimation.equation_sets import Place
 from elastic_arm.estimation.whitening import EDGE, WhitenedData
 from elastic_arm.evidence.priors import EVENT, LARGER
 from elastic_arm.evidence.runs import Runs, most_probable_runs
 
-BLOCK = 0.3  # s: a contact lasts longer
-SPREADS = np.geomspace(0.5, 1e4, 40)[
-    :, None
-]  # a that are tried: from powers of any size to equal ones
-NOISE = (1e4, 1e4)  # a, b of blocks of the sensors' noise alone
-STEPS = 50  # of b for each, and of runs and b in turns; numerical
+BLOCK = 0.3  # s, length of a block; a contact lasts longer
+SPREADS = np.geomspace(0.5, 1e4, 40)[:, None]  # values of a: from powers of any size to equal ones
+NOISE = (1e4, 1e4)  # a, b for blocks with only the noise of the sensors
+STEPS = 50  # iterations of b for each a, and of runs and b in turn; numerical
 
 
 @dataclass(frozen=True)
 class Event:
-    """A stretch of a recording that its rest contradicts, at one joint and side."""
+    """A stretch of a recording that contradicts its rest, at one joint and side."""
 
     recording: str
     joint: str
     side: str
-    # begin, end: s from the recording's first sample
+    # begin, end: s from the first sample of the recording
     begin: float
     end: float
-    rmse: float = field(compare=False)  # of what acts there, Nm
-    # whether all drives ignored their commands then, as where torque is switched off
+    rmse: float = field(compare=False)  # of the torque that acts there, Nm
+    # whether all drives ignored their commands, for example because torque was switched off
     ignored: bool = False
 
 
@@ -58,17 +56,19 @@ class Blocks(NamedTuple):
 
     begin: Array  # (M,) s
     end: Array
-    # (M, R) how many are independent, less those that went with torques that no law states
+    # (M, R) numbers of independent values, less those that free torques take
     values: Array
-    white: Array  # (M, R) sums of their squares over the noise
+    white: Array  # (M, R) sums of squares over the noise
     square: Array  # (M, R) mean squares, Nm²
 
 
 def blocks_of(
     data: WhitenedData, left: Sequence[Array], recording: int, offset: float
 ) -> Iterator[Blocks]:
-    """Yield what is left (N', R) of each stretch of a recording in blocks, by times that begin at
-    `offset` s."""
+    """Yield the remaining residuals (N', R) of each stretch of a recording in blocks.
+
+    Their times begin at `offset`, s.
+    """
     for part, own, share in zip(data.parts, left, data.shares(), strict=True):
         if part.recording != recording:
             continue
@@ -95,11 +95,13 @@ def blocks_of(
 def events_of(
     stretches: Sequence[Blocks],
     recording: str,
-    places: Sequence[tuple[str, str]],
+    places: Sequence[Place],
     live: NDArray[np.bool_],
 ) -> list[Event]:
-    """Return the most probable events in the stretches of a recording, by joint and side of each
-    row."""
+    """Return the most probable events in the stretches of a recording.
+
+    places: joint and side of each row.
+    """
     if not stretches:
         return []
     blocks = Blocks(*map(np.concatenate, zip(*stretches, strict=True)))
@@ -118,12 +120,17 @@ def events_of(
 
 
 def runs_of(n: Array, s: Array, places: int) -> Runs:
-    """Return the most probable events among blocks of n (M,) values with squares s (M,), at one of
-    so many places."""
+    """Return the most probable events among blocks of n (M,) values with sums of squares s (M,).
+
+    places: number of places at which events are sought.
+    """
     price = float(np.log(places / EVENT) + np.log(len(n) * (len(n) + 1) / 2))
     best: Runs = []
     most, varying = _score(n, s, best, price)
-    for a, b in (varying, NOISE):  # powers as they vary with all events among them, and noise alone
+    for a, b in (
+        varying,
+        NOISE,
+    ):  # start from the variation of all powers, events included, and from noise only
         before = None
         for _ in range(STEPS):
             runs = _most_probable(n, s, a, b, price)
@@ -138,7 +145,7 @@ def runs_of(n: Array, s: Array, places: int) -> Runs:
 
 
 def _score(n: Array, s: Array, runs: Runs, price: float) -> tuple[float, tuple[float, float]]:
-    """Return ln p(s, runs), and a and b most probable beside them."""
+    """Return ln p(s, runs), and the most probable a and b given the runs."""
     rest = np.ones(len(n), bool)
     for i, j in runs:
         rest[i:j] = False
@@ -176,17 +183,16 @@ def _event(n: Array, s: Array, least: float) -> Array:
 
 
 def _sums(n: Array, s: Array) -> tuple[Array, Array]:
-    """Return the sums (M + 1,) of the values and squares of all blocks before each."""
+    """Return the cumulative sums (M + 1,) of the values and squares of the blocks."""
     N = np.concatenate([[0.0], np.cumsum(n)])
     S = np.concatenate([[0.0], np.cumsum(s)])
     return N, S
 
 
 def _events(N: Array, S: Array, least: float) -> Array:
-    """Return ln p (M + 1, M + 1) of an event of one power from each block to the one before each;
-    0 where there are none between.
+    """Return ln p (M + 1, M + 1) of one event, of one power, from block i to j - 1; 0 if empty.
 
-    Sums over blocks are those of :func:`_sums`.
+    N, S: cumulative sums of :func:`_sums`.
     """
     first, end = np.triu_indices(len(N), 1)
     n = np.maximum(N[end] - N[first], 1.0)
@@ -197,11 +203,12 @@ def _events(N: Array, S: Array, least: float) -> Array:
 
 
 def _runs(events: Array, first: NDArray[np.intp], end: NDArray[np.intp]) -> Array:
-    """Return ln p of events from some blocks (k,) to the ones before others (k,).
+    """Return ln p of the events from blocks `first` (k,) to the blocks before `end` (k,).
 
-    An event begins and ends within a block: the first and the last may have a power of their own.
+    An event begins and ends within a block, so its first and last blocks may have powers of their
+    own.
 
-    events: ln p of those of one power, as of :func:`_events`.
+    events: ln p of events with one power, from :func:`_events`.
     """
     after = first + 1
     before = np.maximum(end - 1, after)
@@ -215,7 +222,7 @@ def _runs(events: Array, first: NDArray[np.intp], end: NDArray[np.intp]) -> Arra
 
 
 def _most_probable(n: Array, s: Array, a: float, b: float, price: float) -> Runs:
-    """Return the most probable runs beside blocks of these ordinary powers."""
+    """Return the most probable runs among blocks with these ordinary powers."""
     first, end = np.triu_indices(len(n) + 1, 1)
     to = np.full((len(n) + 1, len(n) + 1), -np.inf)
     to[first, end] = _runs(_events(*_sums(n, s), b / a), first, end) - price

@@ -1,10 +1,9 @@
-"""Which numbers of an arm and its sensors are beyond their ordinary deviations.
+"""Numbers of an arm and its sensors that are beyond their ordinary deviations.
 
     P(abs(nu_k) > 3 s_k | y) = sum over sets p(S | y) P(abs(nu_k) > 3 s_k | y, S)
 
-with s_k the deviation that the priors state, whatever the trust in the description. Of a number
-that is a ratio, 3 s_k is a ratio of 1 + 3 s_k or its inverse: too large and too small are equally
-far.
+s_k is the prior standard deviation, whatever the trust in the description. For a ratio, 3 s_k means
+a factor of 1 + 3 s_k or its inverse: too large and too small are equally far.
 """
 
 from collections.abc import Mapping, Sequence, Set
@@ -23,9 +22,9 @@ Name = tuple[str, str | None]  # effect and joint
 
 
 def bounds_of(numbers: Sequence[Number], zeros: float = 1.0) -> Array:
-    """Return how far (K,) each number is ordinarily off, in its standard deviations.
+    """Return the ordinary bound (K,) of each number, in its standard deviations.
 
-    zeros: the scale of the zeros that the arm has.
+    zeros: the scale of the arm's torque zeros.
     """
     stds = np.array([p.prior_std for p in numbers])
     logarithmic = np.array([p.is_logarithmic for p in numbers], dtype=bool)
@@ -35,9 +34,9 @@ def bounds_of(numbers: Sequence[Number], zeros: float = 1.0) -> Array:
 
 
 def named_numbers(numbers: Sequence[Number], effects: Set[str]) -> dict[Name, list[int]]:
-    """Return which numbers are reported as each effect and joint.
+    """Return the numbers that are reported as each effect and joint.
 
-    effects: as which numbers that are far off are reported.
+    effects: the effects that may be reported.
     """
     found: dict[Name, list[int]] = {}
     for k, p in enumerate(numbers):
@@ -52,10 +51,10 @@ def named_numbers(numbers: Sequence[Number], effects: Set[str]) -> dict[Name, li
 
 
 def beyond(fit: Fit, values: Array, numbers: Sequence[Number]) -> Array:
-    """Return the probability (K,) that each number is beyond its ordinary deviations, by a fit.
+    """Return the probability (K,) that each number is beyond its ordinary deviations in a fit.
 
-    values: (K,) of the numbers where the fit is linearised. What recordings leave open is not told
-    to be off: a deviation counts as the ordinary one at most.
+    values: numbers (K,) at which the fit is linearised. A posterior deviation counts as the
+    ordinary one at most, so that a number that the recordings do not determine is not far off.
     """
     mean = values + fit.numbers
     std = np.sqrt(np.maximum(np.diag(fit.number_covariance), 0.0))
@@ -67,10 +66,10 @@ def beyond(fit: Fit, values: Array, numbers: Sequence[Number]) -> Array:
 def probabilities(
     fit: Fit, values: Array, numbers: Sequence[Number], named: Mapping[Name, Sequence[int]]
 ) -> dict[Name, float]:
-    """Return the probability of each effect and joint that its numbers are beyond, by a fit.
+    """Return the probability of each effect and joint that its numbers are far off in a fit.
 
-    What a term of the fit moves has the name of that term alone: where kp is larger and kd is as
-    stated, it is kp that is off, and not their ratio.
+    Numbers that a term of the fit moves count only for that term: if kp is larger and kd is as
+    stated, kp is off and not their ratio.
     """
     each = beyond(fit, values, numbers)
     found: dict[Name, float] = {}
@@ -89,9 +88,9 @@ def probabilities(
 
 
 def stated_beyond(fit: Fit) -> dict[Name, float]:
-    """Return the probability that each effect which the description states is of another size.
+    """Return the probability that the size of each described effect is far off.
 
-    Its size is a ratio to the stated one, whether or not a term makes its prior wide.
+    Its size is a ratio to the stated one, with or without a term that widens its prior.
     """
     found: dict[Name, float] = {}
     bound = np.log1p(ORDINARY * STATED)
@@ -113,13 +112,13 @@ def stated_beyond(fit: Fit) -> dict[Name, float]:
 
 
 def gain_beyond(whole: Fit, fitted: Fit, values: Array, numbers: Sequence[Number]) -> Array:
-    """Return what the recordings that judge gain (K,) nats by each number beyond its bounds.
+    """Return the gain (K,) of the validation recordings by each number beyond its bounds, nats.
 
-    Beside the ordinary value that is nearest,
+    It is relative to the nearest ordinary value, with the other numbers refitted:
 
         ln p(y' | y) - ln p(y' | y, bound) = d²/2 of all recordings - d²/2 of the fitted ones
 
-    with d the distance of the mean from the bound in posterior deviations, the rest refitted.
+    d is the distance of the mean from the bound in posterior standard deviations.
     """
     bounds = bounds_of(numbers, whole.model.assumed.zeros)
     found = []
@@ -134,10 +133,10 @@ def gain_beyond(whole: Fit, fitted: Fit, values: Array, numbers: Sequence[Number
 def gain_beyond_together(
     whole: Fit, fitted: Fit, values: Array, numbers: Sequence[Number], which: Sequence[int]
 ) -> float:
-    """Return what the recordings that judge gain, nats, by some numbers beyond their bounds.
+    """Return the gain of the validation recordings by several numbers beyond their bounds, nats.
 
-    As :func:`gain_beyond`, with d² = x' S^-1 x of their distances x (m,) from the bounds and their
-    covariance S (m, m), as all of them are at their bounds together.
+    As in :func:`gain_beyond`, but all numbers are at their bounds together: d² = x' S^-1 x with
+    their distances x (m,) from the bounds and their covariance S (m, m).
     """
     bounds = bounds_of(numbers, whole.model.assumed.zeros)[which]
     found = []

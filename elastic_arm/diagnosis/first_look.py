@@ -1,10 +1,11 @@
-"""The first look at recordings, before the search: where the gap lies, and the friction of the
+"""The first look at the recordings, before the search: where the gap is, and friction of the
 drives.
 
     y = N nu + sum_j (X_j beta_j) + e
 
-One linear fit at the description: numbers nu of arm and sensors within their ordinary deviations,
-viscous and dry friction beta_j of each joint. What is found later replaces it.
+This is one linear fit at the description, with the numbers nu of arm and sensors within their
+ordinary deviations, and viscous and dry friction beta_j of each joint. The result of the search
+replaces it.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import numpy as np
 
 from elastic_arm.diagnosis.decomposition import Decomposition
 from elastic_arm.diagnosis.estimates import ParameterEstimate, estimated
-from elastic_arm.diagnosis.result import Place
+from elastic_arm.estimation.equation_sets import Place
 from elastic_arm.evidence.terms.effect import EffectTerm
 from elastic_arm.formatting import JointUnits
 
@@ -27,8 +28,8 @@ Friction = Mapping[str, ParameterEstimate]  # parameters of one friction effect
 class FirstLook:
     """Residuals of all recordings by joint and side, Nm (N), and the friction of each joint.
 
-    noise: RMS values of the sensors' noise; described, fitted: RMS residuals of the description,
-    and of the linear fit; friction: effect -> parameters, by joint and side.
+    noise: RMS values of the sensors' noise; described, fitted: RMS residuals of the description
+    and of the linear fit; friction: parameters by effect, for each joint and side.
     """
 
     joints: tuple[str, ...]
@@ -40,7 +41,7 @@ class FirstLook:
 
 
 def first_look(parts: Decomposition) -> FirstLook:
-    """Return the first look by a decomposition of all recordings at the description."""
+    """Return the first look from a decomposition of all recordings at the description."""
     problem = parts.problem
     before, after = parts.gaps
     friction: dict[Place, dict[str, Friction]] = {}

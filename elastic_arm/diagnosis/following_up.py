@@ -1,4 +1,4 @@
-"""What follows a diagnosis: prediction errors, and the motion to record next."""
+"""Follow-up of a diagnosis: prediction errors, and the motion to record next."""
 
 from dataclasses import replace
 

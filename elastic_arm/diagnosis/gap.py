@@ -1,10 +1,10 @@
-"""How large the gap is, and how far it shrinks: power over the sensors' noise, by joint, side and
+"""The size of the gap and its reduction: power over the noise of the sensors by joint, side and
 octave.
 
-    e = max(P - noise, 0)    over the octaves in which P is above the noise by more than chance
+    e = max(P - noise, 0)    over the octaves in which P exceeds the noise by more than chance
     shrink = 1 - sum e(after) / sum e(before)
 
-A slow effect drowns in the noise of a wide band and is plain in its own octave, so that no band has
+A slow effect is hidden by the noise of a wide band, but not by that of its own octave. No band has
 to be chosen.
 """
 
@@ -22,8 +22,8 @@ from elastic_arm.arrays import Array
 from elastic_arm.estimation.whitening import WhitenedData
 from elastic_arm.evidence.grams import OCTAVES
 
-CHANCE = 1e-5  # probability of an octave of noise that counts as more
-# of the noise's power: how well it is known; spectra of quantised encoders are off by a seventh
+CHANCE = 1e-5  # probability that noise in an octave counts as a gap
+# relative error of the noise power; spectra of quantised encoders are off by a seventh
 KNOWN = 0.2
 
 
@@ -56,17 +56,15 @@ class Gap:
             f, density = periodogram(own, rate, window="hann", detrend=False, axis=0)
             octave = np.searchsorted(OCTAVES, f, side="right")
             step = f[1] - f[0]
-            sensors = np.stack(
-                [np.interp(f, pure.f, np.real(pure.covariance[:, r, r])) for r in range(rows)],
-                axis=1,
-            ) * (2.0 / pure.rate)
+            spectra = [np.interp(f, pure.f, np.real(pure.covariance[:, r, r])) for r in range(rows)]
+            sensors = np.stack(spectra, axis=1) * (2.0 / pure.rate)
             for o in range(octaves):
-                there = (octave == o) & (
-                    f <= data.band.cutoff
-                )  # above, the band's filter takes a part
+                # Above the cutoff, the filter of the band removes a part.
+                there = (octave == o) & (f <= data.band.cutoff)
                 power[:, o] += share * density[there].sum(axis=0) * step
                 noise[:, o] += share * told * sensors[there].sum(axis=0) * step
-                count[:, o] += told * 2.0 * there.sum() / 1.5  # a Hann window correlates neighbours
+                # A Hann window correlates neighbouring frequencies.
+                count[:, o] += told * 2.0 * there.sum() / 1.5
         values = np.concatenate(list(residuals))
         return Gap(
             power,
@@ -78,7 +76,7 @@ class Gap:
 
     @property
     def significant(self) -> NDArray[np.bool_]:
-        """Where (R, O) there is more than noise."""
+        """The octaves (R, O) with significantly more power than noise."""
         return self.power > self.noise * (KNOWN + chi2.isf(CHANCE, self.count) / self.count)
 
     @property
@@ -88,18 +86,18 @@ class Gap:
 
     @property
     def of_sensors(self) -> Array:
-        """The sensors' noise (R,) Nm²; infinite in a row of which nothing is left, as where a joint
-        stands."""
+        """The noise of the sensors (R,) Nm²; infinite in a row without values, as of a joint at
+        rest."""
         noise = self.noise.sum(axis=1)
         return np.where(noise > 0.0, noise, np.inf)
 
     def error_of_change(self, change: Gap, where: NDArray[np.bool_]) -> Array:
-        """Return the standard deviation (R,) of how the power changes in some octaves, Nm².
+        """Return the standard deviation (R,) of a change of power in some octaves, Nm².
 
             |r + d|² - |r|² = |d|² + 2 Re r* d
 
-        r, d: what is left, and a change that has nothing to do with it. Of m independent values
-        the second term has the variance 4 |r|² |d|² / m.
+        r is the residual and d an independent change of it. With m independent values, the second
+        term has the variance 4 |r|² |d|² / m.
         """
         variance = np.where(where, 4.0 * self.power * change.power / self.count, 0.0)
         return np.asarray(np.sqrt(variance.sum(axis=1)))
@@ -111,7 +109,7 @@ class Gap:
 
 @dataclass(frozen=True)
 class Shrink:
-    """By how much a gap shrinks: share, 95 % interval, and the share of each row's own gap (NaN: it
+    """The reduction of a gap: share, 95 % interval, and the share of each row's own gap (NaN if it
     has none)."""
 
     share: float | None
@@ -120,7 +118,7 @@ class Shrink:
 
 
 def shrink(before: Gap, after: Gap) -> Shrink:
-    """Compare the gap without and with something added; nothing where there is none before."""
+    """Return the reduction from one gap to another; an empty one if there is no gap before."""
     where = before.significant
     first = before.place(where)
     left = after.place(where)

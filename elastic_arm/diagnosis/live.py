@@ -1,7 +1,7 @@
-"""The diagnosis while the arm moves, over the samples of the last while.
+"""The diagnosis of a moving arm, over its most recent samples.
 
-The node that publishes `/gap` feeds a :class:`Window` and hands its recordings to what
-:func:`answering` makes in a process of its own; there is no physics in the node.
+The node that publishes `/gap` fills a :class:`Window` and passes its recordings to the function of
+:func:`answering`, which runs in a separate process. The node itself contains no physics.
 """
 
 from collections import deque
@@ -24,14 +24,14 @@ from elastic_arm.recording import Recording, Samples, Side
 from elastic_arm.recording.sides import SAMPLED
 from elastic_arm.robot import load_robot
 
-# Samples kept at most, whatever their stamps; bounds the memory.
+# Largest number of samples, whatever their stamps; bounds the memory.
 CAPACITY = 200_000
 
 
 class Window:
-    """The samples of the last while, in bounded memory.
+    """The most recent samples, in bounded memory.
 
-    length: s; of 15 s, two thirds are fitted and the last third judges; currents: the torque
+    length: s; two thirds of it are fitted, and the last third is for validation; currents: torque
     channels that are currents times a torque constant.
     """
 
@@ -49,8 +49,8 @@ class Window:
         self._batches: deque[Samples] = deque()
 
     def add(self, samples: Samples) -> None:
-        """Take samples; when the clock was set back, or other channels come than before, those
-        before are forgotten."""
+        """Add samples; earlier ones are discarded if the clock was set back or the channels
+        changed."""
         if not len(samples):
             return
         if self._batches and (
@@ -64,25 +64,25 @@ class Window:
             self._batches.popleft()
 
     def clear(self) -> None:
-        """Forget all samples."""
+        """Discard all samples."""
         self._batches.clear()
 
     @property
     def seconds(self) -> float:
-        """From the first to the last sample kept."""
+        """Time from the first to the last sample, s."""
         if not self._batches:
             return 0.0
         return float(self._batches[-1].stamp_ns[-1] - self._batches[0].stamp_ns[0]) * 1e-9
 
     @property
     def full(self) -> bool:
-        """Whether as much is there as is kept."""
+        """Whether the window has its whole length."""
         return self.seconds > 0.95 * self.length
 
     def recording(self) -> Recording:
-        """Return all that is kept as a recording.
+        """Return all samples as a recording.
 
-        Raises a DiagnosisError if there is nothing.
+        Raises a DiagnosisError if there are none.
         """
         if not self._batches:
             raise DiagnosisError(
@@ -102,8 +102,7 @@ class Window:
 
 @dataclass
 class Level:
-    """A size over the diagnoses so far: values that differ by their deviation and by how windows
-    differ (Welford)."""
+    """The mean and scatter of a size over the diagnoses so far (Welford)."""
 
     count: int = 0
     mean: float = 0.0
@@ -115,10 +114,10 @@ class Level:
         return float(np.sqrt(self.squares / max(self.count - 1, 1)))
 
     def takes(self, value: float, std: float) -> bool:
-        """Take a value, or say that it is likelier another size: any up to twice as large."""
+        """Add a value, or return False if it probably is another size, up to twice as large."""
         if self.count:
-            # Values spread as those before, or as this one's deviation where there are few:
-            # Student's t, by a prior variance std² that counts for two values.
+            # Values scatter like the earlier ones, or by this one's deviation if there are few:
+            # Student's t with a prior variance std² that counts as two values.
             a = 0.5 * (self.count + 1)
             b = std**2 + 0.5 * self.squares
             same = t.logpdf(value, 2 * a, self.mean, np.sqrt(b / a * (1 + 1 / self.count)))
@@ -133,14 +132,13 @@ class Level:
 
 
 class Sizes:
-    """The sizes of causes and known effects from diagnosis to diagnosis, in constant memory."""
+    """The sizes of causes and known effects over successive diagnoses, in constant memory."""
 
     def __init__(self) -> None:
         self._levels: dict[tuple[str, str | None, str], Level] = {}
 
     def changes(self, found: Mapping[str, Any]) -> list[str]:
-        """Take the content of `diagnosis.json`; return in words which sizes are not what they were
-        before."""
+        """Add the content of `diagnosis.json`; return in words which sizes have changed."""
         said = []
         for one in (*found["causes"], *found["known"]):
             for name, size in one["parameters"].items():
@@ -166,10 +164,10 @@ def answering(
     refit: bool,
     effects_files: Sequence[str] = (),
 ) -> Callable[[Recording], dict[str, Any]]:
-    """Return what diagnoses recordings in a process of its own: each gives the content of
+    """Return a function that diagnoses recordings in a separate process and returns the content of
     `diagnosis.json`.
 
-    robot: file of the arm, the package's where None; known: effects as text.
+    robot: file of the arm; that of the package if None; known: effects as text.
 
     Raises a RobotError or an EffectError if there is no such arm or effect.
     """

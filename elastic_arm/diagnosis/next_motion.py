@@ -1,10 +1,10 @@
-"""The motion within the arm's limits that discriminates between a cause and its alternatives.
+"""The motion within the arm's limits that best discriminates between a cause and its alternatives.
 
-If one of two effects is there, the other, refitted to the same motion, leaves a remainder. With
-whitened columns s of the true effect and X of what a refit can combine, the expected log-likelihood
-ratio is half the squared norm of the remainder, 0.5 |s - X X^+ s|^2 (the discrimination criterion
-of Atkinson and Fedorov 1975, T-optimality). Motions are drawn, judged by it, and the best is
-improved by random steps.
+If one of two effects acts, the other one, refitted to the same motion, leaves a remainder. With the
+whitened columns s of the true effect and X of everything that a refit can combine, the expected
+log-likelihood ratio is half the squared norm of the remainder, 0.5 |s - X X^+ s|^2 (the
+discrimination criterion of Atkinson and Fedorov 1975, T-optimality). Motions are drawn at random
+and ranked by this criterion, and random steps improve the best one.
 """
 
 from collections.abc import Callable, Sequence
@@ -27,13 +27,13 @@ from elastic_arm.evidence.terms.number import NumberTerm
 from elastic_arm.evidence.terms.term import Term
 from elastic_arm.excitation import FourierTrajectory, MotionLimits, Shape, random_trajectories
 
-# Makes whitened columns (rows, k) of a feature at values of its nonlinear parameters.
+# Returns the whitened columns (rows, k) of a feature at values of its nonlinear parameters.
 Columns = Callable[[Feature, Sequence[float]], Array]
 
 # relative singular value below which a combination of columns is not determined; numerical
 DEPENDENT = 1e-6
-DECISIVE = 12.0  # nats from which a recording is expected to decide: odds of 160,000
-MOST_PAIRS = 6  # of effects between which a motion shall discriminate; bounds the time
+DECISIVE = 12.0  # nats at which a recording is expected to decide: odds of 160,000
+MOST_PAIRS = 6  # number of pairs between which a motion should discriminate; bounds the time
 SECONDS = 20.0  # length of the motion
 KINDS = ((2, 1), (5, 1), (5, 2), (4, 4))  # harmonics, periods: slow to fast
 DRAWN = 16  # motions of each kind; bounds the time
@@ -42,14 +42,14 @@ AMPLITUDES = (1.0, 0.3)  # friction shows near standstill, inertia at full speed
 STRIDE = 0.25  # of the amplitudes, in a step
 CENTRE_STRIDE = 0.1  # of the joints' half ranges, in a step
 LIMIT_USE = 0.98  # of the limits
-# of a nonlinear number's range: how far off its neighbours are that span what a refit can do
+# share of the range of a nonlinear number, to the neighbours that represent a refit
 NEIGHBOUR = 0.1
 RATE = 500.0  # Hz; enough for ripple of the rotor's fourth order at full speed
 
 
 @dataclass(frozen=True)
 class CompetingEffect:
-    """One of the effects that may be there: columns, coefficients, and what a refit can do."""
+    """One of two competing effects: columns, coefficients, and the freedom of a refit."""
 
     effect: str
     joint: str | None
@@ -64,11 +64,11 @@ class CompetingEffect:
         return self.effect, self.joint
 
     def signal(self, columns: Columns) -> Array:
-        """Return what it adds (rows,)."""
+        """Return its contribution (rows,)."""
         return columns(self.feature, self.theta) @ self.coefficients
 
     def refit_columns(self, columns: Columns) -> Array:
-        """Return the columns (rows, k) that a refit combines; none where its size is known."""
+        """Return the columns (rows, k) that a refit combines; none if the size is known."""
         if not self.feature.effect.parameters:
             return np.zeros((len(self.signal(columns)), 0))
         return np.hstack([columns(self.feature, point) for point in self.refits])
@@ -80,7 +80,7 @@ AmbiguousPair = tuple[CompetingEffect, CompetingEffect, tuple[CompetingEffect, .
 def propose(
     context: DiagnosisContext, causes: Sequence[Cause], *, rng: np.random.Generator
 ) -> Proposal | None:
-    """Return the motion that separates causes from their alternatives best; None where there are no
+    """Return the motion that best separates causes from their alternatives; None without
     alternatives."""
     ambiguous = _ambiguous_pairs(context, causes)
     if not ambiguous:
@@ -100,7 +100,7 @@ def propose(
         pairs = [PairSeparation(*pair, value) for pair, value in zip(names, here, strict=True)]
         return Proposal(None, tuple(pairs), 0, (*limits.assumed, str(error)))
     pairs = [
-        # A recording that ought to have decided and did not shows that neither is right.
+        # If a recording should have decided and did not, neither effect is right.
         PairSeparation(*pair, now, then, then >= DECISIVE and then > now)
         for pair, now, then in zip(names, here, expected, strict=True)
     ]
@@ -108,10 +108,9 @@ def propose(
 
 
 def separation(pair: AmbiguousPair, columns: Columns) -> float:
-    """Log-likelihood by which a recording is expected to decide between two effects, whichever is
-    there.
+    """Return the expected log-likelihood ratio of a recording between two effects, whichever acts.
 
-    pair: the two, and what acts beside them in either case.
+    pair: the two effects, and those that act in both cases.
     """
     one, other, beside = pair
     always = [effect.refit_columns(columns) for effect in beside]
@@ -126,7 +125,7 @@ def separation(pair: AmbiguousPair, columns: Columns) -> float:
 
 
 def _separations(ambiguous: Sequence[AmbiguousPair], columns: Columns) -> list[float]:
-    """Return the separation of every pair; columns that several share are evaluated once."""
+    """Return the separation of every pair; shared columns are evaluated once."""
     known: dict[tuple[Feature, tuple[float, ...]], Array] = {}
 
     def remembered(feature: Feature, searched: Sequence[float]) -> Array:
@@ -139,7 +138,7 @@ def _separations(ambiguous: Sequence[AmbiguousPair], columns: Columns) -> list[f
 
 
 def _unexplained(target: Array, columns: Array) -> float:
-    """Sum of squares of what least squares on the columns leaves of the target."""
+    """Return the sum of squares of the target after least squares on the columns."""
     u, s, _ = (
         np.linalg.svd(columns, full_matrices=False)
         if columns.size
@@ -156,7 +155,7 @@ def _search(
     judge: Callable[[FourierTrajectory], list[float]],
     rng: np.random.Generator,
 ) -> tuple[FourierTrajectory, list[float], int]:
-    """Return the best motion, how it separates each pair, and how many were judged."""
+    """Return the best motion, its separation of each pair, and the number of motions tried."""
     drawn = []
     ramp = SECONDS / 10.0
     for harmonics, periods in KINDS:
@@ -177,14 +176,14 @@ def _search(
 
 
 def _criterion(values: Sequence[float]) -> float:
-    """One pair that is hard to separate counts more than another that is separated twice over."""
+    """Return the criterion: hard pairs count more than pairs that are already well separated."""
     return float(np.sum(np.log1p(values)))
 
 
 def _moved(
     motion: FourierTrajectory, limits: MotionLimits, rng: np.random.Generator
 ) -> FourierTrajectory:
-    """Return the motion after a random step of amplitudes and centre, within the limits."""
+    """Return the motion after a random step of its amplitudes and centre, within the limits."""
     a = motion.a + STRIDE * np.std(motion.a) * rng.standard_normal(motion.a.shape)
     b = motion.b + STRIDE * np.std(motion.b) * rng.standard_normal(motion.b.shape)
     q0 = motion.q0 + CENTRE_STRIDE * limits.half_range * rng.standard_normal(motion.n)
@@ -194,7 +193,7 @@ def _moved(
 
 
 def _ambiguous_pairs(context: DiagnosisContext, causes: Sequence[Cause]) -> list[AmbiguousPair]:
-    """Return causes and alternatives, most probable alternatives first."""
+    """Return the pairs of causes and alternatives, the most probable alternatives first."""
     best = context.explanation.best
     own = {
         (t.key[0], t.key[1]): _competing(best, t)
@@ -217,7 +216,7 @@ def _ambiguous_pairs(context: DiagnosisContext, causes: Sequence[Cause]) -> list
 def _rival(
     context: DiagnosisContext, cause: tuple[str, str | None], other: tuple[str, str | None]
 ) -> CompetingEffect | None:
-    """Return an alternative as the most probable set has it that holds it and not the cause."""
+    """Return an alternative from the most probable set that contains it and not the cause."""
     best: tuple[float, Fit, Term] | None = None
     for fit in context.explanation.search.met.values():
         names = {(t.key[0], t.key[1]): t for t in fit.optional}
@@ -227,7 +226,7 @@ def _rival(
 
 
 def _competing(fit: Fit, term: Term) -> CompetingEffect:
-    """Return a term of a fit by columns of its law; a refit moves its nonlinear numbers to their
+    """Return a term of a fit by the columns of its law; a refit moves its nonlinear numbers to
     neighbours."""
     assert isinstance(term, EffectTerm | NumberTerm)
     feature = term.feature

@@ -2,7 +2,7 @@
 
 none:       no cause, nothing unexplained
 explained:  causes, nothing unexplained
-unknown:    a residual that keeps power, a law without a form, or an event
+unknown:    a residual that keeps power, a nonparametric law, or an event
 """
 
 from __future__ import annotations
@@ -25,10 +25,9 @@ from elastic_arm.diagnosis.regimes import shares
 from elastic_arm.diagnosis.result import (
     Diagnosis,
     Imperfection,
-    Place,
     ResidualSizes,
     UnexplainedResidual,
-    plain_parameters,
+    plain,
 )
 from elastic_arm.diagnosis.unknown_effects import UnknownEffects, gear_ratios
 from elastic_arm.diagnosis.words import (
@@ -41,6 +40,7 @@ from elastic_arm.diagnosis.words import (
     unnamed_note,
 )
 from elastic_arm.effects import EffectInstance
+from elastic_arm.estimation.equation_sets import Place
 from elastic_arm.evidence.terms.unnamed import UnnamedTerm
 from elastic_arm.identification.batch.identify import resonances
 from elastic_arm.identification.verdict import SURE
@@ -49,7 +49,7 @@ Known = tuple[EffectInstance, dict[str, ParameterEstimate]]  # a known effect wi
 
 
 def diagnosis_of(confirmed: Confirmed) -> Diagnosis:
-    """Return the diagnosis by the confirmed set."""
+    """Return the diagnosis of the confirmed set."""
     return _Outcome(confirmed.parts, Causes(confirmed, UnknownEffects(confirmed.parts))).diagnosis()
 
 
@@ -107,7 +107,7 @@ class _Outcome:
 
     @cached_property
     def _unexplained(self) -> list[UnexplainedResidual]:
-        """The residuals that are left open, and the events."""
+        """The open residuals, and the events."""
         events = [
             UnexplainedResidual(event.joint, event.side, "event", event.rmse)
             for event in self.parts.prepared.all_events
@@ -115,7 +115,7 @@ class _Outcome:
         return [*self.causes.unknown.residuals(), *events]
 
     def _shrink(self) -> tuple[float | None, tuple[float, float] | None]:
-        """Return by how much the gap shrinks, and the 95 % interval of that."""
+        """Return the reduction of the gap and its 95 % interval."""
         found = self.parts.shrink
         share = found.share
         if share is None and self.causes.found:
@@ -125,8 +125,8 @@ class _Outcome:
         return share, found.interval or (share, share)
 
     def _whitened_share(self) -> float:
-        """Return the share of the whitened power over the noise that is gone, where no octave shows
-        a gap by itself."""
+        """Return the removed share of the whitened power over the noise, for a gap that no single
+        octave shows."""
         fit = self.parts.fit
         count = fit.model.bands.n
         first = float(np.sum(np.maximum(fit.model.fit(()).found.left - count, 0.0)))
@@ -146,7 +146,7 @@ class _Outcome:
     # -- numbers and known effects
 
     def _imperfections(self) -> tuple[Imperfection, ...]:
-        """Return what the recordings say of each number."""
+        """Return the estimate of each number."""
         problem = self.parts.problem
         fit = self.parts.fit
         stds = np.sqrt(np.maximum(np.diag(fit.number_covariance), 0.0))
@@ -185,8 +185,8 @@ class _Outcome:
     # -- notes and context
 
     def _notes(self) -> Iterator[str]:
-        """Yield what the reader should know besides: of the search, of laws, of residuals that are
-        open, of events, of joints that keep much, of the data."""
+        """Yield notes on the search, nonparametric laws, open residuals, events, ringing joints and
+        the data."""
         prepared = self.parts.prepared
         unknown = self.causes.unknown
         if not self.parts.explanation.is_whole:
@@ -206,7 +206,7 @@ class _Outcome:
         return law_note(joint, term.law)
 
     def _ringing_notes(self) -> Iterator[str]:
-        """Yield the notes on joints of a rigid arm whose residuals ring."""
+        """Yield notes on joints of a rigid arm whose residuals oscillate."""
         problem = self.parts.problem
         left = self._joints_left()
         if not left or problem.robot.elastic:
@@ -220,13 +220,13 @@ class _Outcome:
         yield from ringing_notes(of_left, commanded)
 
     def _joints_left(self) -> Set[str]:
-        """Return the joints whose residuals are well above their noise after the correction."""
+        """Return the joints with residuals well above their noise after the correction."""
         noise = self._noise()
         left = self.parts.by_place(self.parts.gaps[1].rmse)
         return {place[0] for place, size in left.items() if size > SURE * noise[place]}
 
     def _context(self) -> DiagnosisContext:
-        """Return what predictions, figures and proposals of motions need."""
+        """Return the data for predictions, figures and proposals of motions."""
         parts = self.parts
         data = parts.linear.data
         before = parts.before
@@ -253,5 +253,5 @@ def _known_as_written(known: Known) -> dict[str, object]:
         "effect": instance.effect.id,
         "joint": instance.joint,
         "sides": list(instance.sides),
-        "parameters": plain_parameters(parameters),
+        "parameters": plain(parameters),
     }

@@ -1,5 +1,4 @@
-"""An experiment that was not made yet: what effects would add to its residuals, over noise of known
-size."""
+"""A hypothetical experiment: the residuals that effects would cause, with noise of known size."""
 
 from __future__ import annotations
 
@@ -21,17 +20,17 @@ from elastic_arm.excitation import FourierTrajectory
 
 @dataclass(frozen=True)
 class ExperimentConditions:
-    """What a new recording would share with one that was made."""
+    """The conditions that a new recording would share with an existing one."""
 
     model: Model  # the nominal model
     layout: EquationSet  # usable equations
-    noise: NoiseModel  # of the channels, carried into the equations
-    cutoff: float  # hz
-    acceleration_cutoff: float  # hz up to which accelerations are motion rather than noise
+    noise: NoiseModel  # of the channels, propagated to the equations
+    cutoff: float  # Hz
+    acceleration_cutoff: float  # Hz, up to which accelerations are motion rather than noise
 
     @staticmethod
     def of(model: Model, data: WhitenedData) -> ExperimentConditions:
-        """Take them from the longest stretch of a data set."""
+        """Return the conditions of the longest stretch of a data set."""
         part = max(data.parts, key=lambda p: len(p.stretch.t))
         return ExperimentConditions(
             model, data.layout, part.noise, data.band.cutoff, part.signals.cutoff
@@ -41,7 +40,7 @@ class ExperimentConditions:
 class PredictedExperiment:
     """A trajectory as it would be recorded, without noise.
 
-    trajectory: of the motor side; the links follow as far as the drives' stiffness makes them.
+    trajectory: motion of the motors; the links follow through the stiffness of the drives.
     """
 
     def __init__(
@@ -53,7 +52,7 @@ class PredictedExperiment:
         t = np.arange(0.0, trajectory.duration, 1.0 / self._rate)
         theta, dtheta, ddtheta = trajectory.evaluate(t)
         motion = completed(Motion(t, theta=theta, dtheta=dtheta, ddtheta=ddtheta), model)
-        # Without motor torque the motor's residual is all that a motor must give.
+        # Without motor torque, the residual of the motor is the whole motor torque.
         motion.tau_m[:] = -raw_residuals(model, motion)[:, 2 * model.n :]
         still = np.full(model.n, SLOWEST)
         self._signals = Signals.of(
@@ -64,11 +63,11 @@ class PredictedExperiment:
         )
 
     def white(self, feature: Feature, searched: Sequence[float]) -> Array:
-        """Return a feature's columns (rows, k), white noise of variance one a row; null outside the
-        band."""
+        """Return a feature's columns (rows, k), with white noise of variance one in each row; null
+        outside the band."""
         conditions = self._conditions
         rows = conditions.layout.combine(feature.columns(self._signals, searched))
-        # Most laws act in few of the residuals.
+        # Most laws act in few residuals.
         acting = np.any(rows.any(axis=0), axis=1)
         f = np.fft.rfftfreq(len(rows), 1.0 / self._rate)
         inside = f <= conditions.cutoff
@@ -76,7 +75,7 @@ class PredictedExperiment:
             conditions.noise.whitener(f[inside])[:, :, acting]
             @ np.fft.rfft(rows[:, acting], axis=0)[inside]
         )
-        # Parseval, with both signs of every f but 0; the noise is that of a sample of the
+        # Parseval, with both signs of every f except 0; the noise is that of one sample of the
         # recording.
         spectrum *= np.sqrt(2.0 / len(rows) * conditions.noise.rate / self._rate)
         spectrum[0] /= np.sqrt(2.0)

@@ -1,10 +1,9 @@
-"""Short-horizon prediction error: how far ahead the model predicts the angles, without and with the
-causes.
+"""Short-horizon prediction error of the angles, without and with the causes.
 
-From many instants of the validation data the arm is put into its measured state, driven by the
-measured motor torque, and its angles after 10 to 200 ms are compared with those measured. Channels
-are those that the columns of effects are made of, smoothed alike, so that a torque and the motion
-that it makes still belong together.
+From many instants of the validation recordings, the model starts in the measured state, is driven
+by the measured motor torque, and its angles after 10 to 200 ms are compared with the measured ones.
+The channels are smoothed like those of the columns of effects, so that a torque and its motion stay
+aligned.
 """
 
 from __future__ import annotations
@@ -24,35 +23,36 @@ from elastic_arm.effects import EffectInstance
 from elastic_arm.effects.arm_equations import ArmEquations
 from elastic_arm.effects.effect import Plant
 from elastic_arm.estimation.effect_columns import SENSED
+from elastic_arm.estimation.equation_sets import Place
 from elastic_arm.estimation.motion import CompletedMotion, drive_constants
 from elastic_arm.formatting import JointUnits
 from elastic_arm.sensors import Sensors
 from elastic_arm.simulation.batch_prediction import BatchPrediction
 
-Place = tuple[str, str]
-
 HORIZONS = (0.01, 0.02, 0.05, 0.1, 0.2)  # s
 STARTS = 64
-BARE = 1e-12  # inertia of a joint over the largest one's, below which it is rounding
-# An angle that is further off than this, rad, is no prediction: the model has left the motion.
+BARE = 1e-12  # inertia of a joint over the largest one, below which it is rounding
+# rad, error from which the model counts as diverged.
 FARTHEST = 1.0
 
 
 @dataclass(frozen=True)
 class Prediction:
-    """Root mean squares, over the starts, of predicted minus measured angles."""
+    """Root mean square differences of predicted and measured angles, over the starts."""
 
     horizons: tuple[float, ...] = HORIZONS  # (H,) s
-    starts: int = 0  # how many
-    # before, after: (joint, side) -> (H,) rad for "link" (q) and "motor" (theta), with the model
-    # and with the causes added; NaN where the model leaves the motion
+    starts: int = 0  # number of starts
+    # before, after: (joint, side) -> (H,) rad for "link" (q) and "motor" (theta), without and with
+    # the causes; NaN if the model diverges from the motion
     before: Mapping[Place, tuple[float, ...]] | None = None
     after: Mapping[Place, tuple[float, ...]] | None = None
-    reason: str = ""  # why there is no prediction, or not everywhere; empty where there is one
+    reason: str = ""  # why predictions are missing; empty if none are
 
     def to_dict(self, unit: str = "rad") -> dict[str, Any]:
-        """Return it as plain data, with the unit of positions; null where there is no
-        prediction."""
+        """Return the content of `diagnosis.json`; null where there is no prediction.
+
+        unit: of positions.
+        """
         sizes = {"before": self.before, "after": self.after}
         return {
             "horizons_s": list(self.horizons),
@@ -75,8 +75,11 @@ class Prediction:
 def _flat(
     nested: Mapping[str, Mapping[str, Sequence[float | None]]],
 ) -> dict[Place, tuple[float, ...]]:
-    values = {(joint, side): v for joint, by_side in nested.items() for side, v in by_side.items()}
-    return {place: tuple(np.nan if v is None else v for v in row) for place, row in values.items()}
+    found = {}
+    for joint, by_side in nested.items():
+        for side, row in by_side.items():
+            found[joint, side] = tuple(np.nan if v is None else v for v in row)
+    return found
 
 
 def _nested(size: Mapping[Place, tuple[float, ...]]) -> dict[str, dict[str, list[float | None]]]:
@@ -88,14 +91,11 @@ def _nested(size: Mapping[Place, tuple[float, ...]]) -> dict[str, dict[str, list
     return found
 
 
-def predict(
-    context: DiagnosisContext, causes: Sequence[EffectInstance], starts: int = STARTS
-) -> Prediction:
-    """Measure the short-horizon prediction error on the validation data, without and with the
-    causes.
+def predict(context: DiagnosisContext, causes: Sequence[EffectInstance]) -> Prediction:
+    """Measure the short-horizon prediction error on the validation recordings, without and with
+    the causes.
 
-    context: of the diagnosis; what counted as part of the model acts in both predictions; starts:
-    instants from which is predicted, spread evenly over the validation data.
+    The known effects of the diagnosis act in both predictions.
     """
     if context.model.robot.elastic and "motor" not in context.validate.layout.sides:
         return Prediction(
@@ -112,7 +112,7 @@ def predict(
             "it is computed from the duty" if of_duty else "`elastic-arm replay` uses the commands"
         )
         return Prediction(reason=f"no driving torque was measured; {instead}")
-    begins = _begins(context, starts)
+    begins = _begins(context)
     if not any(len(b) for b in begins):
         return Prediction(reason=f"no interval of the validation data is {HORIZONS[-1]:g} s long")
     if light := _without_inertia(context):
@@ -139,7 +139,7 @@ def predict(
 
 
 def _undriven(context: DiagnosisContext) -> list[str]:
-    """Return the joints without the torque that a prediction is driven by, while others have it."""
+    """Return the joints that lack the driving torque while others have it."""
     channel = "tau_m" if "motor" in context.validate.layout.sides else "tau_J"
     lacking = {
         joint for piece in context.seen[0].pieces for own, joint in piece.lacking if own == channel
@@ -148,8 +148,8 @@ def _undriven(context: DiagnosisContext) -> list[str]:
 
 
 def _without_inertia(context: DiagnosisContext) -> list[str]:
-    """Return the joints that nothing in the model is heavy for: a point on the last axis, motors
-    without inertia."""
+    """Return the joints without inertia in the model, such as a point mass on the last axis and
+    motors without inertia."""
     model = context.model
     if model.robot.elastic:
         return []
@@ -165,7 +165,7 @@ def _without_inertia(context: DiagnosisContext) -> list[str]:
 def _left(
     size: Mapping[Place, tuple[float, ...]], horizons: Sequence[float], what: str, units: JointUnits
 ) -> str:
-    """Return where the model leaves the motion, in words; empty where it follows everywhere."""
+    """Return in words where the model diverges from the motion; empty if nowhere."""
     first = {
         place: int(np.argmax(np.isnan(values)))
         for place, values in size.items()
@@ -183,12 +183,12 @@ def _left(
 
 
 def _horizons(period: float) -> tuple[float, ...]:
-    """Return the horizons that samples so far apart can resolve."""
+    """Return the horizons of at least one sample period."""
     return tuple(h for h, step in zip(HORIZONS, _steps(period), strict=True) if step)
 
 
 def _steps(period: float) -> list[int]:
-    """Return the number of samples in each horizon; 0 where it has less than one."""
+    """Return the number of samples in each horizon; 0 if it is shorter than a sample."""
     return [int(h / period + 1e-6) for h in HORIZONS]
 
 
@@ -199,13 +199,13 @@ def _errors(
     begins: Sequence[NDArray[np.intp]],
     sides: Sequence[str],
 ) -> dict[Place, tuple[float, ...]]:
-    """Return the root mean square errors with some causes in the plant, those of sensors corrected
-    before use.
+    """Return the root mean square errors with some causes in the plant, after correction of sensor
+    effects among them.
 
-    A lag or a gain among the causes that are lacking is in the channels again, where the
-    calibration took it out.
+    lacking: causes that are not in the plant; their lags and gains, which the calibration removed,
+    are added to the channels again.
     """
-    # in the place of what the description states of them
+    # causes replace the same known effects
     own = {(one.effect.id, one.joint) for one in causes}
     known = [one for one in context.known if (one.effect.id, one.joint) not in own]
     plant = _with(Plant(context.model.robot, Sensors.exact()), (*known, *causes))
@@ -220,7 +220,7 @@ def _errors(
         if not len(starts):
             continue
         motion = corrected(part.stretch.quiet, plant.sensors, taken)
-        # Without transmissions a joint torque sensor reads what drives the arm as well.
+        # Without transmissions, a joint torque sensor measures the driving torque.
         motion = motion if motored else replace(motion, tau_m=motion.tau_J)
         with np.errstate(over="ignore", invalid="ignore"):
             q, theta = predictor.angles(motion, starts, steps)
@@ -244,9 +244,9 @@ def _with(plant: Plant, effects: Sequence[EffectInstance]) -> Plant:
 
 
 def taken_out(context: DiagnosisContext, sensors: Sensors) -> dict[str, tuple[Array, Array]]:
-    """Return the gains and lags, (n,) s, by channel, that the calibration took out of it.
+    """Return the gains and lags, (n,) s, that the calibration removed from each channel.
 
-    sensors: with all causes: of what is ordinary, nothing is a cause, and it stays taken out.
+    sensors: with all causes; ordinary gains and lags are not causes and stay removed.
     """
     n = len(context.model.robot.joints)
     found = {}
@@ -260,29 +260,29 @@ def taken_out(context: DiagnosisContext, sensors: Sensors) -> dict[str, tuple[Ar
     return found
 
 
-def _begins(context: DiagnosisContext, starts: int) -> list[NDArray[np.intp]]:
-    """Return the samples of each stretch from which is predicted."""
+def _begins(context: DiagnosisContext) -> list[NDArray[np.intp]]:
+    """Return the samples of each stretch at which predictions start, evenly spread."""
     stretches = [part.stretch for part in context.validate.parts]
     spans = [max(0.0, s.t[-1] - s.t[0] - HORIZONS[-1]) for s in stretches]
     total = sum(spans)
     found = []
     for stretch, span in zip(stretches, spans, strict=True):
-        count = round(starts * span / total) if total else 0
+        count = round(STARTS * span / total) if total else 0
         instants = stretch.t[0] + span * (np.arange(count) + 0.5) / max(1, count)
         found.append(np.searchsorted(stretch.quiet.t, instants))
     return found
 
 
 def _rms(errors: Sequence[Array]) -> Array:
-    """Root mean square (H, n) of errors (starts, H, n) of all stretches; NaN where it is no
-    prediction any more."""
+    """Return the root mean square (H, n) of errors (starts, H, n) of all stretches; NaN where the
+    model diverged."""
     with np.errstate(over="ignore"):
         size = np.sqrt(np.mean(np.concatenate(errors) ** 2, axis=0))
     return np.where(size < FARTHEST, size, np.nan)
 
 
 def _predictor(model: Model, plant: Plant, period: float, duration: float) -> BatchPrediction:
-    """Return the arm of a plant with what was fitted to the model's parameters."""
+    """Return the predictor of a plant with the fitted changes of the model's parameters."""
     equations = ArmEquations(plant.robot, model.name, bearings=plant.bearings)
     fitted = dict(zip((p.name for p in model.parameters), model.Psi - _nominal(model), strict=True))
     Psi = equations.nominal + [fitted.get(p.name, 0.0) for p in equations.bodies.parameters]
@@ -298,10 +298,9 @@ def corrected(
     sensors: Sensors,
     taken: Mapping[str, tuple[Array, Array]] | None = None,
 ) -> CompletedMotion:
-    """Return what the channels would be without the gains, offsets, eccentricities and delays of
-    these sensors.
+    """Return the channels without the gains, offsets, eccentricities and delays of these sensors.
 
-    taken: gains and lags, s, by channel, that are out of them already.
+    taken: gains and lags, s, by channel, that were already removed.
     """
     n = motion.q.shape[1]
     taken = taken or {}

@@ -1,4 +1,4 @@
-"""Recordings and a question become what is to be explained."""
+"""Preparation of a diagnosis: recordings and question become a problem to be explained."""
 
 from __future__ import annotations
 
@@ -49,50 +49,50 @@ from elastic_arm.recording.made_torque import with_made_torque
 from elastic_arm.recording.standstill import without_standstill
 from elastic_arm.robot import Robot
 
-# Bytes of products of columns for each joint cubed, and of columns for each joint and whitened row;
-# measured with three and six joints of which all sides are recorded.
+# Bytes of products of columns per joint cubed, and of columns per joint and whitened row, measured
+# with three and six joints and all sides recorded.
 OF_JOINTS = 13e6
 OF_ROW = 11e3
 
 
 @dataclass(frozen=True)
 class Prepared:
-    """What is to be explained, and what the reader should know of the data."""
+    """The problem to be explained, and notes on the data."""
 
     problem: Problem  # recordings, equations, numbers, effects
     unseen: tuple[EffectInstance, ...]  # known effects that act in no recorded equation
-    # where the recordings that are fitted, and those that judge, come from
+    # of the fitted and of the validation recordings
     sources: tuple[tuple[str, ...], tuple[str, ...]]
-    # recording -> where each part that is fitted, and that judges, begins in it, s
+    # start of each fitted and each validation part in its recording, s
     begins: tuple[dict[str, float], dict[str, float]]
-    judged: dict[str, tuple[float, float]]  # recording -> from when to when it judges, s
-    independent_motion: bool  # whether the motion that judges is another one
+    judged: dict[str, tuple[float, float]]  # recording -> interval used for validation, s
+    independent_motion: bool  # whether the validation motion differs from the fitted motion
     notes: tuple[str, ...]  # on the data
-    mounting: Mounting | None  # how the arm is mounted, where that is not as described
-    made: tuple[str, ...]  # joints whose motor torques are made of commands
-    events: tuple[Event, ...] = ()  # that are left out
-    ignored: tuple[Event, ...] = ()  # stretches that were cut, as drives ignored their commands
+    mounting: Mounting | None  # the mounting of the arm if it differs from the described one
+    made: tuple[str, ...]  # joints with motor torques that are computed from commands
+    events: tuple[Event, ...] = ()  # events that are left out
+    # stretches that were cut because drives ignored their commands
+    ignored: tuple[Event, ...] = ()
 
     @property
     def all_events(self) -> tuple[Event, ...]:
-        """The stretches that were cut and the events that are left out."""
+        """The stretches that were cut, and the events that are left out."""
         return (*self.ignored, *self.events)
 
     def without(self, events: Sequence[Event]) -> Prepared:
-        """Return it with these events, and no others, left out."""
+        """Return the problem without these events, and with all others."""
         if tuple(events) == self.events:
             return self
-        first, rest = (
-            tuple(self._lacking(events, begins, one) for one in part)
-            for begins, part in zip(self.begins, self.problem.observed, strict=True)
-        )
-        problem = replace(self.problem, observed=(first, rest))
+        parts = []
+        for begins, part in zip(self.begins, self.problem.observed, strict=True):
+            parts.append(tuple(self._lacking(events, begins, one) for one in part))
+        problem = replace(self.problem, observed=(parts[0], parts[1]))
         return replace(self, problem=problem, events=tuple(events))
 
     def _lacking(
         self, events: Sequence[Event], begins: Mapping[str, float], one: Observation
     ) -> Observation:
-        """Return an observation with the events of its recording left out."""
+        """Return an observation without the events of its recording."""
         names = self.problem.robot.joint_names
         first = begins[one.source]
         at = []
@@ -106,9 +106,9 @@ class Prepared:
 def prepare(
     recordings: Sequence[Recording], validate: Sequence[Recording], question: Question
 ) -> Prepared:
-    """Split, clear and observe recordings, and find what may be off and what may be there.
+    """Split, clean and observe recordings, and collect the uncertain numbers and candidate effects.
 
-    validate: what judges them; the last third of the recordings' motion where none is given.
+    validate: validation recordings; if empty, the last third of each recording is used.
 
     Raises a DiagnosisError if the recordings allow no diagnosis: no torque, no motion, too short,
     validation equal to identification data; a RecordingError if a recording lacks a joint.
@@ -124,7 +124,8 @@ def prepare(
     layout, band = common_equations([*observed[0], *observed[1]], model)
     _check_memory(observed[0], layout, band)
     names = robot.joint_names
-    still = [joint for joint in names if all(joint in standing(r) for r in fitted)]
+    at_rest = [standing(recording) for recording in fitted]
+    still = [joint for joint in names if all(joint in joints for joints in at_rest)]
     acting = _acting(question, robot, layout)
     largest = _largest_torques(observed[0], robot.n)
     priors = question.priors.of_currents(split_up.currents)
@@ -171,20 +172,20 @@ def prepare(
     )
 
 
-Parts = tuple[Sequence[Recording], Sequence[Recording]]  # fitted, judging
+Parts = tuple[Sequence[Recording], Sequence[Recording]]  # fitted, validation
 
 
 class _SplitUp(NamedTuple):
-    """Recordings without standstill, at one rate each."""
+    """Recordings without standstill, each at one rate."""
 
     parts: Parts
     begins: tuple[dict[str, float], dict[str, float]]  # as in :class:`Prepared`
-    held_back: bool  # whether the recordings that judge are the last parts of the fitted ones
-    ignored: tuple[Event, ...]  # stretches that were cut, as drives ignored their commands
+    held_back: bool  # whether the validation recordings are the last parts of the fitted ones
+    ignored: tuple[Event, ...]  # stretches that were cut because drives ignored their commands
 
     @property
     def judged(self) -> dict[str, tuple[float, float]]:
-        """Recording -> from when to when it judges, s."""
+        """Recording -> interval used for validation, s."""
         begins = self.begins[1]
         found = {}
         for recording in self.parts[1]:
@@ -204,7 +205,7 @@ class _SplitUp(NamedTuple):
 def _split_up(
     recordings: Sequence[Recording], validate: Sequence[Recording], robot: Robot, model: str
 ) -> _SplitUp:
-    """Cut recordings at standstill, changes of rate and ignored commands, clear them, and split
+    """Cut recordings at standstill, changes of rate and ignored commands, clean them, and split
     them."""
     held_back = not validate
     least = SHORTEST / HELD_BACK if held_back else SHORTEST
@@ -227,9 +228,9 @@ def _split_up(
 def _moving(
     recordings: Sequence[Recording], robot: Robot, least: float
 ) -> list[tuple[Recording, int]]:
-    """Return the parts of recordings that move, each with the start of its recording, ns.
+    """Return the moving parts of recordings, each with the start of its recording, ns.
 
-    least: s, of a part.
+    least: shortest part, s.
     """
     found = []
     for recording in recordings:
@@ -241,7 +242,7 @@ def _moving(
 def _begins(
     parts: Sequence[Recording], moving: Sequence[tuple[Recording, int]]
 ) -> dict[str, float]:
-    """Return where each part begins in its recording, s."""
+    """Return the start of each part in its recording, s."""
     pairs = zip(parts, moving, strict=True)
     return {part.source: (part.start_ns - start) * 1e-9 for part, (_, start) in pairs}
 
@@ -249,10 +250,9 @@ def _begins(
 def _ignored(
     recording: Recording, stretches: Sequence[IgnoredCommands], offset: float
 ) -> Iterator[Event]:
-    """Yield the stretches in which a recording's drives ignore their commands, as events of each
-    joint.
+    """Yield the stretches in which drives ignore their commands, as events of each joint.
 
-    offset: s from the first sample of what was recorded to that of this recording.
+    offset: s from the first sample of the whole recording to that of this part.
     """
     for one in stretches:
         begin = one.begin + offset
@@ -270,12 +270,12 @@ class _Acting(NamedTuple):
 
     @property
     def seen(self) -> list[EffectInstance]:
-        """All that act in a recorded equation."""
+        """All effects that act in a recorded equation."""
         return [*self.stated, *self.given]
 
 
 def _acting(question: Question, robot: Robot, layout: EquationSet) -> _Acting:
-    """Return which known effects act where; what the user gives replaces what is stated."""
+    """Return the known effects; those of the user replace those of the description."""
     equations = ArmEquations(robot, question.model)
     given = {(instance.effect.id, instance.joint) for instance in question.known}
     stated = [
@@ -309,7 +309,7 @@ def _refuse_of_commands(silent: Sequence[EffectInstance], robot: Robot) -> None:
 
 
 def _uncertain(question: Question) -> list[Effect]:
-    """Return the effects of sensors and of the arm's numbers that are not given."""
+    """Return the effects of sensors and of numbers of the arm that are not given."""
     given = {instance.effect.id for instance in question.known}
     effects = [e for e in question.catalogue.values() if e.prior is not None or _has_number(e)]
     return [e for e in effects if e.id not in given]
@@ -329,7 +329,7 @@ def _notes(
     unseen: Sequence[EffectInstance],
     priors: Priors,
 ) -> Iterator[str]:
-    """Yield what the reader should know of the data, beside the notes on the observations."""
+    """Yield notes on the data that are not in the observations."""
     fitted, judging = split_up.parts
     yield from _low_passed((fitted, judging))
     yield from (standing_note(joint) for joint in still)
@@ -344,7 +344,7 @@ def _notes(
 
 
 def _check_memory(observed: Sequence[Observation], layout: EquationSet, band: Band) -> None:
-    """Refuse what memory is too small for, before it is taken."""
+    """Raise a DiagnosisError if the memory is too small, before it is allocated."""
     seconds = sum(one.duration for one in observed)
     need = OF_JOINTS * layout.n**3 + OF_ROW * layout.n * layout.rows * 2.0 * band.cutoff * seconds
     if need > (there := available_memory()):
@@ -356,7 +356,7 @@ def _check_memory(observed: Sequence[Observation], layout: EquationSet, band: Ba
 
 
 def _largest_torques(observed: Sequence[Observation], n: int) -> Array:
-    """Return the largest torque (n,) Nm that each joint carries."""
+    """Return the largest torque of each joint (n,), Nm."""
     pieces = [piece for one in observed for piece in one.pieces]
     torques = [t for piece in pieces for t in (piece.tau_m, piece.tau_J) if t is not None]
     each = [np.nanmax(np.abs(torque), axis=0, initial=0.0) for torque in torques]
@@ -367,8 +367,8 @@ def _largest_torques(observed: Sequence[Observation], n: int) -> Array:
 def _observed(
     parts: Sequence[Sequence[Recording]], *, held_back: bool
 ) -> tuple[tuple[Observation, ...], tuple[Observation, ...]]:
-    """Return the motion of both parts; where the second was held back from the first, it continues
-    it."""
+    """Return the motion of both parts; a validation part that was held back continues the fitted
+    part."""
     together = share_out(observe, chain.from_iterable(parts))
     first = together[: len(parts[0])]
     rest = together[len(parts[0]) :]
@@ -380,8 +380,8 @@ def _observed(
 
 
 def _mounted(question: Question, observed: Sequence[Observation]) -> tuple[Robot, Mounting | None]:
-    """Return the arm as its torques show it mounted, with that; as it is described where they show
-    nothing else."""
+    """Return the arm with the mounting that its torques show, and this mounting; the described arm
+    and None if they agree with the description."""
     known = (*robot_effects(question.robot, question.catalogue), *question.known)
     asked = any(effect.id == TILT for effect in question.candidates)
     if not asked or any(instance.effect.id == TILT for instance in known):
@@ -397,11 +397,11 @@ def _turning_over(
     recordings: Sequence[Recording],
     observed: tuple[tuple[Observation, ...], tuple[Observation, ...]],
 ) -> tuple[tuple[Observation, ...], tuple[Observation, ...]]:
-    """Return the observations with the speeds at which dry friction turns over.
+    """Return the observations with the speeds at which dry friction changes its sign.
 
-    Friction that turns over more gradually than its law is taken for another law, or for a lag of
-    the torque. Arms with elastic joints show it beside their motors' own motion, and torques that
-    were low-passed show their filter: there the velocity's noise decides.
+    Friction that changes more gradually than its law would be mistaken for another law, or for a
+    lag of the torque. In arms with elastic joints the motion of the motors hides the change, and
+    low-passed torques show their filter instead: there the noise of the velocity decides.
     """
     whole = all(o.torque_band == np.inf for part in observed for o in part)
     speeds = turning_speeds(recordings, robot) if whole and not robot.elastic else None
@@ -410,8 +410,8 @@ def _turning_over(
 
 
 def _low_passed(parts: Sequence[Sequence[Recording]]) -> list[str]:
-    """Return a note where torques hold not even noise at high frequencies; that on the first
-    recording is enough."""
+    """Return a note on torques without any noise at high frequencies, for the first such
+    recording."""
     for recording in chain.from_iterable(parts):
         for words in smoothed_torques(recording):
             return [f"{words}: {LOW_PASSED}."]
@@ -421,8 +421,8 @@ def _low_passed(parts: Sequence[Sequence[Recording]]) -> list[str]:
 def _is_seen(feature: Feature, layout: EquationSet) -> bool:
     """Whether an effect acts in a recorded equation.
 
-    What brakes a motor is not seen by a joint torque sensor, and what acts in void rows alone is
-    not seen at all.
+    A joint torque sensor does not see the friction of a motor, and an effect that acts only in void
+    rows is not seen at all.
     """
     if feature.choices.get("side") == "motor" and set(layout.sides) <= {"link", "drive"}:
         return False
@@ -431,10 +431,10 @@ def _is_seen(feature: Feature, layout: EquationSet) -> bool:
 
 
 def _usual(candidates: Sequence[Feature], seen: Sequence[EffectInstance]) -> frozenset[Key]:
-    """Return the friction at joints for which none is stated or known: every real drive has some.
+    """Return the friction of joints without stated or known friction: every real drive has some.
 
-    It is that of the motor, or that of the link's bearing where only torques behind the gear show
-    it.
+    It acts on the motor, or on the bearing of the link if only torques behind the gear are
+    recorded.
     """
     stated = {(i.effect.id, i.joint) for i in seen}
     plain = [feature for feature in candidates if feature.effect.id in PLAIN]
@@ -457,9 +457,9 @@ def _candidates(
     observed: Observation,
     seen: Sequence[EffectInstance],
 ) -> list[Feature]:
-    """Return every effect at every place where motion and channels can show it.
+    """Return every effect at every place at which motion and channels can show it.
 
-    What numbers hold is a number that is far off, and what is known is there already.
+    Effects that are far-off numbers, and known effects, are not candidates.
     """
     equations = ArmEquations(robot, question.model)
     held = {(p.cause.effect.id, p.joint) for p in numbers if p.cause is not None}

@@ -1,9 +1,9 @@
-"""Repairs of a recording before it is diagnosed: dead torque channels, clocks that drift apart.
+"""Repairs of a recording before its diagnosis: dead torque channels, and clocks that drift apart.
 
-A channel that holds one number throughout was not recorded, whatever its message holds. Two clocks
-that stamp two topics show in the twist of the drives: link and motor turn alike but for a
-deflection that follows the load, so a lag between them that grows with time, the same on every
-joint, is the clocks'.
+A channel with one constant value was not recorded, whatever its message contains. If two clocks
+stamp the two sides of the arm, their drift appears in the twist of the drives: link and motor move
+alike except for a deflection that follows the load. A lag that grows with time and is the same on
+every joint is therefore a drift of the clocks.
 """
 
 from dataclasses import replace
@@ -18,14 +18,16 @@ from elastic_arm.recording.inspection.outliers import without_outliers
 from elastic_arm.recording.inspection.stuck_channels import NO_MOTION, STILL, moves
 from elastic_arm.recording.sides import joints_with
 
-AVERAGING = 0.02  # s; clocks are compared on means over as long
-SHIFT = 1e-5  # s over the recording; less changes nothing that can be measured
-CERTAIN = 10.0  # standard deviations of each joint's drift; coloured errors need many
+AVERAGING = 0.02  # s, length of the means on which clocks are compared
+SHIFT = 1e-5  # s over the recording; a smaller drift has no measurable effect
+CERTAIN = 10.0  # standard deviations of each joint's drift; coloured errors require many
 AGREEMENT = 0.2  # relative difference between joints up to which a drift is common to all
-PASSES = 3  # of estimating and removing a drift
-DIFFERENCE = 1e-3  # of the velocities' spread: equal to differences of positions up to rounding
-# Means over a recording from which a clock's drift can be told: several times what is fitted to
-# them.
+PASSES = 3  # iterations of estimating and removing a drift
+DIFFERENCE = (
+    1e-3  # share of the spread of velocities: they equal differences of positions up to rounding
+)
+# Fewest means over a recording that show a drift of clocks: several times the number of fitted
+# coefficients.
 FEWEST_MEANS = 50
 TORQUES = {
     "link": "joint torque (effort of the link side)",
@@ -34,8 +36,7 @@ TORQUES = {
 
 
 def usable(recording: Recording) -> Recording:
-    """Return the recording without outliers and dead torque channels, its clocks together; its
-    notes state it.
+    """Return the recording without outliers and dead torque channels, on one clock, with notes.
 
     Raises a DiagnosisError if the arm stands still, or every torque channel is dead.
     """
@@ -58,8 +59,7 @@ def standing(recording: Recording) -> list[str]:
 
 
 def needs_motion(feature: Feature) -> bool:
-    """Whether an effect shows by the motion of its joint alone; a drive winds up where the joint
-    stands still, too."""
+    """Whether an effect appears only if its joint moves; a drive also winds up at standstill."""
     return feature.effect.needs_motion and "drive" not in feature.sides
 
 
@@ -96,8 +96,8 @@ def _live(recording: Recording) -> Recording:
 
 
 def _without_differences(recording: Recording) -> Recording:
-    """Leave out velocities that are differences of the positions: they hold nothing new, half a
-    sample late."""
+    """Leave out velocities that are differences of positions: they add no information, and are half
+    a sample late."""
     where = recording.source or "the recording"
     sides: dict[str, Side | None] = {"link": recording.link, "motor": recording.motor}
     found = []
@@ -124,7 +124,7 @@ def _without_differences(recording: Recording) -> Recording:
 
 
 def _one_clock(recording: Recording) -> Recording:
-    """Stamp the link side by the motor side's clock where the two drift apart."""
+    """Stamp the link side by the clock of the motor side if the two clocks drift apart."""
     link = recording.link
     motor = recording.motor
     if link is None or motor is None or link.position is None or motor.position is None:
@@ -134,7 +134,7 @@ def _one_clock(recording: Recording) -> Recording:
         return recording
     mended = _restamped(recording, link, total)
     for _ in range(PASSES - 1):
-        # What is left of a drift that is there is taken out, however small.
+        # Once a drift is certain, its remainder is removed, however small.
         drifts = _drifts(mended.samples())
         total += 0.0 if drifts is None else _mean(*drifts)
         mended = _restamped(recording, link, total)
@@ -148,15 +148,15 @@ def _one_clock(recording: Recording) -> Recording:
 
 
 def _restamped(recording: Recording, link: Side, drift: float) -> Recording:
-    """Return the recording with the link side stamped by a clock that runs slower by a drift."""
+    """Return the recording with a link-side clock that runs slower by a drift."""
     since = link.stamp_ns - link.stamp_ns[0]
     stamps = link.stamp_ns[0] + np.round(since / (1.0 + drift)).astype(np.int64)
     return replace(recording, link=replace(link, stamp_ns=stamps))
 
 
 def clock_drift(samples: Samples) -> float | None:
-    """Return by how much the link side's clock runs faster than the motor side's (1), None where
-    they keep together."""
+    """Return how much faster the clock of the link side runs than that of the motor side (a ratio
+    minus 1); None without a drift."""
     found = _drifts(samples)
     if found is None:
         return None
@@ -169,7 +169,7 @@ def clock_drift(samples: Samples) -> float | None:
 
 
 def _drifts(samples: Samples) -> tuple[Array, Array] | None:
-    """Return the drifts that joints show, and their standard deviations; None where none can show
+    """Return the drifts of all joints with their standard deviations; None if no joint can show
     one."""
     if samples.q is None or samples.theta is None:
         return None
@@ -189,8 +189,8 @@ def _mean(drifts: Array, stds: Array) -> float:
 
 
 def _drift_of(samples: Samples, j: int, averaging: float) -> tuple[float, float]:
-    """Return the drift that one joint shows, and its standard deviation: the lag's part that grows
-    with time."""
+    """Return the drift of one joint, the part of its lag that grows with time, and its standard
+    deviation."""
     assert samples.q is not None and samples.theta is not None
     t = _averaged(samples.t, samples.t, averaging)
     q = _averaged(samples.t, samples.q[:, j], averaging)
@@ -211,12 +211,12 @@ def _drift_of(samples: Samples, j: int, averaging: float) -> tuple[float, float]
 
 
 def _averaged(t: Array, values: Array, seconds: float) -> Array:
-    """Return means over blocks of some seconds."""
+    """Return means over blocks of this length, s."""
     length = _averaging(t, seconds)
     count = len(values) // length
     return values[: count * length].reshape(count, length).mean(axis=1)
 
 
 def _averaging(t: Array, seconds: float) -> int:
-    """Return how many samples a mean over some seconds is made of."""
+    """Return the number of samples of a mean over this length, s."""
     return max(1, round(seconds / float(np.median(np.diff(t))))) if len(t) > 1 else 1

@@ -1,4 +1,4 @@
-"""In which regime a residual is large: the simplest thing that it follows."""
+"""The regime in which a residual is large: the simplest quantity that it follows."""
 
 from collections.abc import Sequence
 
@@ -10,12 +10,12 @@ from elastic_arm.estimation.motion import rates_of
 from elastic_arm.estimation.regressors import Signals
 from elastic_arm.estimation.whitening import WhitenedData
 
-ORDERS = (1, 2, 3, 4)  # of the angles of rotor and wave generator
-SLOW = (0.1, 0.3)  # of the typical speed: widths of the two low-speed shapes
-MOTION = 3.0  # Hz; spectral lines are looked for above the motion's own frequencies
+ORDERS = (1, 2, 3, 4)  # harmonics of the angles of rotor and wave generator
+SLOW = (0.1, 0.3)  # shares of the typical speed: widths of the two low-speed shapes
+MOTION = 3.0  # Hz, above the frequencies of motion: spectral lines are sought from here
 START = 1.0  # s that count as the start
 WEAK = 0.1  # share of the power below which a regime describes nothing
-ALIKE = 0.9  # share of the best regime's, from which a simpler one is named
+ALIKE = 0.9  # share of the best regime's power from which a simpler one is named
 
 REGIMES = (
     "always",
@@ -36,7 +36,7 @@ REGIMES = (
 def shares(
     data: WhitenedData, values: Sequence[Array], row: int, ratios: tuple[float, float]
 ) -> dict[str, float]:
-    """Share of one residual's power that follows each regime.
+    """Return the share of one residual's power that follows each regime.
 
     values: residuals (N', R) of each stretch, Nm; row: which residual; its joint and side follow
     from the layout.
@@ -54,7 +54,7 @@ def shares(
         )
         beta = np.linalg.lstsq(basis, r, rcond=1e-8)[0]
         left = float(np.mean((r - basis @ beta) ** 2))
-        # A fit with more columns explains more by chance alone.
+        # A fit with more columns explains more by chance.
         found[regime] = max(0.0, 1.0 - left / power * len(r) / max(1, len(r) - basis.shape[1]))
     rates = [part.stretch.band.kept_rate for part in data.parts]
     longest = max(range(len(values)), key=lambda k: len(values[k]))
@@ -64,7 +64,7 @@ def shares(
 
 
 def regime(found: dict[str, float]) -> str:
-    """Return the regime that describes a residual best, the simpler one where two do alike."""
+    """Return the regime that describes a residual best; of similar ones, the simplest."""
     best = max(found.values())
     if best < WEAK:
         return "always"
@@ -74,10 +74,10 @@ def regime(found: dict[str, float]) -> str:
 def bases(
     signals: Signals, side: str, i: int, n: int, ratios: tuple[float, float]
 ) -> dict[str, Array]:
-    """Return the columns (N, k) at the recording's rate that a residual of joint i would follow, by
-    regime.
+    """Return the columns (N, k) that a residual of joint i would follow, by regime.
 
-    side: "link", or another: which velocity and sign the residual follows.
+    They have the rate of the recording. side: "link", or another: decides which velocity and sign
+    the residual follows.
     """
     v = signals.values
     # Without transmissions the motor turns with the link.
@@ -89,9 +89,9 @@ def bases(
     theta = v["x"][:, motor + i]
     q = v["x"][:, i]
     load = v["tau_J"][:, i]
-    # Of the load clear of noise: that of the encoders is in the residuals, too, and differentiating
-    # raises it. The load itself is the one of which the columns of nuisance parameters are made, so
-    # that these hold what is theirs.
+    # The rate is that of the load without noise, because differentiation amplifies the noise of
+    # the encoders, which is also in the residuals. The load itself is that of the columns of
+    # nuisance parameters, so that these take their share.
     rate = signals.once(
         "rates of the clear load", lambda: rates_of(signals.t, signals.model_torques["clear"])
     )[:, i]
@@ -113,7 +113,7 @@ def bases(
 
 
 def _start_share(values: Sequence[Array], row: int, rate: float, seconds: float) -> float:
-    """Share of the power in the first seconds beyond their share of the time."""
+    """Return the share of the power in the first seconds beyond their share of the time."""
     first = values[0][:, row]
     count = min(len(first), max(1, int(seconds * rate)))
     total = sum(float(np.sum(v[:, row] ** 2)) for v in values)
@@ -123,7 +123,7 @@ def _start_share(values: Sequence[Array], row: int, rate: float, seconds: float)
 
 
 def _line_share(r: Array, rate: float, motion: float) -> float:
-    """Share of the power within the strongest narrow line above the motion's own frequencies."""
+    """Return the share of the power in the strongest narrow line above `motion`, Hz."""
     f, spectrum = welch(r, rate, nperseg=min(len(r), int(4 * rate)))
     above = f > motion
     if not above.any():

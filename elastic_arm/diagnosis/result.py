@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, is_dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +16,7 @@ from elastic_arm.effects import Catalogue
 from elastic_arm.effects.effect import MODELS, ControllerEffect, EffectInstance
 from elastic_arm.equations.numbers import SCALE
 from elastic_arm.errors import DiagnosisError
-from elastic_arm.estimation.equation_sets import SIDES
+from elastic_arm.estimation.equation_sets import SIDES, Place
 from elastic_arm.formatting import JointUnits
 from elastic_arm.output_files import write_result
 from elastic_arm.recording import Side
@@ -28,16 +28,13 @@ if TYPE_CHECKING:
     from elastic_arm.diagnosis.prediction import Prediction
     from elastic_arm.excitation import FourierTrajectory
 
-Place = tuple[str, str]  # joint and side
-
 SCHEMA = "elastic_arm/diagnosis/2"
 SEPARATING = "separating_trajectory.yaml"  # the proposed motion, beside diagnosis.json
 
 
 @dataclass(frozen=True)
 class Alternative:
-    """Another effect in a cause's place: its probability, and the motion that would tell the two
-    apart."""
+    """Another effect that may act instead of a cause, and the motion that would separate both."""
 
     effect: str
     joint: str | None
@@ -48,32 +45,30 @@ class Alternative:
 
 @dataclass(frozen=True)
 class Cause:
-    """An effect that the model lacks, or a number that is far from what the description states."""
+    """An effect that the model lacks, or a number that is far from its described value."""
 
-    # effect, joint, sides, regime: what, where, and when it shows
+    # effect, joint, sides, regime: what, where, and when it appears
     effect: str
     joint: str | None
     sides: tuple[str, ...]
     regime: str
     parameters: Mapping[str, ParameterEstimate]  # values with standard deviations and units
-    shrink: float  # share of the whole gap that goes when this cause alone is added
+    shrink: float  # share of the whole gap that this cause alone removes
     confidence: float  # its posterior probability
-    alternatives: tuple[Alternative, ...]  # what may be there instead
-    instance: EffectInstance  # as the simulator takes it
+    alternatives: tuple[Alternative, ...]  # effects that may act instead
+    instance: EffectInstance  # for the simulator
     stated: Mapping[str, Any] | None = None
-    is_number: bool = (
-        False  # whether it is a number of the arm, which the corrected arm holds as that
-    )
-    # share of the gap at its places that comes back where it is taken out and the rest is refitted,
-    # on the recordings that judge; None where no place has a gap
+    is_number: bool = False  # whether the corrected arm contains it as a number of the arm
+    # share of the gap at its places that returns on the validation recordings if it is removed and
+    # the other terms are refitted; None without a gap
     shrink_without: float | None = None
-    # whether a commanded arm moves worse with its correction, which then is not written
+    # whether a commanded arm moves worse with its correction, which is then not written
     rejected: bool = False
 
     @property
     def held_as(self) -> str:
-        """What it is of the corrected arm: an "effect", a "number", its "controller", or a richer
-        "variant" of it."""
+        """Its form in the corrected arm: "effect", "number", "controller", or a richer model
+        "variant"."""
         if isinstance(self.instance.effect, ControllerEffect):
             return "controller"
         if self.is_number:
@@ -86,7 +81,7 @@ class Cause:
         return not self.is_number
 
     def with_separating_file(self, decided: Collection[tuple[Any, Any]]) -> Cause:
-        """Return it with the proposed file at the alternatives on which that motion is expected to
+        """Return the cause with the proposed file at the alternatives that the motion should
         decide."""
         own = self.effect, self.joint
         which = [(own, (a.effect, a.joint)) in decided for a in self.alternatives]
@@ -97,27 +92,23 @@ class Cause:
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as in `diagnosis.json`."""
-        parameters = plain_parameters(self.parameters)
+        parameters = plain(self.parameters)
         for choice in self.instance.effect.choices:
             if choice.name != "side":
                 chosen = self.instance.parameters[choice.name]
                 value = list(chosen) if isinstance(chosen, tuple) else chosen
                 parameters[choice.name] = {"value": value, "std": None, "unit": ""}
-        found = {name: _plain(one.value) for name, one in self.parameters.items()}
+        found = {name: plain(one.value) for name, one in self.parameters.items()}
         return {
             "effect": self.effect,
             "joint": self.joint,
             "sides": list(self.sides),
             "regime": self.regime,
             "parameters": parameters,
-            "shrink": _plain(self.shrink),
-            "confidence": _plain(self.confidence),
-            "shrink_without": None if self.shrink_without is None else _plain(self.shrink_without),
-            "from": (
-                None
-                if self.stated is None
-                else {name: _plain(value) for name, value in self.stated.items()}
-            ),
+            "shrink": plain(self.shrink),
+            "confidence": plain(self.confidence),
+            "shrink_without": plain(self.shrink_without),
+            "from": plain(self.stated),
             "to": None if self.stated is None else found,
             "held_as": self.held_as,
             "rejected": self.rejected,
@@ -125,7 +116,7 @@ class Cause:
                 {
                     "effect": a.effect,
                     "joint": a.joint,
-                    "confidence": _plain(a.confidence),
+                    "confidence": plain(a.confidence),
                     "separated_by": a.file or a.separated_by,
                 }
                 for a in self.alternatives
@@ -135,57 +126,48 @@ class Cause:
 
 @dataclass(frozen=True)
 class UnconfirmedCause:
-    """An effect that is likely by the fit and no cause.
+    """A probable effect that is not a cause.
 
-    It gains nothing on the recordings that judge, its size is nothing within two deviations, it
-    could be ordinary, or it may be a part of an unknown effect at its joint.
+    It gains nothing on the validation recordings, its size is zero within two standard deviations,
+    it could be ordinary, or it may be part of an unknown effect at its joint.
     """
 
     effect: str
     joint: str | None
-    confidence: float  # its posterior probability, times that of being no part of an unknown effect
-    shrink_without: float | None  # as of a cause; None where it was not measured
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return it as in `diagnosis.json`."""
-        share = None if self.shrink_without is None else _plain(self.shrink_without)
-        return {
-            "effect": self.effect,
-            "joint": self.joint,
-            "confidence": _plain(self.confidence),
-            "shrink_without": share,
-        }
+    confidence: (
+        float  # its posterior probability, times that of not being part of an unknown effect
+    )
+    shrink_without: float | None  # as for a cause; None if it was not measured
 
 
 @dataclass(frozen=True)
 class Imperfection:
-    """What the recordings say of one number of the description or of a sensor."""
+    """The estimate of one number of the description or of a sensor."""
 
     # what, joint, unit: which number
     what: str
     joint: str
     unit: str
-    # value, std: with its standard deviation: a ratio for unit "1", else a deviation
+    # value, std: a ratio for unit "1", otherwise a deviation, with its standard deviation
     value: float
     std: float
-    prior_std: float  # over ordinary arms
-    ordinary: bool  # whether it is likelier within that than far off
-    # of a zero that is another one in this recording than in the first, by how much; None of any
-    # other number
+    prior_std: float  # standard deviation over ordinary arms
+    ordinary: bool  # whether it is probably within its ordinary deviations
+    # recording of a zero that differs from that in the first recording; None for any other number
     recording: str | None = None
-    neutral: float = 0.0  # its value on an arm that is as described
+    neutral: float = 0.0  # its value on an arm as described
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as in `diagnosis.json`."""
         of_one = {} if self.recording is None else {"recording": self.recording}
-        numbers = {name: _plain(getattr(self, name)) for name in ("value", "std", "prior_std")}
+        numbers = {name: plain(getattr(self, name)) for name in ("value", "std", "prior_std")}
         named = {"what": self.what, "joint": self.joint}
         return {**named, **numbers, "unit": self.unit, "ordinary": self.ordinary, **of_one}
 
 
 @dataclass(frozen=True)
 class Change:
-    """A cause that has another size in some of the recordings."""
+    """A cause whose size differs between recordings."""
 
     # effect, joint: what and where
     effect: str
@@ -194,7 +176,7 @@ class Change:
     parameter: str
     unit: str
     values: tuple[tuple[str, float, float], ...]  # (recording, value, standard deviation) each
-    confidence: float  # probability that the size is not the same in all
+    confidence: float  # probability that the sizes differ
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as in `diagnosis.json`."""
@@ -204,15 +186,15 @@ class Change:
             "parameter": self.parameter,
             "unit": self.unit,
             "values": [
-                {"recording": r, "value": _plain(v), "std": _plain(s)} for r, v, s in self.values
+                {"recording": r, "value": plain(v), "std": plain(s)} for r, v, s in self.values
             ],
-            "confidence": _plain(self.confidence),
+            "confidence": plain(self.confidence),
         }
 
 
 @dataclass(frozen=True)
 class UnexplainedResidual:
-    """Where something is left that no cause explains."""
+    """A residual that no cause explains."""
 
     joint: str
     side: str
@@ -222,7 +204,7 @@ class UnexplainedResidual:
 
 @dataclass(frozen=True)
 class ResidualSizes:
-    """A residual's sizes over joints and sides; a missing equation is missing here."""
+    """The sizes of residuals by joint and side; missing equations are absent."""
 
     rmse: Mapping[Place, float]
     peak: Mapping[Place, float]
@@ -230,27 +212,24 @@ class ResidualSizes:
 
 @dataclass(frozen=True)
 class PairSeparation:
-    """Two effects of which one is there, and how far a recording discriminates between them."""
+    """Two competing effects, and the discrimination of recordings between them."""
 
     # cause, alternative: effect and joint of the two
     cause: tuple[str, str | None]
     alternative: tuple[str, str | None]
-    # here, expected: log-likelihood by which this recording decides, and by which the proposed
-    # motion is expected to, nats
+    # here, expected: log-likelihood ratio in this recording, and the expected one of the proposed
+    # motion, nats
     here: float
     expected: float = 0.0
     decides: bool = False  # whether the proposed motion is expected to decide
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as plain data."""
+        effect, joint = self.cause
+        other, other_joint = self.alternative
         return {
-            **{
-                name: {"effect": effect, "joint": joint}
-                for name, (effect, joint) in (
-                    ("cause", self.cause),
-                    ("alternative", self.alternative),
-                )
-            },
+            "cause": {"effect": effect, "joint": joint},
+            "alternative": {"effect": other, "joint": other_joint},
             "log_likelihood": {
                 "this_recording": float(f"{self.here:.4g}"),
                 "proposed": float(f"{self.expected:.4g}"),
@@ -263,28 +242,26 @@ class PairSeparation:
 class Proposal:
     """A motion that is expected to discriminate between effects."""
 
-    trajectory: FourierTrajectory | None  # none where no motion within the limits was found
-    pairs: tuple[PairSeparation, ...]  # between which it discriminates, and how well
-    candidates: int  # how many motions were judged
-    notes: tuple[str, ...] = ()  # what had to be assumed, or why there is no motion
+    trajectory: FourierTrajectory | None  # None if no motion within the limits was found
+    pairs: tuple[PairSeparation, ...]  # pairs of effects and their separation
+    candidates: int  # number of motions tried
+    notes: tuple[str, ...] = ()  # assumptions, or why there is no motion
 
     @property
     def seconds(self) -> float:
-        """Length of the motion, s."""
+        """Duration of the motion, s."""
         return 0.0 if self.trajectory is None else self.trajectory.duration
 
     @property
     def decided(self) -> set[tuple[tuple[str, str | None], tuple[str, str | None]]]:
         """Cause and alternative of each pair on which the motion is expected to decide."""
-        return (
-            set()
-            if self.trajectory is None
-            else {(p.cause, p.alternative) for p in self.pairs if p.decides}
-        )
+        if self.trajectory is None:
+            return set()
+        return {(p.cause, p.alternative) for p in self.pairs if p.decides}
 
     @property
     def worthwhile(self) -> bool:
-        """Whether there is a motion, and it is expected to decide anything."""
+        """Whether the motion is expected to decide any pair."""
         return self.trajectory is not None and any(pair.decides for pair in self.pairs)
 
     def to_dict(self, file: str) -> dict[str, Any]:
@@ -510,30 +487,24 @@ class Diagnosis(Result):
                 "identify": list(self.identify),
                 "validate": list(self.validate),
                 "independent_motion": self.independent_motion,
-                "judged_s": {name: [_plain(v) for v in span] for name, span in self.judged.items()},
+                "judged_s": plain(self.judged),
             },
-            "band_hz": [0.0, _plain(self.band)],
-            "trust": {name: _plain(p) for name, p in self.trust.items()},
+            "band_hz": [0.0, plain(self.band)],
+            "trust": plain(self.trust),
             "verdict": self.verdict,
             "noise": self._table(self.noise),
             "gap": {"before": self._sizes(self.before), "after": self._sizes(self.after)},
-            "shrink": _plain(self.shrink),
-            "shrink_interval": _plain(self.shrink_interval),
+            "shrink": plain(self.shrink),
+            "shrink_interval": plain(self.shrink_interval),
             "causes": [cause.to_dict() for cause in self.causes],
             "shrink_by_place": self._table(self.shrink_by_place),
             "imperfections": [one.to_dict() for one in self.imperfections],
             **self._commanded(),
             "changes": [one.to_dict() for one in self.changes],
-            "unexplained": [
-                {"joint": p.joint, "side": p.side, "regime": p.regime, "rmse": _plain(p.rmse)}
-                for p in self.unexplained
-            ],
-            "not_confirmed": [one.to_dict() for one in self.not_confirmed],
+            "unexplained": plain(self.unexplained),
+            "not_confirmed": plain(self.not_confirmed),
             "known": [dict(one) for one in self.known],
-            "events": [
-                {**vars(one), **{k: _plain(getattr(one, k)) for k in ("begin", "end", "rmse")}}
-                for one in self.events
-            ],
+            "events": plain(self.events),
             "notes": list(self.notes),
             "prediction": (
                 None if self.prediction is None else self.prediction.to_dict(self.units.over("rad"))
@@ -542,11 +513,11 @@ class Diagnosis(Result):
         }
 
     def _commanded(self) -> dict[str, Any]:
-        """Return what only an arm has whose torques were made of commands or of the duty."""
+        """Return the fields of arms with torques that are computed from commands or duties."""
         if not self.made:
             return {}
         scales = {
-            name: {"value": _plain(e.value), "std": _plain(e.std)}
+            name: {"value": plain(e.value), "std": plain(e.std)}
             for name, e in self.torque_scale.items()
         }
         found: dict[str, Any] = {"torque_scale": scales}
@@ -589,35 +560,30 @@ class Diagnosis(Result):
 
     def _table(self, values: Mapping[Place, float | None]) -> dict[str, Any]:
         return {
-            joint: {side: _plain(values.get((joint, side))) for side in SIDES}
+            joint: {side: plain(values.get((joint, side))) for side in SIDES}
             for joint in self.joints
         }
 
     def _sizes(self, size: ResidualSizes) -> dict[str, Any]:
         def cell(place: Place) -> dict[str, Any] | None:
-            return (
-                {"rmse": _plain(size.rmse[place]), "max": _plain(size.peak[place])}
-                if place in size.rmse
-                else None
-            )
+            if place not in size.rmse:
+                return None
+            return {"rmse": plain(size.rmse[place]), "max": plain(size.peak[place])}
 
         return {joint: {side: cell((joint, side)) for side in SIDES} for joint in self.joints}
 
 
-def plain_parameters(parameters: Mapping[str, ParameterEstimate]) -> dict[str, Any]:
-    """Return parameters as in `diagnosis.json`."""
-    return {
-        name: {"value": _plain(e.value), "std": _plain(e.std), "unit": e.unit}
-        for name, e in parameters.items()
-    }
-
-
-def _plain(value: Any) -> Any:
-    """Return numbers as JSON takes them, with seven significant digits."""
-    if value is None:
-        return None
-    if isinstance(value, Sequence | np.ndarray) and not isinstance(value, str):
-        return [_plain(v) for v in value]
+def plain(value: Any) -> Any:
+    """Return a value as in `diagnosis.json`: dataclasses and mappings as dictionaries, sequences as
+    lists, and numbers with seven significant digits."""
+    if value is None or isinstance(value, str | bool):
+        return value
+    if is_dataclass(value):
+        return plain(vars(value))
+    if isinstance(value, Mapping):
+        return {name: plain(one) for name, one in value.items()}
+    if isinstance(value, Sequence | np.ndarray):
+        return [plain(one) for one in value]
     number = float(value)
     return float(f"{number:.7g}") if np.isfinite(number) else None
 

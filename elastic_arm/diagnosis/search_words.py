@@ -1,10 +1,10 @@
-"""The search of a diagnosis in words, for `diagnose --explain`: the sets that were scored, what the
-best one lacks, and the moves."""
+"""The search of a diagnosis in words, for `diagnose --explain`: sets, missing terms, and moves."""
 
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
+from elastic_arm.estimation.equation_sets import Place
 from elastic_arm.evidence.explanation import Explanation
 from elastic_arm.evidence.fit import Fit
 from elastic_arm.evidence.gauss_newton import linear_model
@@ -19,13 +19,11 @@ AT_JOINT = 3
 NOTHING = "no term"
 
 
-def search_words(
-    explanation: Explanation, reasons: Mapping[tuple[str, str], Sequence[str]]
-) -> list[str]:
-    """Return lines on the sets, the unexplained residuals, the terms that would gain most, and the
-    moves of a search.
+def search_words(explanation: Explanation, reasons: Mapping[Place, Sequence[str]]) -> list[str]:
+    """Return lines on the sets, the unexplained residuals, the terms with the largest gains, and
+    the moves of a search.
 
-    reasons: why each residual, by joint and side, counts as unexplained.
+    reasons: why each residual counts as unexplained.
     """
     lacking = list(_lacking(explanation))
     lines = ["sets of terms, by probability, with the difference of each from the best:"]
@@ -55,7 +53,7 @@ def _sets(explanation: Explanation) -> Iterator[str]:
 
 
 def _lacking(explanation: Explanation) -> Iterator[tuple[str, Key]]:
-    """Yield each term outside the best set with its key, that of the largest gain first."""
+    """Yield the gain of each term outside the best set and its key, the largest gain first."""
     best: Fit = explanation.best
     model = linear_model(explanation.linear, best.model.assumed)
     screen = Screen(model.grams, pool_of(explanation.linear))

@@ -1,4 +1,4 @@
-"""Which part of the recordings is fitted and which part judges."""
+"""The split of the recordings into fitted and validation parts."""
 
 from collections.abc import Sequence
 
@@ -8,25 +8,25 @@ from elastic_arm.arrays import Array
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.recording import Recording, Side
 
-HELD_BACK = 1.0 / 3.0  # share of each recording that judges
-SHORTEST = 2.5  # s of either part
-HOLE = 1.0  # s between samples from which on nothing was recorded between them
-RATE = 50.0  # Hz at which motions are compared; above the motions' own frequencies
+HELD_BACK = 1.0 / 3.0  # share of each recording for validation
+SHORTEST = 2.5  # s, of either part
+HOLE = 1.0  # s, distance of samples from which the recording has a hole
+RATE = 50.0  # Hz, above the frequencies of motion, at which motions are compared
 REPEATED = 0.02  # difference over spread below which a motion counts as a repetition
-ROWS = 200  # runs of a judging recording that are looked for in what is fitted
+ROWS = 200  # runs of a validation recording that are sought in the fitted ones
 RUN = 20  # rows of a run
-SHARED = 0.2  # share of them that may be found; noise repeats none
+SHARED = 0.2  # share of these runs that may be found; noise does not repeat
 
 
 def split(
     recordings: Sequence[Recording], validate: Sequence[Recording]
 ) -> tuple[list[Recording], list[Recording]]:
-    """Return recordings to fit and to judge: the last third of each where no validation recording
-    is given.
+    """Return fitted and validation recordings; without validation recordings, the last third of
+    each recording is for validation.
 
-    Holes, as those of standstill, count for nothing.
+    Holes, such as those of standstill, do not count as time.
 
-    Raises a DiagnosisError if the parts would be too short, or a recording is to judge itself.
+    Raises a DiagnosisError if the parts would be too short, or a recording would validate itself.
     """
     if not recordings:
         raise DiagnosisError("no recording is given", "Name a bag")
@@ -57,8 +57,8 @@ def split(
 
 
 def _course_of_time(recording: Recording) -> tuple[Array, Array]:
-    """Return the stamps (N,) of a side, s from the recording's first, and how much was recorded
-    until then, s."""
+    """Return the stamps (N,) of a side from the first of the recording, s, and the recorded time
+    until each, s."""
     stamps = next(
         side for side in (recording.motor, recording.link) if side is not None and len(side)
     ).stamp_ns
@@ -68,31 +68,27 @@ def _course_of_time(recording: Recording) -> tuple[Array, Array]:
 
 
 def independent(identify: Sequence[Recording], validate: Sequence[Recording]) -> bool:
-    """Whether the judging motion is another one than the fitted ones, not a repetition at another
-    time."""
-    rate = RATE
-    alike = REPEATED
-    return not any(
-        _repeats(_course(v, rate), _course(r, rate), alike) for v in validate for r in identify
-    )
+    """Whether the validation motion differs from the fitted ones and is not a repetition."""
+    return not any(_repeats(_course(v), _course(r)) for v in validate for r in identify)
 
 
-def _course(recording: Recording, rate: float) -> Array:
+def _course(recording: Recording) -> Array:
+    """Return the angles (N, n) of a recording at :data:`RATE`, without holes."""
     samples = recording.samples()
     position = samples.theta if samples.theta is not None else samples.q
     if position is None:
         raise DiagnosisError(
             f"{recording.source or 'the recording'} contains no positions", "Record positions"
         )
-    lasts = np.cumsum(np.where((steps := np.diff(samples.t, prepend=0.0)) > HOLE, 0.0, steps))
-    t = np.arange(0.0, lasts[-1], 1.0 / rate)
+    steps = np.diff(samples.t, prepend=0.0)
+    lasts = np.cumsum(np.where(steps > HOLE, 0.0, steps))
+    t = np.arange(0.0, lasts[-1], 1.0 / RATE)
     return np.stack([np.interp(t, lasts, column) for column in position.T], axis=1)
 
 
-def _repeats(part: Array, whole: Array, alike: float) -> bool:
-    """Whether `part` is found somewhere in `whole`: least mean-square distance over all shifts."""
-    if len(part) > len(whole):
-        part, whole = whole, part
+def _repeats(part: Array, whole: Array) -> bool:
+    """Whether `whole` contains `part`, by the least mean-square distance over all shifts."""
+    part, whole = sorted((part, whole), key=len)
     middle = part.mean(axis=0)
     part = part - middle
     whole = whole - middle
@@ -100,34 +96,32 @@ def _repeats(part: Array, whole: Array, alike: float) -> bool:
     if spread == 0.0 or len(part) < 2:
         return True
     size = len(whole) + len(part)
-    product = np.fft.irfft(
-        np.fft.rfft(whole, size, axis=0) * np.fft.rfft(part[::-1], size, axis=0), size, axis=0
-    )
+    spectra = np.fft.rfft(whole, size, axis=0) * np.fft.rfft(part[::-1], size, axis=0)
+    product = np.fft.irfft(spectra, size, axis=0)
     shifts = slice(len(part) - 1, len(whole))
     energy = np.cumsum(np.vstack([np.zeros(whole.shape[1]), whole**2]), axis=0)
     windows = energy[len(part) :] - energy[: len(energy) - len(part)]
     distance = (windows + np.sum(part**2, axis=0) - 2 * product[shifts]).sum(axis=1) / part.size
-    return bool(distance.min() < alike**2 * spread)
+    return bool(distance.min() < REPEATED**2 * spread)
 
 
 def _contains(recording: Recording, part: Recording) -> bool:
-    """Whether much of `part` was taken from `recording`, whatever its stamps: noise does not repeat
-    itself."""
+    """Whether much of `part` is also in `recording`, whatever its stamps: noise does not repeat."""
     sides = [
         (a, b) for a, b in ((recording.motor, part.motor), (recording.link, part.link)) if a and b
     ]
-    # Steps of one channel repeat where it is coarse or at rest, those of both sides do not.
+    # A coarse or resting channel repeats its steps; both sides together do not.
     return bool(sides) and all(_shares(_rows(whole), _rows(own)) for whole, own in sides)
 
 
 def _shares(whole: Array, own: Array) -> bool:
-    """Whether rows (N, k) hold runs of others (M, k).
+    """Whether rows (N, k) contain runs of others (M, k).
 
-    Single rows repeat where a channel is coarse or at a limit; runs that change do not.
+    Single rows repeat if a channel is coarse or at a limit, but runs that change do not.
     """
     if whole.shape[1] != own.shape[1] or len(own) < RUN:
         return False
-    # A joint that lacks the channel holds no numbers.
+    # A joint that lacks the channel has no numbers.
     whole = np.nan_to_num(whole)
     own = np.nan_to_num(own)
     changed = np.any(own[1:] != own[:-1], axis=1)

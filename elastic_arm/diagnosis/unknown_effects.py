@@ -1,10 +1,10 @@
-"""What no effect of the catalogue explains: laws without a form, and residuals that keep power.
+"""Residuals that no effect of the catalogue explains: nonparametric laws, and open residuals.
 
     left_r = sum of the power over the noise in the octaves of motion / number of values - 1
 
-A residual r is open where left_r is more than its sensors' noise may be and more than a tenth of
-its own gap (:attr:`UnknownEffects.open_rows`): in the fitted recordings, if the rest follows the
-motion, or in the judging ones, if causes act there.
+A residual r is open if left_r exceeds both the uncertainty of its sensors' noise and a tenth of its
+own gap (:attr:`UnknownEffects.open_rows`): in the fitted recordings if the rest follows the motion,
+or in the validation recordings if causes act there.
 """
 
 from __future__ import annotations
@@ -19,23 +19,24 @@ from numpy.typing import NDArray
 from elastic_arm.arrays import Array
 from elastic_arm.diagnosis.decomposition import Decomposition, Unknown, without_parts
 from elastic_arm.diagnosis.regimes import regime, shares
-from elastic_arm.diagnosis.result import Place, UnexplainedResidual
+from elastic_arm.diagnosis.result import UnexplainedResidual
+from elastic_arm.estimation.equation_sets import Place
 from elastic_arm.evidence.grams import OCTAVES, Bands
 from elastic_arm.evidence.keys import Key
 from elastic_arm.evidence.priors import LEFT, MOTION, NOISY
 
 
 class KeptPower(NamedTuple):
-    """The power over the noise that a residual keeps, in that of the noise, and the limits from
-    which on it is open."""
+    """The remaining power of a residual over its noise, in units of the noise power, and the limits
+    from which it is open."""
 
     row: int
     fitted: float
     limit: float
-    follows: bool  # whether it is beyond the limit in the fitted recordings and follows the motion
+    follows: bool  # whether it exceeds the limit in the fitted recordings and follows the motion
     judging: float
     limit_of_judging: float
-    has_causes: bool  # whether causes act there in the recordings that judge
+    has_causes: bool  # whether causes act on it in the validation recordings
 
     @property
     def is_open(self) -> bool:
@@ -44,7 +45,7 @@ class KeptPower(NamedTuple):
 
     @property
     def words(self) -> str:
-        """What is left, in which recordings, and the limit."""
+        """The remaining power, its recordings, and the limit, as a sentence."""
         if self.follows:
             return (
                 f"the residual of the fitted recordings exceeds the noise power by"
@@ -59,42 +60,42 @@ class KeptPower(NamedTuple):
 
 @dataclass(frozen=True)
 class UnknownEffects:
-    """What the terms of the most probable set leave."""
+    """The residuals that the terms of the most probable set leave."""
 
     parts: Decomposition
 
     @cached_property
     def laws(self) -> list[tuple[float, Unknown]]:
-        """The laws without a form that are likelier there than not, with their probability."""
+        """The nonparametric laws that are more probable than not, with their probability."""
         found: dict[Key, tuple[float, Unknown]] = {}
         for p, fit in self.parts.explanation.sets:
             for t in fit.optional:
                 if isinstance(t, Unknown):
                     before, first = found.get(t.key, (0.0, t))
                     found[t.key] = before + p, first
-        # One place has one law; which of several it follows may be open.
+        # A place has one law, although it may be undecided which of several.
         at_place: dict[tuple[int, str], list[tuple[float, Unknown]]] = {}
         for p, t in found.values():
             at_place.setdefault(t.place, []).append((p, t))
-        return [
-            max(each, key=lambda one: one[0])
-            for each in at_place.values()
-            if sum(p for p, _ in each) > 0.5
-        ]
+        probable = []
+        for each in at_place.values():
+            if sum(p for p, _ in each) > 0.5:
+                probable.append(max(each, key=lambda one: one[0]))
+        return probable
 
     @property
     def open_rows(self) -> list[int]:
-        """The residuals that keep more power than their sensors may have as noise, and much of
-        their own gap.
+        """The residuals that keep more power than the noise of their sensors, and much of their own
+        gap.
 
-        Either in the recordings that were fitted, where what is left follows a motion; or in those
-        that judge, where causes act and more is left than the noise that the fit has found.
+        Either in the fitted recordings, if the remainder follows the motion, or in the validation
+        recordings, if causes act there and the remainder exceeds the noise of the fit.
         """
         return [one.row for one in self.kept if one.is_open]
 
     @cached_property
     def kept(self) -> list[KeptPower]:
-        """What each residual keeps with the most probable set."""
+        """The remaining power of each residual with the most probable set."""
         model = self.parts.fit.model
         data = self.parts.linear.data
         fitted = model.bands
@@ -114,13 +115,13 @@ class UnknownEffects:
             m = float(judging.n[other].sum())
             if not n or not m:
                 continue
-            # Mean powers, in those of the sensors' noise: without any term, with those of the best
-            # set, of the causes.
+            # Mean powers in units of the sensors' noise: without terms, with the best set, and of
+            # the causes.
             first, left = (float(power[own].sum()) / n - 1.0 for power in of_fitted)
             before, after, moved = (float(power[other].sum()) / m for power in of_judging)
             limit = max(NOISY, LEFT * first)
             follows = left > limit and _is_structured(fitted, self._white_left, own)
-            # Each recording's noise is known only to a factor NOISY.
+            # The noise of each recording is known only to a factor NOISY.
             noise = NOISY**2 * max(1.0, left + 1.0)
             limit_of_judging = max(noise, LEFT * (before - 1.0))
             found.append(
@@ -130,7 +131,7 @@ class UnknownEffects:
 
     @cached_property
     def _white_left(self) -> Array:
-        """What is left of the recordings that were fitted, whitened (rows,)."""
+        """The whitened residuals (rows,) of the fitted recordings."""
         fit = self.parts.fit
         left = fit.model.y - fit.model.N @ (fit.numbers - fit.far_off)
         for t in fit.terms:
@@ -140,7 +141,7 @@ class UnknownEffects:
 
     @cached_property
     def rows(self) -> list[int]:
-        """The residuals that an unknown effect leaves open: laws without a form, then power."""
+        """The residuals with an unknown effect: by nonparametric laws, then by remaining power."""
         names = self.parts.problem.robot.joint_names
         sides = self.parts.problem.layout.sides
         places = self.parts.places
@@ -153,7 +154,7 @@ class UnknownEffects:
 
     @cached_property
     def share_left(self) -> dict[str | None, float]:
-        """The share of its gap that each joint with an unknown effect keeps."""
+        """The remaining share of the gap at each joint with an unknown effect."""
         before, after = self.parts.gaps
         noise = before.of_sensors
         where = before.significant | after.significant
@@ -185,7 +186,7 @@ class UnknownEffects:
         return found
 
     def residuals(self) -> list[UnexplainedResidual]:
-        """Return the open residuals with their sizes and the motion at which they are large."""
+        """Return the unexplained residuals with their sizes and regimes."""
         result = []
         for row in self.rows:
             joint, side = self.parts.places[row]
@@ -204,16 +205,16 @@ def gear_ratios(parts: Decomposition, row: int) -> tuple[float, float]:
 
 
 def _slow(bands: Bands, row: int) -> NDArray[np.bool_]:
-    """Return which bands are those of a residual at the frequencies of motion."""
+    """Return a mask of the bands of a residual at the frequencies of motion."""
     return (bands.place == row) & (OCTAVES[np.minimum(bands.octave, len(OCTAVES) - 1)] <= MOTION)
 
 
 def _is_structured(bands: Bands, white: Array, among: NDArray[np.bool_]) -> bool:
-    """Whether what is left in some bands of whitened rows is likelier of a motion than noise.
+    """Whether the whitened rows in some bands more probably follow a motion than are noise.
 
-    Noise spreads its power p over the harmonics of an octave exponentially, p(p) = exp(-p/m)/m;
-    what follows a motion has much of it in few, p(p) = s/(s + p)². They are taken at the mean m and
-    the median s of the powers.
+    The powers p of noise in the harmonics of an octave are exponential, p(p) = exp(-p/m)/m. A
+    residual that follows a motion has much power in few harmonics, p(p) = s/(s + p)². m is the mean
+    and s the median of the powers.
     """
     power = np.sum(white.reshape(-1, 2) ** 2, axis=1)
     of_pairs = bands.of_rows[::2]

@@ -1,4 +1,4 @@
-"""Effects, sizes, probabilities and what was found, in words, for screen, report and notes."""
+"""Effects, sizes, probabilities and results in words, for screen, report and notes."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from elastic_arm.effects.effect import MODELS, SensorEffect
+from elastic_arm.estimation.equation_sets import Place
 from elastic_arm.formatting import JointUnits, rounded
 
 if TYPE_CHECKING:
@@ -43,11 +44,11 @@ def effect_at(effect: str, joint: str | None) -> str:
     return f"{effect} on {joint or 'the whole arm'}"
 
 
-def estimates_text(parameters: Mapping[str, ParameterEstimate], between: str = ", ") -> str:
+def estimates_text(parameters: Mapping[str, ParameterEstimate]) -> str:
     """Return parameters with standard deviations and units as text; what is whole or given has no
     deviation."""
     named = zip(parameters, sizes_of(parameters), strict=True)
-    return between.join(f"{name} {size}" for name, size in named)
+    return ", ".join(f"{name} {size}" for name, size in named)
 
 
 def sizes_of(parameters: Mapping[str, ParameterEstimate]) -> list[str]:
@@ -215,7 +216,7 @@ UNFINISHED = (
 
 
 def law_note(joint: str, law: GeneralLaw) -> str:
-    """Return the note on a law without a form."""
+    """Return the note on a nonparametric law."""
     return (
         f"A torque of {joint} ({law.side}) depends on {law.argument}, and no effect of the"
         " catalogue has this form."
@@ -487,7 +488,7 @@ def _verdict_sentence(found: Diagnosis, beside: str) -> str:
     )
 
 
-def _worst_place(found: Diagnosis) -> tuple[str, str]:
+def _worst_place(found: Diagnosis) -> Place:
     """Return joint and side at which the description exceeds the noise most."""
     return max(
         found.before.rmse, key=lambda p: found.before.rmse[p] / (found.noise.get(p) or np.inf)

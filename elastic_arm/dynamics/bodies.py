@@ -1,9 +1,9 @@
-"""What the recursion walks over: frames in a tree, the bodies they carry, spins and springs.
-Numbers only, no robot.
+"""The data of the recursion: frames in a tree, the bodies that they carry, spins and springs. It
+contains numbers only, not a robot.
 
 A solid of revolution that spins on its carrier is two things: a body at rest on the carrier,
-whatever its angle, and a :class:`Spin`, the angular momentum about its axis. So no spin angle
-appears anywhere.
+whatever its angle, and a :class:`Spin`, the angular momentum about its axis. Spin angles therefore
+do not appear.
 """
 
 import hashlib

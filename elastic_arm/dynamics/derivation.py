@@ -1,6 +1,6 @@
-"""From bodies to CasADi functions: everything in (1) and (10), out of the one recursion.
+"""CasADi functions from bodies: everything in (1) and (10), by one recursion.
 
-The only module that imports CasADi while deriving; a cached kernel never comes here.
+Only this module imports CasADi for derivations; a cached kernel does not need it.
 """
 
 from collections.abc import Callable, Sequence

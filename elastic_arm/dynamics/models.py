@@ -1,4 +1,4 @@
-"""An arm's equations of motion over arrays of samples."""
+"""The equations of motion of an arm over arrays of samples."""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""The equations of an arm over symbols, as laws see them: a thin layer over the one derivation in
-`dynamics`."""
+"""The symbolic equations of an arm for laws: a thin layer over the derivation in `dynamics`."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace

@@ -1,13 +1,13 @@
-"""What an effect is.
+"""The definition of an effect.
 
-An effect is one thing: a law, its parameters, its words. The law is what it adds to the three
-residuals of a joint (:class:`~elastic_arm.effects.motion.Contribution`) as an expression; the
-simulator adds the same expression to the equations of motion. What differs between kinds of effects
-is only how they enter a simulated arm:
+An effect is a law with its parameters and texts. The law is its contribution to the three residuals
+of a joint (:class:`~elastic_arm.effects.motion.Contribution`) as an expression; the simulator adds
+the same expression to the equations of motion. Kinds of effects differ only in how they enter a
+simulated arm:
 
 - :class:`Effect`: through its law, in the equations;
-- :class:`SensorEffect`: in what the sensors make of the truth;
-- :class:`StructuralEffect`: by what the arm is made of.
+- :class:`SensorEffect`: through the sensors;
+- :class:`StructuralEffect`: through the parts of the arm.
 """
 
 from __future__ import annotations

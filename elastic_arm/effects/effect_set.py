@@ -1,4 +1,4 @@
-"""Effects acting together: their parameters and states as vectors, their contributions summed."""
+"""Several effects together: parameters and states as vectors, and the sum of contributions."""
 
 from collections.abc import Sequence
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""What the file of a law imports, and the parameters that many have."""
+"""The imports of a file with a law, and parameters that many laws share."""
 
 from collections.abc import Mapping
 from math import pi

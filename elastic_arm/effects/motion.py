@@ -1,8 +1,7 @@
-"""The words in which an effect's law is written: the motion of an arm, and what a law adds to its
-equations.
+"""The symbols of a law: the motion of an arm, and the contribution of a law to its equations.
 
-All entries are CasADi expressions. The simulator puts the state it integrates in their place, the
-diagnosis the channels of a recording; a law does not depend on which.
+All entries are CasADi expressions. The simulator replaces them by the state that it integrates, and
+the diagnosis by the channels of a recording; a law does not depend on which.
 """
 
 from __future__ import annotations

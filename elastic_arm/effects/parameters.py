@@ -1,5 +1,4 @@
-"""What an effect is given: numbers with unit and plausible range, and choices that are no
-numbers."""
+"""The parameters of an effect: numbers with unit and plausible range, and choices."""
 
 import math
 from collections.abc import Callable, Iterator

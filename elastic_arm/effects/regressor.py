@@ -1,8 +1,9 @@
-"""A regressor of an effect's own, for effects whose law over a sample's motion is not enough.
+"""The interface of an effect's own regressor, for laws that need more than the motion of one
+sample.
 
-Most effects need none: the derivative of the law is their column. Where an effect's torque follows
-from the whole recording (tilts that swing, a state that is filtered), the effect's file computes it
-over all samples at once.
+Most effects do not need one: the derivative of the law is their column. If the torque of an effect
+follows from the whole recording (tilts that oscillate, a filtered state), the file of the effect
+computes it for all samples at once.
 """
 
 from collections.abc import Callable, Mapping

@@ -1,1 +1,1 @@
-"""From numbers, laws and sensors to residuals and columns of a recording."""
+"""Residuals and columns of a recording from numbers, laws and sensors."""

@@ -1,4 +1,4 @@
-"""Lags and gains of channels at values of the numbers."""
+"""Lags and gains of channels at given numbers."""
 
 from collections.abc import Sequence
 
@@ -9,29 +9,28 @@ from elastic_arm.equations.numbers import Number
 
 
 def lags(parameters: Sequence[Number], values: Array, joints: Sequence[str]) -> dict[str, Array]:
-    """Return by how much each channel is late, (n,) s by channel, at these values of the numbers.
+    """Return the lag of each channel, (n,) s, at these values of the numbers.
 
     values: (k,) in units of the priors' standard deviations.
     """
-    return _by_channel([p.is_lag for p in parameters], parameters, values, joints)
+    late = [(p, p.value(x)) for p, x in zip(parameters, values, strict=True) if p.is_lag]
+    return _by_channel(late, joints)
 
 
 def gains(parameters: Sequence[Number], values: Array, joints: Sequence[str]) -> dict[str, Array]:
-    """Return the gains of torque channels, (n,) by channel, at these values of the numbers.
+    """Return the gain of each torque channel, (n,), at these values of the numbers.
 
     values: (k,) in units of the priors' standard deviations.
     """
-    return _by_channel([p.is_gain for p in parameters], parameters, values, joints)
+    scaled = [(p, p.value(x)) for p, x in zip(parameters, values, strict=True) if p.is_gain]
+    return _by_channel(scaled, joints)
 
 
-def _by_channel(
-    chosen: Sequence[bool], parameters: Sequence[Number], values: Array, joints: Sequence[str]
-) -> dict[str, Array]:
-    """Return values of the chosen parameters, (n,) by channel in their units; as described where a
-    joint has none."""
+def _by_channel(numbers: Sequence[tuple[Number, float]], joints: Sequence[str]) -> dict[str, Array]:
+    """Return the values of numbers, (n,) by channel; joints without a number are as described."""
     found: dict[str, Array] = {}
-    for one, parameter, value in zip(chosen, parameters, values, strict=True):
-        if one and (channel := parameter.channel) is not None:
-            of_joints = found.setdefault(channel, np.full(len(joints), parameter.neutral))
-            of_joints[joints.index(parameter.joint)] = parameter.value(value)
+    for number, value in numbers:
+        if number.channel is not None:
+            of_joints = found.setdefault(number.channel, np.full(len(joints), number.neutral))
+            of_joints[joints.index(number.joint)] = value
     return found

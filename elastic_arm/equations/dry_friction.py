@@ -1,4 +1,4 @@
-"""Dry friction of a real joint: it turns over within a distance, and its curve bends.
+"""Dry friction of a real joint: it changes its sign within a distance, and its curve bends.
 
     F' = F + F_d [sum_k c_k (z_k - s) + z S + A]
     dz_k/dq = (1 - z_k sign(dq)) / d_k                                             (Dahl 1968)
@@ -6,21 +6,21 @@
     S = sum_i s_i f_i(|w|) + s_load l + s_time x + s_bend (3 x² - 1) / 2
     A = sum_i a_i g_i(|w|)
 
-F is what the laws of friction make at a side of a joint, F_d the magnitude of its part with the
-sign s of the velocity w, and c_k >= 0 the share of F_d that turns over within the distance d_k.
-Without c_k, friction that turns over late is taken for a delay or a low pass of the torque.
+F is the torque of the friction laws at one side of a joint, F_d the size of its part with the sign
+s of the velocity w, and c_k >= 0 the share of F_d that changes its sign within the distance d_k.
+Without c_k, friction that changes late would be mistaken for a delay or a low pass of the torque.
 
-z is the sign as far as it has turned over. The curve S bends with the speed, with the joint's
-torque l = |tau_J| / max |tau_J| less its mean, and with the time x, -1 at the begin of a recording
-and 1 at its end; A is how the curve differs in either direction. f_i and g_i are the first
-eigenfunctions of a Gaussian process over the logarithm of the speed (Matern 5/2). Each shape of S
-is taken less what is dry and viscous friction, g_i less its mean, which is a zero of the torque.
-Lubricant, seals, bearings and warmth bend the curve; without S and A, each bend would be a law of
-friction of its own.
+z is the smoothed sign. The curve S bends with the speed, with the torque of the joint
+l = |tau_J| / max |tau_J| minus its mean, and with the time x, from -1 at the beginning of a
+recording to 1 at its end; A is the difference of the curve between both directions. f_i and g_i are
+the first eigenfunctions of a Gaussian process over the logarithm of the speed (Matern 5/2). The dry
+and viscous parts are removed from each shape of S, and the mean, a zero of the torque, from g_i.
+Lubricant, seals, bearings and temperature bend the curve; without S and A, each bend would appear
+as another law of friction.
 
-What of a shape is dry and viscous friction is measured in the whitened rows
-(:meth:`Curve.less`). Slow rows tell most, as the encoders' noise grows with the frequency: shapes
-that have no part of viscous friction in the samples have nearly all of it in the slow rows.
+The dry and viscous parts of a shape are determined in the whitened rows (:meth:`Curve.less`).
+Slow rows have the most information, because the noise of the encoders grows with the frequency:
+shapes without a viscous part in the samples have nearly all of it in the slow rows.
 """
 
 from __future__ import annotations
@@ -83,10 +83,9 @@ def dry_friction_columns(
     n = robot.n
     j = robot.joint_names.index(place.joint)
     of_motor = robot.elastic and place.side == "motor"
-    dry = [
-        np.sum([_dry(effect, part.signals, place) for effect in acting], axis=0)
-        for part in data.parts
-    ]
+    dry = []
+    for part in data.parts:
+        dry.append(np.sum([_dry(effect, part.signals, place) for effect in acting], axis=0))
     if not any(one.any() for one in dry):
         return []
     speeds, loads = _speeds_and_loads(data, robot, place)

@@ -1,17 +1,17 @@
-"""Laws that no catalogue states: any smooth function of what a joint's friction, springs, drive and
-sensors depend on.
+"""Nonparametric laws: smooth functions of the quantities on which friction, springs, drive and
+sensors of a joint depend.
 
     f(a) = sum_k gamma_k phi_k(a),   gamma ~ N(0, size² 1)
 
-The columns phi span the range that the argument has in all recordings. Two priors share them:
+The columns phi span the range of the argument in all recordings, with one of two priors:
 
 - rough: cubic splines whose coefficients are a random walk of second order (P-splines, Eilers and
   Marx 1996);
 - smooth: a Gaussian process over the range r in [0, 1], K = 1 + M(|r - r'|) + 0.03² M(4 |r - r'|),
-  with the Matern
-  5/2 kernel M(d) = (1 + s + s²/3) exp(-s), s = √5 d (Rasmussen and Williams 2006, equation 4.17).
+  with the Matern 5/2 kernel M(d) = (1 + s + s²/3) exp(-s), s = √5 d (Rasmussen and Williams 2006,
+  equation 4.17).
 
-A law of the catalogue has a form. Where the form is wrong, a function without one explains more,
+A law of the catalogue has a fixed form. If the form is wrong, a nonparametric law explains more,
 although each of its many coefficients has a price (:mod:`elastic_arm.evidence`).
 """
 

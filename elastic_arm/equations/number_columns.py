@@ -1,8 +1,8 @@
-"""Columns of uncertain numbers: what one standard deviation of each prior changes in the residuals.
+"""Columns of uncertain numbers: changes of the residuals by one prior standard deviation of each.
 
-A measured torque enters an equation with the coefficient one: whatever scales a torque (a sensor's
-gain, a stiffness) has a column of torque that the model predicts. With the measured torque in its
-place, no torque sensor and a massless arm would explain every recording.
+A measured torque has the coefficient one in its equation. The column of a factor on a torque (the
+gain of a sensor, a stiffness) therefore contains the torque that the model predicts. With the
+measured torque instead, zero gains and a massless arm would explain every recording.
 """
 
 from collections.abc import Mapping, Sequence

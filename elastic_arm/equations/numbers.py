@@ -1,4 +1,4 @@
-"""A number of the arm or of a sensor that may differ from what is stated, and where it acts."""
+"""Uncertain numbers of the arm and of its sensors, and where they act."""
 
 from dataclasses import dataclass
 
@@ -6,43 +6,39 @@ import numpy as np
 
 from elastic_arm.estimation.effect_columns import Feature
 
-# Of a joint's controller, as ratios to the stated ones: all its gains alike, and that of speeds
-# beside the others.
+# Gains of a joint's controller, as ratios to the stated ones: the common scale, and that of the
+# velocity gain relative to it.
 GAINS = SCALE, RATIO = "torque_scale", "kd"
-PRESLIDING = (
-    "presliding"  # how gradually dry friction changes its sign: no number of the arm or of a sensor
-)
+# the distance in which dry friction changes its sign: not a number of the arm or of a sensor
+PRESLIDING = "presliding"
 
 
 @dataclass(frozen=True)
 class Number:
-    """One number that may differ from what the description states."""
+    """One number that may differ from its described value."""
 
-    what: str  # which, e.g. "link_mass"; the id of an effect for what an effect's file states.
-    joint: str  # of the joint, or of the link behind it
+    what: str  # e.g. "link_mass"; the id of an effect for a number of its file
+    joint: str  # the joint, or that in front of the link
     unit: str  # "1" for a ratio
-    prior_std: float  # of its deviation from the description
+    prior_std: float  # standard deviation from the description
     neutral: float  # its value as described: 1 for a ratio, else 0
-    feature: Feature | None = (
-        None  # the effect of a sensor or of warming friction; None for a number of the arm
-    )
-    # largest deviation about which the model is made, in standard deviations of the prior
-    error: Feature | None = (
-        None  # the effect of a number of the arm that is off; None where the catalogue has none
-    )
+    # the effect of a sensor or of warming friction; None for a number of the arm
+    feature: Feature | None = None
+    # the effect that reports a far-off number of the arm; None if the catalogue has none
+    error: Feature | None = None
+    # largest deviation at which the model is linearised, in prior standard deviations
     limit: float = np.inf
-    # of presliding alone: widths, rad/s, of the two sign functions between which friction turns
-    # over, or the width within which it does so early or late
+    # only for presliding: widths, rad/s, of the two sign functions between which friction changes
+    # its sign, or the width within which it changes early or late
     speeds: tuple[float, ...] | None = None
-    side: str = ""  # of presliding alone: "link" or "motor", on which friction turns over
-    # number of the recording in which alone it acts: by how much a zero is another one there than
-    # in the first; None of what is the same in all
+    side: str = ""  # only for presliding: "link" or "motor"
+    # only for a zero that differs from that in the first recording: the number of its recording
     recording: int | None = None
 
     @property
     def is_logarithmic(self) -> bool:
-        """Whether its logarithm has the prior: a drive is half as stiff as it is stated as easily
-        as twice."""
+        """Whether its logarithm has the Gaussian prior: half and twice the described stiffness are
+        equally probable."""
         return self.what in ("stiffness", "damping", *GAINS)
 
     def value(self, x: float) -> float:
@@ -52,19 +48,18 @@ class Number:
         return self.neutral + float(x) * self.prior_std
 
     def slope(self, x: float) -> float:
-        """Return by how much it changes there with one standard deviation."""
+        """Return its change by one prior standard deviation at x."""
         return self.prior_std * (self.value(x) if self.is_logarithmic else 1.0)
 
     @property
     def cause(self) -> Feature | None:
-        """The effect as which it is reported where it is far off; None of what is another one in
-        each recording."""
+        """The effect that reports it if it is far off; None for a number of one recording."""
         return None if self.recording is not None else self.feature or self.error
 
     @property
     def kind(self) -> str:
-        """Whose number it is: of the "arm", of a "sensor" or controller, the "zero" of a torque
-        channel, or a "detail" of how a law is met."""
+        """Its kind: a number of the "arm", of a "sensor" or controller, the "zero" of a torque
+        channel, or a "detail" of a law."""
         if not self.is_number:
             return "detail"
         if self.feature is None:
@@ -74,20 +69,19 @@ class Number:
 
     @property
     def is_number(self) -> bool:
-        """Whether it is a number of the arm or of a sensor, and not a detail of how a law is
-        met."""
+        """Whether it is a number of the arm or of a sensor, and not a detail of a law."""
         return not self.what.startswith(PRESLIDING)
 
     @property
     def is_torque_gain(self) -> bool:
-        """Whether it scales what a torque channel reads."""
+        """Whether it is a factor on a torque channel."""
         return (
             self.unit == "1" and self.feature is not None and self.feature.read_torque is not None
         )
 
     @property
     def is_inertial(self) -> bool:
-        """Whether the residuals are linear in it whatever its size: a mass, a centre of mass, an
+        """Whether the residuals are linear in it at any size: a mass, a centre of mass, an
         inertia."""
         return self.feature is None and self.what.startswith(("link_", "rotor_", "spline_"))
 
@@ -98,7 +92,7 @@ class Number:
 
     @property
     def is_lag(self) -> bool:
-        """Whether it is how late a channel is."""
+        """Whether it is the lag of a channel."""
         return self.feature is not None and self.unit == "s"
 
     @property
@@ -112,7 +106,7 @@ class Number:
 
     @property
     def channel(self) -> str | None:
-        """The channel whose lag or gain it is; None of anything else."""
+        """The channel of a lag or gain; None for any other number."""
         if self.feature is None:
             return None
         if self.is_lag:
@@ -122,8 +116,8 @@ class Number:
 
     @property
     def moves_model(self) -> bool:
-        """Whether residuals are made anew at its value: of the arm's numbers, of lags and of gains,
-        not of offsets."""
+        """Whether the residuals are recomputed at its value: for numbers of the arm, lags and
+        gains, but not for offsets."""
         if self.feature is not None:
             return self.is_lag or self.is_gain
         return self.is_number

@@ -1,5 +1,6 @@
-"""Every effect of a catalogue at every place of an arm where it could show, and where a search for
-it starts."""
+"""Candidates of a search: every effect of a catalogue at every place where it could appear, with
+initial values.
+"""
 
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""The arm whose numbers are off by deviations from its description."""
+"""The arm with numbers that deviate from its description."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace

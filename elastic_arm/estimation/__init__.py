@@ -1,5 +1,4 @@
-"""From a recording to its motion: resampling, noise, smoothing, equations, whitening, regressors.
+"""The motion of a recording: resampling, noise, smoothing, equations, whitening, regressors.
 
-Identification and diagnosis both build on this package; neither has a second way of doing what is
-here.
+Identification and diagnosis both use this package.
 """

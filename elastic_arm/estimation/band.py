@@ -1,5 +1,4 @@
-"""The band in which residuals are looked at: one zero-phase low pass for every term, then fewer
-samples."""
+"""The band of the residuals: one zero-phase low pass for every term, and a lower sample rate."""
 
 from dataclasses import dataclass, field
 from typing import Self

@@ -1,8 +1,5 @@
-"""Convolution of long signals with short responses, several responses to one signal at the price of
-one spectrum.
-
-And circular convolution of signals with what ends at the edge of a band, which leaves few
-harmonics.
+"""Convolution of long signals with short responses, with one spectrum per signal for all responses,
+and circular convolution of band-limited signals, which have few harmonics.
 """
 
 from __future__ import annotations

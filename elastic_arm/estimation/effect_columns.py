@@ -1,8 +1,8 @@
-"""What each effect of the catalogue would add to the residuals of a recording, as columns of a
+"""The contribution of each effect of the catalogue to the residuals of a recording, as columns of a
 regression.
 
-A law is taken from the catalogue as an expression: its derivatives by the parameters that act
-linearly are the columns; parameters that do not are arguments of the columns, and searched.
+A law is an expression of the catalogue. Its derivatives by the linear parameters are the columns;
+nonlinear parameters are arguments of the columns and are searched.
 """
 
 from __future__ import annotations

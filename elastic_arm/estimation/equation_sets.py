@@ -1,27 +1,27 @@
-"""Which equations the recorded channels allow, as combinations of three residual rows a joint.
+"""The equations that the recorded channels allow, as combinations of three residuals per joint.
 
-With every channel recorded there are three residuals of each joint, from (1) and the drive's law::
+With every channel recorded, each joint has three residuals, from (1) and the law of the drive::
 
     link    tau_J - (M q'' + S theta'' + c + c1 + g)
     drive   tau_J - K (theta - q) - D (theta' - q')
     motor   tau_m - (S' q'' + B theta'' + c2) - tau_J
 
-A missing channel cancels from some combinations of them and spoils the others. Of those that remain
-an :class:`EquationSet` takes one of two bases:
+A missing channel cancels in some of their combinations and makes the others unusable. An
+:class:`EquationSet` is one of two bases of the usable combinations:
 
 direct
-    The rows as they stand where their channels are there, so that each keeps its place in the arm.
-    They share the noise of tau_J, which the covariance of :mod:`.whitening` accounts for.
+    The residuals themselves if their channels were recorded, so that each keeps its place in the
+    arm. They share the noise of tau_J, which the covariance of :mod:`.whitening` includes.
 independent
-    Rows that share no torque sensor, so that each can be weighted by itself: with both encoders the
-    lines of (1), `link - drive` (which holds no torque) and `drive + motor` (tau_m), and the
-    drive's law (tau_J); with the encoders of one side only theta = q, and `link` gives tau_J, `link
-    + motor` tau_m.
+    Combinations that do not share a torque sensor, so that each can be weighted by itself. With
+    both encoders, these are the lines of (1), `link - drive` (without torque) and `drive + motor`
+    (tau_m), and the law of the drive (tau_J). With the encoders of one side, theta = q, and they
+    are `link` (tau_J) and `link + motor` (tau_m).
 
-Channels that only some joints have are asked for joint by joint. :meth:`EquationSet.even` gives
-such joints the same names of equations again, for arrays of names times joints: those that a joint
-lacks are void, null combinations. A joint without any torque has none but, by both encoders, that
-of its link.
+If only some joints have a channel, the equations are chosen joint by joint.
+:meth:`EquationSet.even` then gives all joints the same names of equations, for arrays of names
+times joints: equations that a joint lacks are void (null combinations). A joint without a torque
+has no equation, except that of its link with both encoders.
 """
 
 from __future__ import annotations
@@ -40,6 +40,7 @@ from elastic_arm.estimation.motion import Motion
 from elastic_arm.robot.parts import CONTROLLED
 
 Channels = Collection[str]
+Place = tuple[str, str]  # joint and side of a residual
 
 SIDES = ("link", "drive", "motor")
 # position of these equations in a combination

@@ -1,9 +1,8 @@
-"""The load of each joint, as well as model and encoders know it: what a torque channel's filter
-acts on.
+"""The best estimate of the load of each joint, on which the filter of a torque channel acts.
 
-A model predicts it from accelerations, of which the noise grows with the square of the frequency;
-the deflection of the drive measures it with noise that is the same at all frequencies. Up to some
-10 Hz the model knows it better, above the deflection.
+The model predicts the load from accelerations, whose noise grows with the square of the frequency;
+the deflection of the drive measures it with the same noise at all frequencies. Below some 10 Hz the
+model is more accurate, above it the deflection.
 """
 
 from collections.abc import Callable, Sequence

@@ -1,4 +1,4 @@
-"""The smoothed motion of a recording, and what stands in for channels that were not recorded."""
+"""The smoothed motion of a recording, and substitutes for channels that were not recorded."""
 
 from __future__ import annotations
 

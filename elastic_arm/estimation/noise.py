@@ -1,9 +1,9 @@
 """Process intensity and encoder noise, estimated from the recording by maximum likelihood.
 
 The motion of a joint is modelled as an integrated Wiener process: its fourth derivative is white.
-Position and velocity channels see it through white noise of their own. The likelihood of the
-intensities follows from the innovations of the steady-state Kalman filter; the smoother that
-belongs to the estimate is :class:`elastic_arm.estimation.smoother.Smoother`.
+Position and velocity channels measure it with white noise. The likelihood of the intensities
+follows from the innovations of the steady-state Kalman filter; the corresponding smoother is
+:class:`elastic_arm.estimation.smoother.Smoother`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""From a recording to smoothed motion and the noise of every channel.
+"""The smoothed motion of a recording, and the noise of every channel.
 
 :func:`observe` places the samples on a regular grid, estimates the noise of the encoders (cutoff
 w_c of the motion, standard deviations of angles and rates) and passes every channel through the
@@ -6,13 +6,13 @@ smoother
 
     H(w) = 1 / (1 + (w / w_s)^(2 STEEP))
 
-The derivative stage is identification's: grid, noise and smoother are the same. Only H differs. The
-residuals are nonlinear in the smoothed motion, so H must not attenuate their band: an attenuated
-motion gives other torques than attenuated torques. Its cutoff w_s is 2.2 times that band at
-high rates and a third of the sample rate at low ones, where a steeper H keeps the images of the
-sampled response out of the band. The band itself (:mod:`.band`) follows and takes the same share of
-every term. The *quiet* motion, of which columns are made, has w_s = min(w_s, w_c):
-above w_c an angle's second derivative is noise, and the same noise as in the residuals.
+Grid, noise and smoother are those of the identification; only H differs. The residuals are
+nonlinear in the smoothed motion, so H must not attenuate their band: an attenuated motion gives
+other torques than attenuated torques. The cutoff w_s is 2.2 times that band at high rates. At low
+rates it is a third of the sample rate, and a steeper H keeps the images of the sampled response out
+of the band. The band itself (:mod:`.band`) is applied afterwards, to every term alike. The *quiet*
+motion, from which columns are computed, has w_s = min(w_s, w_c): above w_c the second derivative of
+an angle is noise, the same noise as in the residuals.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
-"""From effects to columns of a regression: the one compiler of laws, for identification and
-diagnosis.
+"""Columns of a regression from effects: the compiler of laws for identification and diagnosis.
 
-A law is an expression. Its derivatives by the parameters that act linearly are columns of the
-residuals link, drive and motor; parameters that do not act linearly are arguments of the columns.
+A law is an expression. Its derivatives by the linear parameters are columns of the residuals link,
+drive and motor; nonlinear parameters are arguments of the columns.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""Samples brought to a regular time grid: holes, gaps and jittered stamps.
+"""Resampling to a regular time grid: holes, gaps and jittered stamps.
 
-A smoother with steady-state gains needs regular samples. Short holes are bridged, long ones part
-the recording into pieces. Stamps that jitter are either the truth (the sensor was read at those
-times) or only late words about samples taken regularly; the smoothness of the motion decides which.
+A smoother with steady-state gains needs regular samples. Short holes are interpolated, and long
+ones split the recording. Jittered stamps are either true (the sensor was read at these times), or
+delayed stamps of regular samples; the smoothness of the motion decides.
 """
 
 from __future__ import annotations

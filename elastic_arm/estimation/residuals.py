@@ -1,4 +1,4 @@
-"""Residuals of a recording: what the measured torques exceed the model by, three a joint.
+"""The residuals of a recording: measured torques minus those of the model, three per joint.
 
 Rows are ordered equation by equation: [link of all joints, drive of all joints, motor of all
 joints].

@@ -1,9 +1,9 @@
-"""Long recordings: of all motion, the segments that tell most of the arm.
+"""The most informative segments of the motion in a long recording.
 
-A segment's worth is what it adds to the information of the others, ln |1 + sum of C'C / s²|
-(D-optimality): C are the columns of the equations of motion, times what each number of the
-description is usually off by, and of each joint's friction. Standstill counts for nothing, and a
-motion that was there already for little.
+The value of a segment is its contribution to the information of the others, ln |1 + sum of C'C /
+s²| (D-optimality). C are the columns of the equations of motion, times the usual deviation of each
+number of the description, and those of each joint's friction. Standstill has no value, and a
+repeated motion little.
 """
 
 from collections.abc import Sequence

@@ -1,12 +1,11 @@
-"""Accelerations without finite differences: a steady-state smoother that all terms of an equation
-pass alike.
+"""Accelerations without finite differences: a steady-state smoother that filters all terms of an
+equation alike.
 
-The smoother is the Wiener smoother of an integrated Wiener process (white fourth derivative) seen
-through white noise. Its response from position to position is H = 1 / (1 + (w/w_c)^8), without
-phase. Where a velocity channel exists, the position channel serves below the frequency w_x =
-(velocity noise)/(position noise) and the velocity channel above it, in such a way that consistent
-channels see H all the same. Every channel of every joint passes the one H, and so do the torques:
-an equation stays an equation.
+It is the Wiener smoother of an integrated Wiener process (white fourth derivative) measured with
+white noise. Its response from position to position is H = 1 / (1 + (w/w_c)^8), without phase. With
+a velocity channel, the position is used below the frequency w_x = (velocity noise)/(position noise)
+and the velocity above it, such that consistent channels together still have the response H. Every
+channel of every joint, and every torque, passes the same H, so that the equations stay valid.
 """
 
 from __future__ import annotations

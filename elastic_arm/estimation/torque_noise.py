@@ -1,4 +1,4 @@
-"""The noise of torque channels, from what stands above the motion in their spectra."""
+"""The noise of torque channels, from their spectra above the motion."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """The noise of the residuals, and residuals and columns of regressors whitened by it.
 
-Whitened rows have white noise of variance one, whatever the channels' noise and however the
-equations share it. So half their sum of squares is a negative log-likelihood, and its excess over
-the number of rows measures lack of fit.
+Whitened rows have white noise of variance one, whatever the noise of the channels and however the
+equations share it. Half their sum of squares is therefore a negative log-likelihood, and its excess
+over the number of rows measures the lack of fit.
 """
 
 from __future__ import annotations

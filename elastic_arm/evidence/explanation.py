@@ -1,4 +1,4 @@
-"""The answer of a search: the sets of terms that share the probability.
+"""The result of a search: sets of terms with their probabilities.
 
 P(S | y) = exp(score(S)) / sum over all sets S' of exp(score(S'))
 """
@@ -21,16 +21,16 @@ from elastic_arm.evidence.search import Search
 
 @dataclass(frozen=True, eq=False)
 class Explanation:
-    """What is most probably there, at the linearisation beside it."""
+    """The most probable set of terms, and all other sets, at one linearisation."""
 
-    linear: Linearisation  # where
-    search: Search  # all sets met
-    best: Fit  # the most probable one
-    path: Sequence[Fit]  # better and better sets on the way to it
-    # The sets that share the probability, each under every trust in the description; most probable
+    linear: Linearisation
+    search: Search  # contains all scored sets
+    best: Fit  # the most probable set
+    path: Sequence[Fit]  # better and better sets on the way to the best one
+    # Sets with their probabilities, each under every trust in the description; the most probable
     # first.
     sets: Sequence[tuple[float, Fit]] = ()
-    log: tuple[str, ...] = ()  # what was done, a line a step
+    log: tuple[str, ...] = ()  # steps of the search, one line each
     is_whole: bool = True  # whether all moves were tried
 
     @cached_property
@@ -43,14 +43,13 @@ class Explanation:
         return found
 
     def without_screens(self) -> Explanation:
-        """Let go of what may be added at its linearisation, which takes most of the memory, and
-        return it."""
+        """Discard the screens of candidates, which take most of the memory, and return self."""
         for name in ("pool", "laws", "refined"):
             self.linear.cache.pop(name, None)
         return self
 
     def probability(self, held: Callable[[Key], bool]) -> float:
-        """Return the probability of the sets that hold a term whose key is one of those."""
+        """Return the probability of the sets with a term whose key fulfils a condition."""
         found = 0.0
         for p, fit in self.sets:
             if any(held(key) for key in fit.keys):
@@ -59,13 +58,13 @@ class Explanation:
 
     @cached_property
     def sized(self) -> Fit:
-        """The most probable set with its sizes by the recordings that are fitted."""
+        """The most probable set with sizes from the fitted recordings only."""
         return self.best.model.of_fitted(self.best)
 
     @cached_property
     def settled(self) -> Linearisation:
-        """The linearisation at the numbers of the most probable set, which may have been met beside
-        another."""
+        """The linearisation at the numbers of the most probable set, which may have been scored at
+        another one."""
         return moved(self.linear, self.sized) if is_far(self.sized) else self.linear
 
 

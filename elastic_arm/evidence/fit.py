@@ -3,10 +3,10 @@
     y = N nu + sum over the terms t of the set of (o_t + X_t beta_t) + e        (docs/diagnosis.md)
     score = ln p(y | S, tau) + ln p(S, tau)
 
-with y the whitened residual (rows,), N its columns (rows, K) by the numbers nu of arm and sensors,
-X_t the columns (rows, k) of a term, o_t what it adds whatever its coefficients, and e noise. The
-numbers are fitted in the combinations V (K, k) of which the data determine anything
-(:attr:`LinearModel.basis`); the posterior is that of the coefficients (V'nu, beta).
+y is the whitened residual (rows,), N (rows, K) are its columns by the numbers nu of arm and
+sensors, X_t (rows, k) the columns of a term, o_t the part of a term without coefficients, and e
+noise. Only the combinations V (K, k) of the numbers that the data determine are fitted
+(:attr:`LinearModel.basis`). The posterior is that of the coefficients (V'nu, beta).
 """
 
 from __future__ import annotations
@@ -29,20 +29,20 @@ from elastic_arm.evidence.terms.number import NumberTerm
 from elastic_arm.evidence.terms.share import ShareTerm
 from elastic_arm.evidence.terms.term import Term
 
-# factors of the prior's deviation up to which the data may determine something
+# factors on the prior deviation up to which the data may determine a number
 WIDEST = {"arm": max(one.factor for one in TRUST.values()), "zero": max(ZEROS)}
-FITS = 100  # fits that are kept; memory
-# factor of the trust below which the numbers of a description lie where it has them; numerical
+FITS = 100  # number of fits that are kept; memory
+# trust factor below which the description counts as exact; numerical
 EXACT = 0.1
-# Of sensors, only a simulation's description states how they are; details of how a law is met are
-# in no description.
+# Only the description of a simulation states the sensors, and no description states details of
+# laws.
 KINDS = ("arm", "sensor", "detail", "zero")
-# share of a prior's precision: data that add less to it determine nothing; numerical
+# share of the prior precision below which data determine nothing; numerical
 UNTOLD = 1e-3
 
 
 class Frame(NamedTuple):
-    """What makes scores of different linearisations comparable: a correction of
+    """A correction that makes scores at different linearisations comparable:
     level + share * (ln of the density at a linearisation), nats."""
 
     level: float
@@ -55,8 +55,10 @@ class Fit:
 
     model: LinearModel
     terms: tuple[Term, ...]
-    found: Posterior  # of the p coefficients: of the combinations of numbers, then of the terms
-    correction: float = 0.0  # of the score, to compare with scores at another linearisation
+    found: Posterior  # of p coefficients: those of combinations of numbers, then those of the terms
+    correction: float = (
+        0.0  # added to the score, to compare it with scores at another linearisation
+    )
 
     @property
     def score(self) -> float:
@@ -66,25 +68,25 @@ class Fit:
 
     @property
     def frame(self) -> Frame:
-        """What scores at other linearisations compare by.
+        """The frame in which scores at other linearisations compare with this one.
 
-        Linearisations predict different noise, so that the same recorded values have different
-        densities. Where this fit leaves less than its noise, these differ by as much less.
+        Linearisations predict different noise, so the same recorded values have different
+        densities. If this fit leaves less than its noise, the densities differ by that much less.
         """
         share = float(np.sum(self.found.left / self.found.v) / len(self.model.y))
         return Frame(self.correction - share * self.model.density, share)
 
     def compared_in(self, frame: Frame) -> Fit:
-        """Return the fit with a score that compares with that of the fit of a frame."""
+        """Return the fit with a score that compares in a frame."""
         return replace(self, correction=frame.level + frame.share * self.model.density)
 
     def without_data(self) -> Fit:
-        """Return it without the data: what its score and its coefficients say stays."""
+        """Return the fit without the data; score and coefficients stay."""
         return replace(self, model=self.model.without_data())
 
     @cached_property
     def slices(self) -> dict[Ident, slice]:
-        """Where the coefficients of each term stand."""
+        """The slice of the coefficients of each term."""
         at = self.model.basis[0].shape[1]
         found = {}
         for t in self.terms:
@@ -93,7 +95,7 @@ class Fit:
         return found
 
     def spread(self) -> tuple[Array, Array]:
-        """Return the products of its columns (B, p, p), and of what is left with them (B, p)."""
+        """Return the products of its columns (B, p, p), and those with the residual (B, p)."""
         products = self.model.grams.of(self.terms, self.model.lacking(self.terms))
         p = len(self.found.x)
         H = np.zeros((len(products.yy), p, p))
@@ -103,17 +105,17 @@ class Fit:
 
     @property
     def optional(self) -> tuple[Term, ...]:
-        """The terms that need not be there."""
+        """The terms that a set may lack."""
         return self.terms[len(self.model.always) :]
 
     @property
     def keys(self) -> frozenset[Key]:
-        """Which of them are there."""
+        """The keys of the optional terms."""
         return frozenset(t.key for t in self.optional)
 
     @property
     def moves(self) -> Array:
-        """How the numbers move with the coefficients (K, p), what is far off included."""
+        """The derivatives (K, p) of the numbers by the coefficients, including far-off numbers."""
         V, _ = self.model.basis
         found = np.zeros((len(V), len(self.found.x)))
         found[:, : V.shape[1]] = V
@@ -124,18 +126,18 @@ class Fit:
 
     @cached_property
     def numbers(self) -> Array:
-        """Posterior means (K,) of the numbers' coefficients, what is far off included."""
+        """Posterior means (K,) of the numbers' coefficients, including far-off numbers."""
         V, _ = self.model.basis
         return self.moves @ self.found.x + self.model.mean - V @ (V.T @ self.model.mean)
 
     @property
     def deviations(self) -> Array:
-        """Where (K,) it puts the numbers, in deviations from the description."""
+        """The numbers (K,), in standard deviations from the description."""
         return self.numbers - self.model.mean
 
     @cached_property
     def number_covariance(self) -> Array:
-        """Their covariance (K, K)."""
+        """The covariance (K, K) of the numbers."""
         V, _ = self.model.basis
         moves = self.moves
         own = self.model.factors(self.model.kinds)
@@ -143,17 +145,16 @@ class Fit:
 
     @property
     def far_off(self) -> Array:
-        """The part (K,) of the numbers that is far off."""
+        """The part (K,) of the numbers by terms of far-off numbers."""
         return sum(
             (t.along @ self.beta(t) for t in self.optional if isinstance(t, NumberTerm)),
             np.zeros(len(self.model.mean)),
         )
 
     def held(self, which: Sequence[int], at: Array) -> Fit:
-        """Return the posterior where some numbers (m,) are known to be at values (m,), the rest
-        refitted.
+        """Return the posterior with some numbers (m,) held at values (m,) and the others refitted.
 
-            x' = x - K (R x - at),   S' = S - K R S,   K = S R' (R S R')^-1
+        x' = x - K (R x - at),   S' = S - K R S,   K = S R' (R S R')^-1
         """
         R = self.moves[list(which)]
         x = self.found.x
@@ -163,8 +164,8 @@ class Fit:
         return replace(self, found=replace(self.found, x=x - K @ off, S=S - K @ R @ S))
 
     def rows(self, term: Term) -> Array:
-        """Return the coefficients (k, p) of a term by the fit's: of one that changes, its mean over
-        fitted ones."""
+        """Return the derivatives (k, p) of a term's coefficients by those of the fit; for a term
+        that changes, of its mean over the fitted recordings."""
         found = np.zeros((term.count, len(self.found.x)))
         found[:, self.slices[term.ident]] = np.eye(term.count)
         linear = term.linear or term.count
@@ -177,16 +178,15 @@ class Fit:
         return found
 
     def raw(self, term: Term) -> Array:
-        """Return the coefficients (k,) of a term's columns."""
+        """Return the coefficients (k,) of a term's columns, without changes."""
         return self.found.x[self.slices[term.ident]]
 
     def beta(self, term: Term) -> Array:
-        """Return the coefficients (k,) of a term; of one that changes between recordings, with
-        their mean change."""
+        """Return the coefficients (k,) of a term, including its mean change between recordings."""
         return self.rows(term) @ self.found.x
 
     def correlation(self, one: Term, other: Term) -> float:
-        """Return the largest correlation of coefficients of two terms."""
+        """Return the largest correlation between coefficients of two terms."""
         S = self.found.S
         a = self.slices[one.ident]
         b = self.slices[other.ident]
@@ -194,17 +194,16 @@ class Fit:
         return float(np.max(np.abs(S[a, b]) / np.outer(std[a], std[b]), initial=0.0))
 
     def gain_of_scale(self, term: Term, scale: float) -> float:
-        """Return what a term would gain, nats, if its size had a prior of another scale, at the
-        same noise."""
+        """Return the gain of another scale of a term's size at the same noise, nats."""
         return self._gain_of_width(term, scale / term.scale)
 
     def gain_of_size(self, law: Term, size: float) -> float:
-        """Return what a law without a form would gain, nats, at another size, at the same noise."""
+        """Return the gain of another size of a nonparametric law at the same noise, nats."""
         return self._gain_of_width(law, size / float(law.std[0]))
 
     def _gain_of_width(self, term: Term, ratio: float) -> float:
-        """Return what a term gains, nats, where the prior of its linear coefficients is wider by a
-        ratio."""
+        """Return the gain of a prior of a term's linear coefficients that is wider by a ratio,
+        nats."""
         own = slice(self.slices[term.ident].start, self.slices[term.ident].start + term.linear)
         P = term.std[: term.linear] ** -2.0
         more = P * (ratio**-2.0 - 1.0)
@@ -214,7 +213,7 @@ class Fit:
         return float(-term.linear * np.log(ratio) - 0.5 * np.linalg.slogdet(A)[1] - 0.5 * moved)
 
     def covariance(self, term: Term) -> Array:
-        """Return their covariance (k, k)."""
+        """Return the covariance (k, k) of the coefficients of a term."""
         rows = self.rows(term)
         return rows @ self.found.S @ rows.T
 
@@ -224,27 +223,27 @@ class LinearModel:
     """The data at one linearisation."""
 
     y: Array  # (rows,) whitened residual
-    N: Array  # (rows, K) columns of the numbers, for one standard deviation each
+    N: Array  # (rows, K) columns of the numbers, each for one standard deviation
     bands: Bands  # of the rows
-    # (K,) prior means of the numbers' coefficients, whose standard deviation is the trust
+    # (K,) prior means of the numbers' coefficients; their standard deviation is the trust
     mean: Array
-    kinds: NDArray[np.intp]  # (K,) of which kind they are (:data:`KINDS`)
-    # (K,) at which numbers' values the residuals are made; the others act linearly
+    kinds: NDArray[np.intp]  # (K,) kinds of the numbers (:data:`KINDS`)
+    # (K,) whether the residuals depend on a number's value; the others act linearly
     moving: NDArray[np.bool_]
-    always: tuple[Term, ...] = ()  # terms that are known to be there
-    # what other terms add to columns of the numbers (:func:`.shares_of`)
+    always: tuple[Term, ...] = ()  # terms of all sets
+    # contributions of other terms to columns of the numbers (:func:`.shares_of`)
     shares: tuple[ShareTerm, ...] = ()
     assumed: Assumed = AS_BUILT  # trust in the description, scale of the zeros
-    # ln of the density of what was recorded over that of the rows (:attr:`.WhitenedData.density`)
+    # ln of the density of the recorded values over that of the rows (:attr:`.WhitenedData.density`)
     density: float = 0.0
-    # (rows,) of recordings that are fitted; None for all
+    # (rows,) whether a row belongs to a fitted recording; None for all
     fitted_rows: NDArray[np.bool_] | None = None
-    # what every real drive has and the description does not state
+    # terms that every real drive has and the description does not state
     usual: frozenset[Key] = frozenset()
-    # the same data without the judging rows
+    # the same data without the validation rows
     parts: dict[str, LinearModel] = field(default_factory=dict)
-    # Of the last fit, and of the last ones; the same under all assumptions. No fit is kept: it
-    # holds the data, which would go only with the next collection of what holds itself.
+    # Results of the last fits, shared by all assumptions. Fits themselves are not kept: they refer
+    # to the data, and such a cycle would be freed only by the garbage collector.
     spreads: dict[object, tuple[Array, Array]] = field(default_factory=dict, repr=False)
     known: dict[object, tuple[tuple[Term, ...], Posterior]] = field(
         default_factory=dict, repr=False
@@ -252,11 +251,10 @@ class LinearModel:
 
     @cached_property
     def basis(self) -> tuple[Array, NDArray[np.intp]]:
-        """Combinations V (K, k) of the numbers that the data determine at all, and their kinds
-        (k,).
+        """Combinations V (K, k) of the numbers that the data determine, and their kinds (k,).
 
-        Priors of equal width stay so in any orthonormal basis; of the rest the posterior is the
-        prior.
+        Priors of equal width stay equal in any orthonormal basis. The posterior of all other
+        combinations is their prior.
         """
         found = [np.zeros((len(self.mean), 0))]
         kinds = [np.zeros(0, dtype=int)]
@@ -272,7 +270,7 @@ class LinearModel:
         return np.hstack(found), np.concatenate(kinds)
 
     def without_data(self) -> LinearModel:
-        """Return it without residual and columns, for what is known of its fits."""
+        """Return the model without residual and columns."""
         y = self.y[:0].copy()
         N = self.N[:0].copy()
         found = replace(self, y=y, N=N, parts={}, spreads={}, known={})
@@ -280,26 +278,26 @@ class LinearModel:
         return found
 
     def factors(self, kinds: NDArray[np.intp]) -> Array:
-        """Return the factors on the standard deviations of numbers of some kinds."""
+        """Return the factors on the prior standard deviations of numbers, by their kinds."""
         sensor = self.trust if self.trust < EXACT else 1.0
         return np.array([self.trust, sensor, 1.0, sensor * self.assumed.zeros])[kinds]
 
     @cached_property
     def grams(self) -> Grams:
-        """Products of residual and columns."""
+        """The products of residual and columns."""
         untold = self.mean - self.basis[0] @ (self.basis[0].T @ self.mean)
         return Grams(self.y - self.N @ untold, self.N, self.bands, self.basis[0])
 
     @property
     def trust(self) -> float:
-        """Factor on the standard deviations of the numbers."""
+        """The factor on the standard deviations of the numbers."""
         return TRUST[self.assumed.trust].factor
 
     @property
     def assumption(self) -> float:
-        """The logarithm of the prior probability of what is assumed.
+        """The logarithm of the prior probability of the assumptions.
 
-        The scale of the zeros has no alternative where there are none, and in a simulation.
+        Without zeros, and in a simulation, the scale of the zeros has no alternative.
         """
         trust = self.assumed.trust
         has_zeros = trust != MEASURED and bool(np.any(self.kinds == KINDS.index("zero")))
@@ -307,11 +305,11 @@ class LinearModel:
         return float(np.log(TRUST[trust].prior * scale))
 
     def doubt(self, term: Term) -> float:
-        """Return -ln of the prior odds that one of the terms of a kind is there, nats."""
+        """Return -ln of the prior odds that a term of this kind acts, nats."""
         return term.doubt(term.key in self.usual and self.assumed.trust != MEASURED)
 
     def lacking(self, terms: Sequence[Term]) -> tuple[ShareTerm, ...]:
-        """Return the shares of the numbers' columns that are not there where some terms are."""
+        """Return the shares of the numbers' columns by effects that are not among some terms."""
         there = {t.key for t in terms if t not in self.always}
         return tuple(share for share in self.shares if share.key not in there)
 
@@ -327,7 +325,7 @@ class LinearModel:
         )
 
     def of_fitted(self, fit: Fit) -> Fit:
-        """Return the posterior of a set by the rows of the recordings that are fitted."""
+        """Return the posterior of a set from the fitted recordings only."""
         rows = self.fitted_rows
         if rows is None or rows.all():
             return fit
@@ -350,7 +348,7 @@ class LinearModel:
         return part.fit([t.among(rows) for t in fit.optional])
 
     def assuming(self, assumed: Assumed) -> LinearModel:
-        """Return the same data with another trust in the description, or scale of the zeros."""
+        """Return the same data with another trust in the description or scale of the zeros."""
         if assumed == self.assumed:
             return self
         other = replace(self, assumed=assumed)
@@ -359,9 +357,9 @@ class LinearModel:
         return other
 
     def fit(self, terms: Sequence[Term], near: Fit | None = None) -> Fit:
-        """Return the posterior of a set of terms beside those that are known to be there.
+        """Return the posterior of a set of optional terms.
 
-        near: A fit of a similar set, where its noise starts.
+        near: fit of a similar set, whose noise is the start.
         """
         terms = tuple(terms)
         key = self.assumed, frozenset(t.ident for t in terms)

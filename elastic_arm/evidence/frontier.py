@@ -1,20 +1,20 @@
-"""Best-first search over sets of terms, each judged where its own numbers lie.
+"""Best-first search over sets of terms; each set is scored at its own linearisation.
 
     s(S) = ln p(y, S) with the residuals linearised about the posterior of S itself
 
-A search at the linearisation of one set meets others with scores that are as good as that
-linearisation. So
+A search at the linearisation of one set also scores other sets, but these scores are only as good
+as that linearisation. Therefore:
 
-1. the best known set is expanded: a search from it, at its own linearisation, gives a path of
-  better and better sets;
-2. the last set of the path is linearised about itself. Where it is better there, it is the best
-  known set;
-3. where it is not, the step was too long: the set half way along the path is tried;
-4. a set from which no path leads to a better one is expanded by more expensive moves;
-5. when there are none left, a runner-up that is a few nats behind is expanded once: its next move
-  may overtake. The search ends when no such set is left.
+1. The best known set is expanded: a search at its own linearisation gives a path of better and
+   better sets.
+2. The last set of the path is linearised about itself. If it is still better, it becomes the best
+   known set.
+3. If it is not, the step was too long, and the set half way along the path is tried.
+4. A set from which no path leads to a better one is expanded by more expensive moves.
+5. If no moves are left, each runner-up within a few nats is expanded once, because its next move
+   may overtake the best set. The search ends when no such set is left.
 
-A set that was linearised about itself keeps that score wherever it is met again.
+A set that was linearised about itself keeps that score in all later searches.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class Scored(Protocol):
 
     @property
     def keys(self) -> Hashable:
-        """Return what is in it."""
+        """Return the content of the set."""
 
     @property
     def score(self) -> float:
@@ -45,12 +45,12 @@ class Node:
 
     fit: Any  # the set with its score there
     linear: Any  # the linearisation
-    depth: int = 0  # of the moves that are next
-    found: Any = None  # what the last search from it found
-    is_expanded: bool = False  # whether there was one
+    depth: int = 0  # index of the next kind of moves
+    found: Any = None  # path of the last search from the set
+    is_expanded: bool = False  # whether it was expanded
 
     def let_go(self) -> None:
-        """Let go of the data of its linearisation: where they are needed, they are made anew."""
+        """Discard the data of the linearisation, which can be recomputed."""
         self.linear = self.linear.anew()
         self.fit = self.fit.without_data()
         self.found = None
@@ -63,10 +63,9 @@ Path = Sequence[Scored]
 class Frontier:
     """The sets that were linearised about themselves, and the best of them.
 
-    linearise: returns a set at its own linearisation, from one that was met at that of a node;
-    expand: returns a path that begins with the node's own set; depths: number of kinds of moves,
-    the more expensive ones last; is_over: whether the search is to end with the best set that it
-    has.
+    linearise: returns a set at its own linearisation, starting from that of a node; expand: returns
+    a path that begins with the node's own set; depths: number of kinds of moves, the most expensive
+    last; is_over: whether the search must end with the best set so far.
     """
 
     best: Node
@@ -75,19 +74,19 @@ class Frontier:
     depths: int
     is_over: Callable[[], bool] = Watch().is_over
     scores: dict[Hashable, float] = field(default_factory=dict)
-    # The likeliest sets behind the best one; few, as each costs a search.
+    # The most probable sets after the best one; few, because each costs a search.
     runners_up: list[Node] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self.scores[self.best.fit.keys] = self.best.fit.score
 
     def run(self) -> Node:
-        """Return the best set, all its moves tried."""
+        """Return the best set after all its moves were tried."""
         while not self.is_over():
             node = self._next()
             if node is None:
                 break
-            # A path holds the data of its linearisation: none outlives its use.
+            # A path refers to the data of its linearisation, so it must not outlive its use.
             is_better = self.follow(self.expand(node, self.scores), node)
             node.is_expanded = True
             if not is_better:
@@ -96,7 +95,7 @@ class Frontier:
         return self.best
 
     def _next(self) -> Node | None:
-        """Return the set to expand: the best while it has moves, then runners-up that were not."""
+        """Return the next set to expand: the best one while it has moves, then runners-up."""
         if self.best.depth < self.depths:
             return self.best
         least = self.best.fit.score - OPEN
@@ -106,13 +105,12 @@ class Frontier:
         return None
 
     def _let_go(self, node: Node) -> None:
-        """Let go of the data of a set that is not the best one: memory."""
+        """Discard the data of a set other than the best one, to save memory."""
         if node.linear is not self.best.linear:
             node.let_go()
 
     def follow(self, path: Path, start: Node | None = None) -> bool:
-        """Return whether a set on a path is better than the best at its own linearisation; it is
-        the best then.
+        """Follow a path; return whether one of its sets became the best at its own linearisation.
 
         start: the node at which the path begins; None for the best one.
         """
@@ -121,7 +119,7 @@ class Frontier:
         last = len(path) - 1
         while last > 0 and not self.is_over():
             fit = path[last]
-            # The numbers of the start itself may have moved on.
+            # The numbers of the start itself may have changed.
             if fit.keys not in self.scores or fit.keys == start.fit.keys:
                 self.take(fit, start)
             if self.best is not before:
@@ -130,9 +128,9 @@ class Frontier:
         return False
 
     def take(self, fit: Scored, near: Node | None = None) -> None:
-        """Linearise a set about itself; it is the best one if it is better there.
+        """Linearise a set about itself, and make it the best one if it is better there.
 
-        near: the node at whose linearisation it was met; None for the best one.
+        near: the node at whose linearisation it was scored; None for the best one.
         """
         node = self.linearise(fit, near or self.best)
         known = self.scores.get(node.fit.keys, node.fit.score)

@@ -1,9 +1,9 @@
-"""Gauss–Newton steps: a set of terms linearised about its own numbers.
+"""Gauss–Newton steps that linearise a set of terms about its own numbers.
 
-    nu_{k+1} = nu_k + share E(nu - nu_k | y, S)        residuals and columns made anew at nu_{k+1}
+    nu_{k+1} = nu_k + share E(nu - nu_k | y, S)        residuals and columns recomputed at nu_{k+1}
 
-until each number moves by less than a share of its deviation. Numbers of the arm, nonlinear numbers
-of effects and the effects that act in the predicted torques move together.
+The steps end when each number moves by less than a share of its standard deviation. Numbers of the
+arm, nonlinear numbers of effects, and the effects in the predicted torques move together.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from elastic_arm.evidence.terms.known import known_terms
 from elastic_arm.evidence.terms.share import shares_of
 from elastic_arm.evidence.terms.term import Term
 
-STEPS = 8  # of Gauss and Newton beside a set; numerical
-SHORTER = 0.3  # share of a step that was too long; numerical
-SETTLED = 0.02  # of their standard deviations: steps of numbers that are none; numerical
+STEPS = 8  # largest number of steps; numerical
+SHORTER = 0.3  # share of a step that is tried after it was too long; numerical
+SETTLED = 0.02  # standard deviations: steps below this count as zero; numerical
 
 
 def about_itself(
@@ -39,15 +39,14 @@ def about_itself(
     least: float = -np.inf,
     settled: float = SETTLED,
 ) -> tuple[Linearisation, Fit]:
-    """Return a set linearised about its own numbers, from those that it has at another
-    linearisation.
+    """Return a set linearised about its own numbers, starting from another linearisation.
 
-    Gauss and Newton: numbers of the arm and nonlinear numbers of effects move together. A step that
-    loses much was too long. A set that is further below a score than its last step moved it will
-    not reach it; one that has not settled after all steps counts by its lowest score.
+    Numbers of the arm and nonlinear numbers of effects move together. A step that loses much is
+    shortened. The steps end early if the score is further below `least` than the last step changed
+    it. A set that has not settled after all steps gets its lowest score.
 
-    start: in which frame scores are; least: the score; settled: steps of numbers that are none, in
-    their deviations.
+    start: fit whose frame the scores have; least: score to reach; settled: steps that count as
+    zero, in standard deviations.
     """
     assumed = fit.model.assumed
     before: Fit | None = None
@@ -63,28 +62,27 @@ def about_itself(
         if gain < -COMPARED and share == 1.0:
             share = SHORTER
             continue
-        # A score counts where the numbers lie, so that a lower one nearer to them is the better
-        # known.
+        # A score is valid at its own numbers: a lower score nearer to them is more accurate.
         linear = there
         fit = own
         share = 1.0
         before = own
-        # An unchanged score far from the numbers is that of steps which overshoot.
+        # An unchanged score far from the numbers means that steps overshoot.
         is_still = abs(gain) < WORTH and not is_far(own)
         if is_still or own.score + abs(gain) < least:
             break
     found = fit.compared_in(start)
     if is_far(found) and np.isfinite(lowest):
-        # Its noise is that of other numbers than its own, and may be far too large.
+        # The noise of the start belongs to other numbers, and may be far too large.
         found = replace(found, correction=found.correction + lowest - found.score)
     return linear, found
 
 
 def _has_settled(linear: Linearisation, fit: Fit, none: float) -> bool:
-    """Whether a fit moves nothing by which its linearisation would be another: effects that act in
-    its torques, numbers, nonlinear numbers.
+    """Whether a fit agrees with its linearisation: in numbers, nonlinear numbers, and effects that
+    act in its torques.
 
-    none: steps of numbers that count as none, in their deviations.
+    none: steps that count as zero, in standard deviations.
     """
     acting = {one.feature.key for one in linear.acting}
     acting_of_fit = {one.feature.key for one in _acting(fit)}
@@ -96,30 +94,30 @@ def _has_settled(linear: Linearisation, fit: Fit, none: float) -> bool:
 
 
 def is_far(fit: Fit) -> bool:
-    """Whether one of a fit's numbers is further from the linearisation than its deviation."""
+    """Whether a number of a fit is more than its standard deviation from the linearisation."""
     return bool(np.max(_steps(fit), initial=0.0) > 1.0)
 
 
 def _steps(fit: Fit) -> Array:
-    """Return how far a fit's numbers are from the linearisation, in their deviations."""
+    """Return the distances of a fit's numbers from the linearisation, in standard deviations."""
     steps = np.abs(fit.numbers) / np.sqrt(np.diag(fit.number_covariance))
     return np.asarray(steps[fit.model.moving])
 
 
 def moved(linear: Linearisation, fit: Fit, share: float = 1.0) -> Linearisation:
-    """Return the linearisation a share of the way to where a fit puts the numbers."""
+    """Return the linearisation after a share of the step to the numbers of a fit."""
     limits = np.array([p.limit for p in linear.problem.numbers])
     there = np.clip(linear.values + share * fit.numbers, -limits, limits)
     return linear.moved(np.where(fit.model.moving, there, 0.0), _acting(fit))
 
 
 def moving_numbers(problem: Problem) -> NDArray[np.bool_]:
-    """Return at which numbers' values (K,) the residuals are made."""
+    """Return the numbers (K,) on whose values the residuals depend."""
     return np.array([p.moves_model for p in problem.numbers], dtype=bool)
 
 
 def linear_model(linear: Linearisation, assumed: Assumed) -> LinearModel:
-    """Return the data at a linearisation; made once."""
+    """Return the data at a linearisation, computed once."""
     if "model" not in linear.cache:
         linear.cache["model"] = LinearModel(
             linear.data.white,

@@ -1,6 +1,6 @@
-"""Products of residual and columns, place by place and octave by octave: G_b = A_b' A_b.
+"""Gram matrices of residual and columns by place and octave: G_b = A_b' A_b.
 
-All that is decided needs no more of the data. Each pair of columns is multiplied once.
+Fits and screens use only these products, and each pair of columns is multiplied once.
 """
 
 from __future__ import annotations
@@ -20,23 +20,23 @@ from elastic_arm.evidence.terms.number import NumberTerm
 from elastic_arm.evidence.terms.share import ShareTerm
 from elastic_arm.evidence.terms.term import Term
 
-# Hz; edges of the octaves in which noise has a power of its own
+# Hz, edges of the octaves in which noise has powers of their own
 OCTAVES = np.array([0.5, 1, 2, 4, 8, 16, 32])
 
-# What is kept; memory.
+# Sizes of caches; memory.
 MADE = 16  # sets with their products
 STACKS = 4  # sets with their columns side by side
 LACKING = 8  # sets of shares with their products with the numbers
-COLUMNS = 8  # terms whose columns are kept that are not the terms' own
+COLUMNS = 8  # terms with copies of their columns in memory order
 
 K = TypeVar("K")
 V = TypeVar("V")
 
 
 def kept(cache: dict[K, V], key: K, made: Callable[[], V], most: int) -> V:
-    """Return a value that is made once, of those that were used last."""
+    """Return a cached value, and compute it if needed; the least recently used one is dropped."""
     if key in cache:
-        cache[key] = cache.pop(key)  # the last one in the order
+        cache[key] = cache.pop(key)  # moves to the end of the order
         return cache[key]
     while len(cache) >= most:
         del cache[next(iter(cache))]
@@ -70,18 +70,17 @@ class Bands:
         ends = np.concatenate([[0], np.cumsum(self.counts)])
         self.used = np.flatnonzero(self.counts)
         self.slices = [slice(int(ends[b]), int(ends[b + 1])) for b in self.used]
-        # Of rows in which torques of no law were, what is left tells less.
+        # Rows with free torques carry less information.
         self.n = np.maximum(np.bincount(self.of_rows, told, len(self.counts))[self.used], 1.0)
         self.place, self.octave = np.divmod(self.used, octaves)
 
     def side_by_side(self, each: Sequence[Array]) -> Array:
-        """Return columns (rows, k) of several side by side; each column stands in memory as a
-        whole."""
+        """Return several columns (rows, k) side by side; each column is contiguous in memory."""
         found = each[0].T if len(each) == 1 else np.concatenate([one.T for one in each])
         return np.ascontiguousarray(found).T
 
     def products(self, A: Array, B: Array) -> Array:
-        """Return (bands, a, b) of columns whose rows are in the order of the bands."""
+        """Return the products (bands, a, b) of columns with rows in the order of the bands."""
         found = np.zeros((len(self.slices), A.shape[1], B.shape[1]))
         first = self.first_of(B)
         for b, s in enumerate(self.slices[first:], first):
@@ -89,9 +88,9 @@ class Bands:
         return found
 
     def first_of(self, columns: Array) -> int:
-        """Return the first band of the first place in which columns (rows, k) show.
+        """Return the first band of the first place at which columns (rows, k) are not null.
 
-        Whitened columns are null before; those that show nowhere are given the last place.
+        If they are null everywhere, it is the last place.
         """
         begins = np.flatnonzero(np.diff(self.place, prepend=-1)).tolist()
         for begin, after in pairwise([*begins, len(self.slices)]):
@@ -107,10 +106,10 @@ class Bands:
 
 
 class Grams:
-    """Products of the residual, the numbers' columns and those of terms.
+    """Products of the residual, the columns of the numbers, and those of terms.
 
-    y, N: (rows,) and (rows, K) whitened residual and columns of the numbers; basis: (K, k)
-    combinations of these.
+    y, N: (rows,) and (rows, K) whitened residual and columns of the numbers; basis: combinations
+    (K, k) of these columns.
     """
 
     def __init__(self, y: Array, N: Array, bands: Bands, basis: Array) -> None:
@@ -119,7 +118,7 @@ class Grams:
         base = np.empty((1 + basis.shape[1], len(y)))
         base[0] = y
         np.matmul(basis.T, N.T, out=base[1:])
-        self.base = base.T  # each column stands in memory as a whole
+        self.base = base.T  # each column is contiguous in memory
         self.G0 = bands.products(self.base, self.base)
         rows, columns = np.tril_indices(self.G0.shape[1] - 1)
         self._base_half = self.G0[:, 1 + rows, 1 + columns]
@@ -129,16 +128,16 @@ class Grams:
         self._lacking: dict[tuple[Ident, ...], tuple[Array, Array]] = {}
         self._less: dict[tuple[Ident, ...], Term] = {}
         self._stacks: dict[tuple[Ident, ...], Array] = {}
-        self._made: dict[tuple[Ident, ...], Array] = {}  # of sets, as :meth:`of` made them
+        self._made: dict[tuple[Ident, ...], Array] = {}  # of sets, from :meth:`of`
 
     def let_go(self) -> None:
-        """Let go of what sets have in common: a search that comes back makes it anew."""
+        """Discard the shared products of sets, which can be recomputed."""
         self._stacks.clear()
         self._made.clear()
 
     def columns(self, term: Term) -> Array:
-        """Return the columns (rows, [1 +] k) of a term in the order of the bands, its offset first
-        where it has one."""
+        """Return the columns (rows, [1 +] k) of a term in the order of the bands, after its offset
+        if it has one."""
         own = term.columns
         if term.offset is None and len(own) and own.flags.f_contiguous:
             return own
@@ -146,12 +145,11 @@ class Grams:
 
     @staticmethod
     def lacks(term: Term, lacking: Sequence[ShareTerm]) -> bool:
-        """Whether some shares are parts of a term's columns."""
+        """Whether the columns of a term contain some of these shares."""
         return isinstance(term, NumberTerm) and bool(term.shared(lacking))
 
     def less(self, term: Term, lacking: Sequence[ShareTerm]) -> Term:
-        """Return a term without some shares of its columns: the same, where it moves none of their
-        numbers."""
+        """Return a term without some shares of its columns; the same term if it contains none."""
         if not isinstance(term, NumberTerm):
             return term
         own = term.shared(lacking)
@@ -178,7 +176,7 @@ class Grams:
         return self._pairs[key]
 
     def _pair_all(self, others: Sequence[Term], term: Term) -> None:
-        """Make the products of a term with others at once, where it is new."""
+        """Compute the products of a new term with others at once."""
         if len(others) < 2 or (others[0].ident, term.ident) in self._pairs:
             return
         idents = tuple(o.ident for o in others)
@@ -194,8 +192,8 @@ class Grams:
             self._pairs[term.ident, o.ident] = own.transpose(0, 2, 1)
 
     def _multiply(self, terms: Sequence[Term]) -> None:
-        """Make the products of new terms with the base and with one another, all in one pass over
-        the columns."""
+        """Compute the products of new terms with the base and with one another in one pass over the
+        columns."""
         new = [t for t in terms if t.ident not in self._with_base]
         if len(new) < 2:
             return
@@ -209,8 +207,8 @@ class Grams:
                 self._pairs[one.ident, other.ident] = pair
 
     def with_numbers(self, term: Term, lacking: Sequence[ShareTerm]) -> Array:
-        """Return the products (B, k, m) of the numbers' columns, less some shares of theirs, with a
-        term's columns."""
+        """Return the products (B, k, m) of the numbers' columns, without some shares, with a term's
+        columns."""
         found = self.with_base(term)[:, 1:]
         if not lacking:
             return found
@@ -219,25 +217,24 @@ class Grams:
         return np.asarray(found - self.moved_by(lacking).T @ of_shares)
 
     def moved_by(self, shares: Sequence[ShareTerm]) -> Array:
-        """Return the combinations (M, k) of the shares' columns, side by side, that are parts of
-        the numbers' columns."""
+        """Return the combinations (M, k) of the shares' columns in the numbers' columns."""
         none = self.basis[:0]
         return np.concatenate([none, *(self.basis[share.moved] for share in shares)])
 
     def _numbers(self, lacking: Sequence[ShareTerm]) -> tuple[Array, Array]:
-        """Return the lower half of the products of the numbers' columns, less some shares of
-        theirs, and with y."""
+        """Return the lower half of the products of the numbers' columns, without some shares, and
+        their products with y."""
         key = tuple(share.ident for share in lacking)
         if not key:
             return self._base_half, self.G0[:, 0, 1:]
         return kept(self._lacking, key, lambda: self._less_shares(lacking), LACKING)
 
     def _less_shares(self, lacking: Sequence[ShareTerm]) -> tuple[Array, Array]:
-        """Return the same, made anew.
+        """Compute the products of :meth:`_numbers`.
 
             (N - X V)'(N - X V) = N'N - M - M',   M = (N'X - V'X'X / 2) V
 
-        X holds the columns of the shares, V what of them is in the numbers' columns N.
+        X are the columns of the shares, and V their combinations in the numbers' columns N.
         """
         self._multiply(lacking)
         V = self.moved_by(lacking)
@@ -249,32 +246,25 @@ class Grams:
         return half, self.G0[:, 0, 1:] - with_base[:, 0] @ V
 
     def of(self, terms: Sequence[Term], lacking: Sequence[ShareTerm] = ()) -> Products:
-        """Return the products of a set: coefficients of the numbers first, then of the terms in
-        order.
+        """Return the products of a set: those of the numbers first, then of the terms in order.
 
-        lacking: shares of the numbers' columns that are not there: of effects that the set leaves
-        out.
+        lacking: shares of the numbers' columns by effects that the set leaves out.
         """
-        (half, base), yy = self._numbers(lacking), self.G0[:, 0, 0]
+        half, base = self._numbers(lacking)
+        yy = self.G0[:, 0, 0]
         terms = [self.less(t, lacking) for t in terms]
         self._multiply(terms)
         offsets = [t for t in terms if t.offset is not None]
-        for t in offsets:  # of known size: off the residual
+        for t in offsets:  # of known size: subtracted from the residual
             base = base - self.with_numbers(t, lacking)[:, :, 0]
-            yy = (
-                yy
-                - 2.0 * self.with_base(t)[:, 0, 0]
-                + sum(self.pair(t, o)[:, 0, 0] for o in offsets)
-            )
+            among_offsets = sum(self.pair(t, o)[:, 0, 0] for o in offsets)
+            yy = yy - 2.0 * self.with_base(t)[:, 0, 0] + among_offsets
         b = [base]
         for t in terms:
             first = int(t.offset is not None)
-            b.append(
-                self.with_base(t)[:, 0, first:]
-                - sum(self.pair(o, t)[:, 0, first:] for o in offsets)
-            )
-        # Sets differ by a term or two: the rows of those before are what they were in a set made
-        # lately.
+            of_offsets = sum(self.pair(o, t)[:, 0, first:] for o in offsets)
+            b.append(self.with_base(t)[:, 0, first:] - of_offsets)
+        # Sets differ by a term or two: rows before them are reused from a recent set.
         idents = (tuple(share.ident for share in lacking), *(t.ident for t in terms))
         near = max(self._made, key=lambda known: _shared(known, idents), default=())
         begin = max(_shared(near, idents) - 1, 0)
@@ -294,7 +284,7 @@ class Grams:
 
 
 def _shared(one: tuple[Ident, ...], other: tuple[Ident, ...]) -> int:
-    """Return how many terms two sets begin with alike."""
+    """Return the number of equal terms at the beginning of two sets."""
     return next(
         (i for i, (a, b) in enumerate(zip(one, other, strict=False)) if a != b),
         min(len(one), len(other)),

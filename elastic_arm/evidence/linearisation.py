@@ -1,9 +1,9 @@
-"""Residuals and their derivatives where the numbers of arm and sensors have some values.
+"""Residuals and their derivatives at given numbers of arm and sensors.
 
     r(nu, beta) = r(nu_0) - N (nu - nu_0) - X(theta) beta
 
-Late channels are moved back in time and torques divided by their gains, so that what is left of
-them acts linearly.
+Late channels are shifted back in time and torques are divided by their gains, so that the remaining
+errors of both act linearly.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ from elastic_arm.evidence.problem import ALL, FITTED, JUDGING, Observations, Pro
 
 
 class Motions(NamedTuple):
-    """What depends on the motion alone: stretches, columns (N', R, K) of the inertial numbers of
-    each, where they are kept, and by how much channels were moved."""
+    """Quantities that depend only on the motion: stretches, their columns (N', R, K) of inertial
+    numbers if these are kept, and the shifts of channels."""
 
     stretches: list[NearStretch]
     inertial: list[Array]
@@ -46,13 +46,13 @@ class Motions(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Linearisation:
-    """Residuals and their derivatives where the numbers of arm and sensors have some values."""
+    """Residuals and their derivatives at given numbers of arm and sensors."""
 
     problem: Problem  # recordings, equations, numbers
     values: Array  # (K,) of the numbers, in standard deviations of their priors
     acting: tuple[ActingEffect, ...]  # effects that act in the predicted torques
     which: int = ALL  # the part of the recordings
-    # what was made of it, and until then "near": the motions of the same recordings beside other
+    # computed quantities, and before that "near": the motions of the same recordings at other
     # numbers
     cache: dict[str, Any] = field(default_factory=dict, init=False, repr=False)
     _allowed: dict[object, list[Parameter]] = field(default_factory=dict, init=False, repr=False)
@@ -66,12 +66,12 @@ class Linearisation:
 
     @cached_property
     def late(self) -> dict[str, Array]:
-        """By how much channels are moved back, (n,) s."""
+        """The shift of each channel back in time, (n,) s."""
         return lags(self.problem.numbers, self.values, self.problem.robot.joint_names)
 
     @cached_property
     def observed(self) -> Observations:
-        """The recordings, late channels moved back, torques without their gains."""
+        """The recordings without the lags of channels and the gains of torques."""
         scale = gains(self.problem.numbers, self.values, self.problem.robot.joint_names)
         return tuple(
             o.corrected(self.late, scale, self.model.robot) for o in self.problem.part(self.which)
@@ -79,17 +79,16 @@ class Linearisation:
 
     @property
     def judging(self) -> Linearisation:
-        """The recordings that judge, at the same values; made once."""
+        """The validation recordings at the same values, computed once."""
         if "judging" not in self.cache:
             self.cache["judging"] = self.part(JUDGING)
         found: Linearisation = self.cache["judging"]
         return found
 
     def part(self, which: int, problem: Problem | None = None) -> Linearisation:
-        """Return a part of the recordings at the same values, which takes what depends on their
-        motion alone from here.
+        """Return a part of the recordings at the same values, with the shared quantities of motion.
 
-        problem: the same one but for events of its recordings; None for this one.
+        problem: may differ from this one in the events of its recordings; None for this one.
         """
         found = replace(self, problem=problem or self.problem, which=which)
         fitted = len(self.problem.observed[FITTED])
@@ -102,14 +101,14 @@ class Linearisation:
 
     @cached_property
     def fitted_rows(self) -> NDArray[np.bool_]:
-        """Which whitened rows (rows,) are of recordings that are fitted."""
+        """Whether each whitened row (rows,) belongs to a fitted recording."""
         fitted = len(self.problem.observed[FITTED])
         of_stretches = [part.recording < fitted for part in self.data.parts]
         return np.tile(self.data.of_stretches(of_stretches), self.data.layout.rows)
 
     @cached_property
     def data(self) -> WhitenedData:
-        """Their whitened residuals."""
+        """The whitened residuals."""
         p = self.problem
         near = self.cache.get("near")
         return WhitenedData(
@@ -126,8 +125,8 @@ class Linearisation:
 
     @cached_property
     def inertial(self) -> list[Array]:
-        """Columns (N', R, K) of the inertial numbers of each stretch, which depend on the motion
-        alone."""
+        """Columns (N', R, K) of the inertial numbers of each stretch, which depend only on the
+        motion."""
         y = self.data.y
         near = self.cache.pop("near", None)
         if near is not None and near.late.keys() == self.late.keys():
@@ -143,8 +142,8 @@ class Linearisation:
         )
 
     def anew(self) -> Linearisation:
-        """Return the same linearisation with nothing made of it yet, but for what free torques can
-        be."""
+        """Return the same linearisation without its computed quantities, except those of free
+        torques."""
         found = replace(self)
         if "data" in vars(self):
             stretches = [stretch.without_motion() for stretch in self.data.stretches]
@@ -152,8 +151,7 @@ class Linearisation:
         return found
 
     def moved(self, values: Array, acting: tuple[ActingEffect, ...]) -> Linearisation:
-        """Return the linearisation at other values, which takes what depends on the motion alone
-        from here."""
+        """Return the linearisation at other values, with the shared quantities of motion."""
         there = Linearisation(self.problem, values, acting)
         there.cache["near"] = Motions(self.data.stretches, self.inertial, self.late)
         return there
@@ -162,8 +160,8 @@ class Linearisation:
     def plain_numbers(self) -> list[Array]:
         """Columns (N', R, K) of the numbers of each stretch, Nm for one standard deviation.
 
-        Of all recordings they are large, and needed once, to be whitened: each call makes them
-        anew. Those of a part are kept, as an answer takes them again and again.
+        Those of all recordings are large and used only once, for whitening, so each call recomputes
+        them. Those of a part are cached, because they are used repeatedly.
         """
         if self.which == ALL:
             return self._number_columns()
@@ -186,12 +184,12 @@ class Linearisation:
 
     @cached_property
     def features(self) -> dict[int, Feature]:
-        """The effects whose sizes are numbers, by number."""
+        """The effects whose sizes are numbers, by the index of the number."""
         return features_at(self.model, self.problem.numbers, self.acting)
 
     @cached_property
     def numbers(self) -> Array:
-        """The same whitened, (rows, K)."""
+        """The whitened columns of the numbers (rows, K)."""
         return self.data.whiten(self.plain_numbers)
 
     def columns(self, feature: Feature, theta: Sequence[float] = ()) -> Array:
@@ -199,13 +197,11 @@ class Linearisation:
         return self.columns_at(feature, [theta])
 
     def columns_at(self, feature: Feature, points: Sequence[Sequence[float]]) -> Array:
-        """Return those (rows, points x k) at several points of its nonlinear numbers, side by
-        side."""
+        """Return the columns (rows, points x k) at several points of the nonlinear numbers."""
         return self.data.whiten(self.data.plain_at(feature, points))
 
     def allowed(self, feature: Feature) -> list[Parameter]:
-        """Return the parameter of each nonlinear number, with the range that the recordings
-        allow."""
+        """Return the parameters of nonlinear numbers with the ranges that the recordings allow."""
         key = feature.key, feature.fixed  # an effect as a whole has other numbers
         if key not in self._allowed:
             own = [allowed_values(feature, p, self.data) for p in feature.searched]

@@ -1,8 +1,8 @@
-"""Nonlinear numbers of laws, by Gauss and Newton on the Gram matrices.
+"""Nonlinear numbers of laws, fitted by Gauss–Newton steps on the Gram matrices.
 
-About theta_0 a law is X(theta_0) beta + beta_0 dX/dtheta (theta - theta_0): its derivatives are
-further columns, whose coefficients have the prior of theta over its range. So the evidence of a set
-is Laplace's, and sizes are as uncertain as the nonlinear numbers make them.
+About theta_0 a law is X(theta_0) beta + beta_0 dX/dtheta (theta - theta_0). The derivatives are
+additional columns, and the range of theta is the prior of their coefficients. The evidence of a set
+is therefore Laplace's, and the nonlinear numbers add to the uncertainty of sizes.
 """
 
 from collections.abc import Sequence
@@ -28,25 +28,29 @@ from elastic_arm.evidence.terms.effect import (
 )
 from elastic_arm.evidence.terms.term import Term
 
-STEPS = 6  # of Gauss and Newton
-LONGEST = 0.25  # of a range, of one step
-# Values of one number; numerical.
-SCANNED = 25  # over its range
-DECIDED = 5  # of these, that are fitted
-EVALUATIONS = 8  # between two of these
+STEPS = 6  # largest number of Gauss–Newton steps
+LONGEST = 0.25  # share of the range, largest step
+# Scan of one number; numerical.
+SCANNED = 25  # values over its range
+DECIDED = 5  # of these, fitted
+EVALUATIONS = 8  # evaluations between two of these
 TINY = 1e-12  # numerical
-NEVER = -1e30  # score of what is out of bounds; numerical
+NEVER = -1e30  # score out of bounds; numerical
 CELLS = 500  # points of a grid over several numbers; numerical
 PLACES = 120  # steps of the search from the best of them; numerical
-SETTLED = 0.1  # of its standard deviation: a step that is none; numerical
+SETTLED = 0.1  # standard deviations: a step below this counts as zero; numerical
 
 
 def start_of(term: EffectTerm, fit: Fit) -> tuple[Feature, tuple[float, ...], float]:
-    """Return feature, nonlinear numbers and size from which a term is refined, by a fit that holds
-    it."""
+    """Return the feature, nonlinear numbers and size at which the refinement of a term starts.
+
+    fit: of a set with the term.
+    """
     feature = term.feature
     beta = fit.beta(term)
-    if np.isnan(term.theta).any():  # linear in size and size times monomials, numbers first
+    if np.isnan(
+        term.theta
+    ).any():  # linear in the size and in size times monomials, first those of single numbers
         size = float(beta[0]) if beta[0] else TINY
         own = components(feature)
         theta = [
@@ -76,10 +80,9 @@ def refined(
     *,
     scan: bool,
 ) -> tuple[EffectTerm, Fit]:
-    """Return a term with its nonlinear numbers where they are most probable beside others, and the
-    fit of all.
+    """Return a term with its most probable nonlinear numbers beside others, and the fit of all.
 
-    scan: whether one number is looked for over all its range first.
+    scan: whether a single number is first scanned over its whole range.
     """
     first = model.fit([*others, term], near)
     feature, theta, size = start_of(term, first)
@@ -87,7 +90,7 @@ def refined(
     if feature is term.feature and len(theta) == 1 and scan:
         theta, size = _scanned(linear, model, term, others, first)
     if np.isnan(term.theta).any():
-        start = start.scaled(1.0)  # the scale of a relaxed law is that of its first order
+        start = start.scaled(1.0)  # a relaxed law has the scale of its first order
         theta, size = _placed(linear, model, start, model.fit(others, near), theta)
         start = start.scaled(
             float(min(SCALES, key=lambda s: abs(np.log(max(size, TINY) / (s * start.std[0])))))
@@ -122,8 +125,8 @@ def refined(
 def placed_anew(
     linear: Linearisation, model: LinearModel, term: EffectTerm, others: Sequence[Term]
 ) -> EffectTerm:
-    """Return the term of a law of second degree in several numbers where these are most probable
-    beside others."""
+    """Return the term of a law of second degree in several numbers, at their most probable values
+    beside other terms."""
     theta, size = _placed(linear, model, term, model.fit(others), term.theta)
     return tangent_term(linear, term, theta, size)
 
@@ -135,14 +138,13 @@ def _placed(
     near: Fit,
     relaxed: tuple[float, ...],
 ) -> tuple[tuple[float, ...], float]:
-    """Return several nonlinear numbers and the size that are most probable beside a fit, at its
-    noise.
+    """Return the most probable values of several nonlinear numbers and of the size beside a fit, at
+    its noise.
 
-    The law is of second degree in the numbers, so that its column is V m(theta), m their monomials.
-    What is left of the products of V beside the fit (a Schur complement) gives the gain of any
-    theta.
+    The law is of second degree in the numbers, so its column is V m(theta) with their monomials m.
+    The products of V beside the fit (a Schur complement) give the gain of any theta.
 
-    relaxed: numbers of the law that is linear in all monomials, from which the search starts, as
+    relaxed: numbers of the law that is linear in all monomials; the search starts from these and
     from the best point of a grid.
     """
     ranges = np.array([(p.low, p.high) for p in components(term.feature)])
@@ -152,14 +154,14 @@ def _placed(
     variance = float(term.std[0]) ** 2
 
     def sizes_at(points: Array) -> tuple[Array, Array]:
-        """Return the most probable size at each of several numbers (M, k), and the gains, nats."""
+        """Return the most probable size at each point (M, k), and the gains, nats."""
         m = monomials(points)
         energy = np.sum(m @ G * m, axis=1)
         curvature = 1.0 + variance * np.maximum(energy, 0.0)
         slope = m @ b
         size = variance * slope / curvature
         gain = 0.5 * size * slope - 0.5 * np.log(curvature)
-        # A mean beyond its bounds has derivatives of the other sign.
+        # Beyond the bounds of the mean, derivatives have the opposite sign.
         inside = (term.low[0] <= size) & (size <= term.high[0])
         return size, np.where(inside, gain, NEVER)
 
@@ -185,7 +187,7 @@ def _placed(
 
 
 def _grid(ranges: Array) -> Array:
-    """Return points (M, k) in the middles of cells of equal size that fill some ranges (k, 2)."""
+    """Return the centres (M, k) of equal cells that fill some ranges (k, 2)."""
     count = max(2, round(CELLS ** (1.0 / len(ranges))))
     middles = (np.arange(count) + 0.5) / count
     axes = [low + middles * (high - low) for low, high in ranges]
@@ -195,11 +197,11 @@ def _grid(ranges: Array) -> Array:
 def _scanned(
     linear: Linearisation, model: LinearModel, term: EffectTerm, others: Sequence[Term], near: Fit
 ) -> tuple[tuple[float, ...], float]:
-    """Return the one nonlinear number and the size that are most probable, by a scan of its range.
+    """Return the most probable nonlinear number and size, by a scan over the range of the number.
 
-    Far from its optimum a law leaves so much that its slow part counts as noise, and derivatives
-    see its edges alone. What each value would gain beside the others proposes; the fits of the best
-    ones decide.
+    Far from its optimum, a law leaves so much that its slow part counts as noise, and derivatives
+    see only its edges. The gain of each value beside the others proposes it, and the fits of the
+    best values decide.
     """
     feature = term.feature
     (p,) = linear.allowed(term.feature)
@@ -247,7 +249,7 @@ def _scanned(
 
 
 def _step(term: EffectTerm, fit: Fit) -> Array | None:
-    """Return the step of each nonlinear number in its coordinate; None where none moves."""
+    """Return the step of each nonlinear number in its coordinate; None if all are settled."""
     if not term.tangents:
         return None
     beta = fit.beta(term)

@@ -1,5 +1,4 @@
-"""Which numbers of an arm and its sensors are uncertain, each with its prior: nu ~ N(0, (tau
-std)²)."""
+"""The uncertain numbers of an arm and its sensors with their priors, nu ~ N(0, (tau std)²)."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
@@ -15,17 +14,18 @@ from elastic_arm.estimation.motion import Motion
 from elastic_arm.evidence.priors import OFFSET_SHARE, PRESLIDING_SHARE, ZERO_AS_MOUNTED, Priors
 from elastic_arm.robot import Joint, Robot
 
-LEAST_SCALE = 1e-9  # numerical; of roots of sums of squares of torques and accelerations
-# About which the model is made; numerical.
+LEAST_SCALE = 1e-9  # smallest root of a sum of squares of torques or accelerations; numerical
+# Largest deviations at which the model is linearised; numerical.
 LARGEST_SCALE = 3.0  # logarithm of the ratio of a stiffness or damping
 LARGEST_RATIO = 0.75  # relative error of a torque channel's gain
-# rad/s: the width of the sign function about which dry friction turns over. Of it, the pairs of
-# widths between which it does, and a width within which it does so early or late; they span what
-# gradual sign functions have in common.
+# rad/s, width of the sign function of dry friction. Multiples of it: pairs of widths between which
+# the sign changes, and a width within which it changes early or late. They span gradual sign
+# functions.
 TURNING = 2e-3
 WIDTHS = ((0.25, 1.0), (1.0, 4.0), (1.0,))
 
-Errors = dict[tuple[str, str | None], Feature]  # number, joint -> the effect as which it is off
+# number, joint -> the effect that reports a far-off number
+Errors = dict[tuple[str, str | None], Feature]
 
 
 def numbers_of(
@@ -38,15 +38,14 @@ def numbers_of(
     turning: Array | None,
     sides: Sequence[str],
 ) -> tuple[Number, ...]:
-    """Return the numbers of an arm and of its sensors that have a prior.
+    """Return the uncertain numbers of an arm and of its sensors, with their priors.
 
-    features: effects of sensors and of the arm's numbers at every place; sensors' without a prior
-    in their file are left out; priors: of the arm's numbers, and those of sensors that differ from
-    their files; pieces: the motion, from which the scale of a motor inertia follows that is not
-    described; largest: (n,) torques of the joints, Nm: zeros and presliding are a share of them at
-    most; turning: (n,) speeds within which dry friction was found to turn over, rad/s; None where
-    they were not looked for; sides: of the equations: with one of them alone, how friction turns
-    over is the same on both sides of a drive.
+    features: effects of sensors and of the arm's numbers at every place; those of sensors without a
+    prior in their file are left out; priors: of the arm's numbers, and overrides for sensors;
+    pieces: the motion, which gives the scale of undescribed motor inertias; largest: torques of the
+    joints (n,), Nm, which bound zeros and presliding; turning: speeds (n,) within which dry
+    friction changes its sign, rad/s, None if unknown; sides: of the equations; with only one, the
+    change of sign is the same on both sides of a drive.
     """
     features = tuple(features)
     inertias = _motor_inertias(pieces)
@@ -71,8 +70,8 @@ def _of_joint(
 ) -> Iterator[Number]:
     """Yield the numbers of a link, its drive and its motor.
 
-    j: index of the joint; inertias: standard deviations (n,) of motor inertias that the description
-    lacks; None where the motion does not show their scale.
+    j: index of the joint; inertias: standard deviations (n,) of undescribed motor inertias; None if
+    the motion does not show their scale.
     """
     # what -> unit, standard deviation of the prior, value of the description
     stds = {"link_mass": ("1", priors.mass, 1.0)}
@@ -98,7 +97,7 @@ def _of_joint(
 
 
 def number_of(feature: Feature, robot: Robot) -> str:
-    """Return the name of the number that an effect at its place is an error of; empty where it is
+    """Return the name of the number of which an effect at its place is an error; empty if there is
     none."""
     effect = feature.effect
     if feature.joint is None or not isinstance(effect, ControllerEffect):
@@ -109,7 +108,7 @@ def number_of(feature: Feature, robot: Robot) -> str:
 def _of_controller(
     feature: Feature, number: str, priors: Priors, errors: Errors
 ) -> Iterator[Number]:
-    """Yield the gain of a joint's controller; where it has one alone, that is the scale of all."""
+    """Yield the number of a controller's gain, or of its common scale if there is no other."""
     if not number or feature.joint is None:
         return
     what = number if (SCALE, feature.joint) in errors else SCALE
@@ -120,7 +119,7 @@ def _of_controller(
 def _of_sensor(
     feature: Feature, robot: Robot, rate: float, priors: Priors, largest: Array
 ) -> Iterator[Number]:
-    """Yield the number of a sensor's effect at a joint; none of an effect without a prior."""
+    """Yield the number of a sensor's effect at a joint, if the effect has a prior."""
     effect = feature.effect
     chosen = _single_choices(feature)
     if effect.prior is None or feature.joint is None or chosen is None:
@@ -137,8 +136,10 @@ def _of_sensor(
 
 
 def _turnovers(joint: Joint, turning: float, std: float, sides: Sequence[str]) -> Iterator[Number]:
-    """Yield how dry friction of a joint turns over on each side, from the speed (rad/s) at which
-    that was found."""
+    """Yield the numbers of the sign function of dry friction on each side.
+
+    turning: speed at which dry friction changes its sign, rad/s.
+    """
     apart = joint.transmission is not None and {"link", "motor"} <= set(sides)
     width = max(turning, TURNING)
     for side in ("link", "motor") if apart else ("motor",):
@@ -156,10 +157,10 @@ def _turnovers(joint: Joint, turning: float, std: float, sides: Sequence[str]) -
 
 
 def resolved_speeds(pieces: Sequence[Motion], n: int, rate: float) -> Array:
-    """Return the speeds (n,) by which velocities change within two samples where they reverse.
+    """Return the changes of velocities within two samples at reversals (n,), rad/s.
 
-    Nothing faster than half the rate (samples/s) is recorded, and so not how friction turns over
-    below these speeds, rad/s.
+    Signals faster than half the rate (samples/s) are not recorded, so the shape of friction below
+    these speeds is unknown.
     """
     squares = np.zeros(n)
     count = np.zeros(n)
@@ -175,11 +176,11 @@ def resolved_speeds(pieces: Sequence[Motion], n: int, rate: float) -> Array:
 
 
 def _motor_inertias(pieces: Sequence[Motion]) -> Array | None:
-    """Return the motor inertias (n,) kg m² that alone would need all the motor torque; None where
-    none was recorded.
+    """Return the motor inertias (n,) that would explain all the motor torque, kg m²; None without
+    recorded motor torque.
 
-    A description of links alone gives no idea of what their motors' inertia is: with gears it may
-    be a hundred times that of a wrist.
+    A description of the links does not indicate the inertia of their motors: with gears it may be
+    a hundred times that of a wrist.
     """
     squares: Array = np.zeros((2, 1))
     for piece in pieces:
@@ -194,8 +195,8 @@ def _motor_inertias(pieces: Sequence[Motion]) -> Array | None:
 
 
 def unreferenced(number: Number) -> Number:
-    """Return it with the prior of an arm without joint torque sensors: no known torque has set its
-    encoders' zeros."""
+    """Return the number with its prior on an arm without joint torque sensors: no known torque has
+    set the zeros of its encoders."""
     own = number.feature
     zero = number.unit in ("rad", "m")
     if own is None or "q" not in own.sensed or not zero:
@@ -204,10 +205,9 @@ def unreferenced(number: Number) -> Number:
 
 
 def of_each_recording(numbers: Sequence[Number], count: int, share: float) -> tuple[Number, ...]:
-    """Return by how much the zeros of sensors are others in each of some recordings than in the
-    first.
+    """Return the differences of the zeros of sensors between each recording and the first.
 
-    share: standard deviation over that of the zero itself.
+    count: number of recordings; share: standard deviation over that of the zero itself.
     """
     zeros = [p for p in numbers if p.feature is not None and p.feature.effect.set_at_start]
     apart = [replace(p, what=f"{p.what}_difference", prior_std=share * p.prior_std) for p in zeros]
@@ -215,7 +215,7 @@ def of_each_recording(numbers: Sequence[Number], count: int, share: float) -> tu
 
 
 def _single_choices(feature: Feature) -> list[str] | None:
-    """Return what was chosen of an effect's choices; None where several were made at once."""
+    """Return the choices of an effect; None if any choice has several values."""
     chosen = [
         (value,) if isinstance(value, str) else tuple(value) for value in feature.choices.values()
     ]

@@ -1,5 +1,4 @@
-"""What is to be explained: recordings, equations, the numbers that may be off, and effects that are
-known."""
+"""The problem to be explained: recordings, equations, uncertain numbers, and known effects."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -39,50 +38,47 @@ ALL = 2
 
 @dataclass(frozen=True)
 class Problem:
-    """What is to be explained."""
+    """The problem to be explained."""
 
-    # robot, model: the description, and the variant of the model
+    # robot, model: description and model variant
     robot: Robot
     model: str
-    observed: tuple[
-        Observations, Observations
-    ]  # the recordings that are fitted, and those that judge
-    # layout, band: usable equations, and where they are compared
+    observed: tuple[Observations, Observations]  # fitted and validation recordings
+    # layout, band: usable equations, and the band in which they are compared
     layout: EquationSet
     band: Band
-    numbers: tuple[Number, ...]  # that may be off
+    numbers: tuple[Number, ...]  # uncertain numbers
     directions: Array  # (P, K) derivative of Psi by them
-    # stated, given: effects that the description states, and those that the user knows
+    # stated, given: effects of the description, and known effects of the user
     stated: tuple[EffectInstance, ...]
     given: tuple[EffectInstance, ...]
-    candidates: tuple[Feature, ...]  # effects that may be there, at their places
-    largest: Array  # (n,) torques of the joints, Nm
-    far: frozenset[str]  # effects as which numbers that are far off are reported
+    candidates: tuple[Feature, ...]  # effects that may act, at their places
+    largest: Array  # (n,) largest torques of the joints, Nm
+    far: frozenset[str]  # effects that report far-off numbers
     # candidates that every real drive has and the description does not state
     usual: frozenset[Key] = frozenset()
     held_back: bool = (
-        False  # whether the recordings that judge are the last parts of those that are fitted
+        False  # whether the validation recordings are the last parts of those that are fitted
     )
 
     @property
     def indices(self) -> tuple[range, range]:
-        """Numbers of the recordings that are fitted, and of those that judge."""
+        """Numbers of the fitted and of the validation recordings."""
         first, second = (len(part) for part in self.observed)
         return range(first), range(second) if self.held_back else range(first, first + second)
 
     def part(self, which: int) -> Observations:
-        """Return the recordings of a part: fitted, judging, or all of them, the fitted ones
-        first."""
+        """Return the recordings of a part: fitted, validation, or both in this order."""
         return sum(self.observed, ()) if which == ALL else self.observed[which]
 
     def numbered(self, which: int) -> list[int]:
-        """Return the number of the recording that each observation of a part belongs to."""
+        """Return the number of the recording of each observation in a part."""
         first, second = self.indices
         return [[*first], [*second], [*first, *second]][which]
 
     @property
     def sources(self) -> dict[int, str]:
-        """The recordings, by number."""
+        """The sources of the recordings by number."""
         parts = zip(self.indices, self.observed, strict=True)
         return {
             k: one.source for indices, part in parts for k, one in zip(indices, part, strict=True)
@@ -90,8 +86,7 @@ class Problem:
 
     @cached_property
     def known(self) -> tuple[tuple[Feature, EffectInstance], ...]:
-        """Known effects at their places on the arm as it is described, those of the description
-        first."""
+        """Known effects at their places on the described arm, first those of the description."""
         equations = ArmEquations(self.robot, self.model)
         return tuple(
             (feature_of(instance, equations), instance) for instance in (*self.stated, *self.given)
@@ -108,7 +103,7 @@ class Problem:
         return found
 
     def largest_at(self, joint: str | None) -> float:
-        """Return the largest torque (Nm) of a joint, or of all."""
+        """Return the largest torque of a joint, or of all joints, Nm."""
         return float(
             self.largest.max()
             if joint is None
@@ -135,11 +130,11 @@ def uncertain_numbers(
     priors: Priors,
     held_back: bool,
 ) -> tuple[tuple[Number, ...], Array]:
-    """Return the numbers of an arm and its recorded channels that may be off, and the derivative of
-    Psi by them.
+    """Return the uncertain numbers of an arm and its recorded channels, and the derivative of Psi
+    by them.
 
-    effects: of sensors, of the arm's numbers and of warming friction; those of the first and the
-    last have priors.
+    effects: of sensors, of numbers of the arm, and of warming friction; those of sensors and of
+    warming friction have priors.
     """
     equations = ArmEquations(robot, model)
     friction = [feature_of(instance, equations) for instance in known]

@@ -1,10 +1,10 @@
-"""The search over sets of terms, each judged at the linearisation about its own numbers.
+"""The search over sets of terms, alternating with linearisation about the best set.
 
     S_{k+1} = best set found from S_k at the linearisation of S_k
     score(S_{k+1}) counts at the linearisation of S_{k+1}
 
-alternately, until no set is better (:mod:`.frontier`). The search begins at the description, and at
-the description with the friction of every drive.
+Both steps repeat until no set is better (:mod:`.frontier`). The search starts at the description,
+and again at the description with friction in every drive.
 """
 
 from __future__ import annotations
@@ -48,17 +48,17 @@ from elastic_arm.evidence.terms.term import Term, odds_among
 from elastic_arm.evidence.terms.unnamed import unnamed_terms
 from elastic_arm.evidence.watch import Stage, Watch
 
-# Moves by which a set is expanded: at first, and where these find no better set.
+# Numbers of moves that expand a set: first these, then more if they find no better set.
 STAGES = (SIMPLE, ALL)
-# Share of a search that is typically still to come after each set that is linearised about itself.
+# Typical remaining share of a search after each set that was linearised about itself.
 EACH = 0.8
 
 
 @dataclass
 class Shared:
-    """What searches at several linearisations share."""
+    """Quantities that searches at several linearisations share."""
 
-    thetas: Thetas = field(default_factory=dict)  # where nonlinear numbers were most probable
+    thetas: Thetas = field(default_factory=dict)  # the most probable nonlinear numbers so far
     watch: Watch = field(default_factory=Watch)
     look: Callable[[Explanation], None] | None = None
     linearised: int = 0  # sets that were linearised about themselves
@@ -73,8 +73,8 @@ def explain(
 ) -> Explanation:
     """Return the most probable explanation of all recordings.
 
-    refit: whether the description cannot be as measured; watch: who is told of the stages, and may
-    end the search; look: takes the fit of ordinary deviations and friction, before the search.
+    refit: whether to exclude the trust `as measured`; watch: receives the stages and may end the
+    search; look: receives the fit of ordinary deviations and friction before the search.
     """
     watch = watch or Watch()
     watch.say("fit of ordinary deviations and friction", Stage.ORDINARY)
@@ -88,7 +88,7 @@ def explain(
     start = Node(first.path[0], first.linear, found=first)
     exploration = _Exploration(start, refit, shared, log)
     exploration.frontier.follow(first.path)
-    del first, start, starts  # they hold all data of their linearisations
+    del first, start, starts  # frees the data of their linearisations
     exploration.follow_up(others)
     best = exploration.run()
     known = _known(best, exploration.frontier.scores, log, _assumptions(problem, refit))
@@ -96,16 +96,16 @@ def explain(
 
 
 class _Exploration:
-    """The linearisations and searches by which a frontier moves on.
+    """The linearisations and searches of a frontier.
 
-    start: the set from which it begins; log: the lines of all searches.
+    start: first set; log: lines of all searches.
     """
 
     def __init__(self, start: Node, refit: bool, shared: Shared, log: list[str]) -> None:
         self.refit = refit
         self.shared = shared
         self.log = log
-        self.frame: Frame = start.fit.frame  # in which all scores compare
+        self.frame: Frame = start.fit.frame  # the frame in which all scores compare
         self.first_score: float = start.fit.score
         is_over = shared.watch.is_over
         self.frontier = Frontier(
@@ -113,32 +113,32 @@ class _Exploration:
         )
 
     def follow_up(self, others: list[Node]) -> None:
-        """Linearise the best sets of the other starts about themselves; each is let go then."""
+        """Linearise the best sets of the other starts about themselves, and discard each."""
         while others and not self.shared.watch.is_over():
             other = others.pop(0)
             if other.fit.keys not in self.frontier.scores:
                 self.frontier.take(other.fit, other)
 
     def run(self) -> Node:
-        """Return the best set, after all moves and the likeliest sets with distant numbers."""
+        """Return the best set, after all moves and the most probable sets with distant numbers."""
         best = self.frontier.run()
         tried: set[frozenset[Key]] = set()
         for _ in range(ELSEWHERE):
             if self.shared.watch.is_over() or best.found is None:
                 break
-            # The scores of sets with distant numbers use the wrong columns here.
+            # The columns here are wrong for sets with distant numbers.
             distant = _likeliest_distant(best.found, tried)
             if distant is None:
                 break
             tried.add(distant.keys)
             self.frontier.take(distant)
             best = self.frontier.run()
-        if best.found is None:  # ended before anything was looked for from there
+        if best.found is None:  # the search ended before this set was expanded
             best.found = self._search(best, moves=0)
         return best
 
     def _linearise(self, fit: Fit, near: Node) -> Node:
-        """Return a set at its own linearisation, from that of a node at which it was met."""
+        """Return a set at its own linearisation, starting from that of a node."""
         least = self.frontier.best.fit.score - COMPARED
         there, own = about_itself(near.linear, fit, self.frame, least)
         gain = own.score - near.fit.score
@@ -156,13 +156,13 @@ class _Exploration:
     def _expand(self, node: Node, scores: Mapping[Any, float]) -> Sequence[Fit]:
         """Return the path of a search from a node at its own linearisation."""
         moves = STAGES[node.depth]
-        own = node.fit.correction  # scores at its linearisation lack it
+        own = node.fit.correction  # correction that scores at its linearisation lack
         others = {keys: score - own for keys, score in scores.items() if keys != node.fit.keys}
         found = self._search(node, moves, others)
         self.log.extend(found.log)
         node.found = found
         if moves == ALL or node is not self.frontier.best:
-            found.without_screens()  # nothing more is looked for from there
+            found.without_screens()  # the set is not expanded any more
         return found.path
 
     def _search(
@@ -179,9 +179,9 @@ class _Exploration:
 
 
 def _assumptions(problem: Problem, refit: bool) -> list[Assumed]:
-    """Return what the priors of an arm may share: trust in the description, scale of the zeros.
+    """Return all assumptions: trust in the description, and scale of the zeros.
 
-    refit: whether the description cannot be as measured.
+    refit: whether to exclude the trust `as measured`.
     """
     has_zeros = any(number.kind == "zero" for number in problem.numbers)
     scales = [*ZEROS] if has_zeros else [1.0]
@@ -193,10 +193,10 @@ def _assumptions(problem: Problem, refit: bool) -> list[Assumed]:
 def _known(
     node: Node, scores: Mapping[Any, float], log: Sequence[str], assumptions: Sequence[Assumed]
 ) -> Explanation:
-    """Return the explanation at the best node: sets that were linearised about themselves have that
-    score.
+    """Return the explanation at the best node, with the own scores of sets that were linearised
+    about themselves.
 
-        p(S | y) = sum over what may be assumed, a, of p(S, a | y)
+        p(S | y) = sum over assumptions a of p(S, a | y)
     """
     found: Explanation = node.found
     met = found.search.met
@@ -206,7 +206,7 @@ def _known(
             met[keys] = replace(fit, correction=fit.correction + own - fit.score)
     best = max(met.values(), key=lambda fit: fit.score)
     least = best.score + float(np.log(SUMMED))
-    # What is unlikely beside the best set is unlikely beside those that differ little from it.
+    # Assumptions that are improbable for the best set are improbable for similar sets.
     beside = [best.model.assuming(one).fit(best.optional, best) for one in assumptions]
     likely = [fit.model.assumed for fit in beside if fit.score + best.correction > least]
     fits: list[Fit] = []
@@ -221,14 +221,14 @@ def _known(
 
 
 def _begun(problem: Problem, refit: bool, shared: Shared) -> list[Explanation]:
-    """Return the explanations that the first searches find, one of each start."""
-    # If the description is exact, all that is left is an effect. If its numbers are off, false
-    # effects are rarer where they were first fitted together with ordinary friction; beside a large
-    # effect, however, such a fit moves them far.
+    """Return the explanations of the first searches, one for each start."""
+    # If the description is exact, all residuals are effects. If its numbers are off, a first fit of
+    # numbers and ordinary friction avoids false effects. Beside a large effect, however, such a fit
+    # moves the numbers far.
     described = Linearisation(problem, np.zeros(len(problem.numbers)), _stated(problem))
     usual = linear_model(described, AS_BUILT).fit(_usual_terms(described))
     built, fitted = about_itself(described, usual, usual.frame, settled=1.0)
-    # Each is dropped again where the recordings do not show it.
+    # The search drops each of them that the recordings do not show.
     terms = [*fitted.optional, *dry_friction_terms(built)]
     if shared.look is not None:
         usual = fitted.model.fit(terms, fitted)
@@ -240,20 +240,20 @@ def _begun(problem: Problem, refit: bool, shared: Shared) -> list[Explanation]:
     exact = _explained(described, (), AS_MEASURED, refit, shared, moves=ADDED, most=FIRST)
     starts.insert(0, exact)
     if all(one.best.model.assumed != AS_MEASURED for one in starts):
-        # One large deviation may have been spread over many small ones.
+        # The fit may have spread one large deviation over many small ones.
         starts.append(_explained(built, terms, AS_MEASURED, refit, shared, moves=ADDED, most=FIRST))
     return starts
 
 
 def _usual_terms(linear: Linearisation) -> list[Term]:
-    """Return what every real drive has and the description does not state."""
+    """Return the terms that every real drive has and the description does not state."""
     problem = linear.problem
     features = [feature for feature in problem.candidates if feature.key in problem.usual]
     return list(effect_terms(linear, linear.placed(features), problem.usual))
 
 
 def _stated(problem: Problem) -> tuple[ActingEffect, ...]:
-    """Return what the description states to act, at its stated size: gains scale it, too."""
+    """Return the described effects at their stated sizes, which gains scale as well."""
     return tuple(
         ActingEffect(
             feature, theta_of(feature, instance), coefficients_of(feature, instance.parameters)
@@ -264,8 +264,8 @@ def _stated(problem: Problem) -> tuple[ActingEffect, ...]:
 
 
 def _likeliest_distant(found: Explanation, tried: Set[frozenset[Key]]) -> Fit | None:
-    """Return the likeliest set of which a number differs from the best set's by more than one
-    standard deviation of its prior."""
+    """Return the most probable set with a number more than one prior standard deviation from that
+    of the best set."""
     moving = moving_numbers(found.linear.problem)
     sets = (
         fit
@@ -277,7 +277,7 @@ def _likeliest_distant(found: Explanation, tried: Set[frozenset[Key]]) -> Fit | 
 
 
 def _screens(linear: Linearisation, model: LinearModel, *, laws: bool) -> list[Screen]:
-    """Return what may be added, laws without a form apart; made once."""
+    """Return the screens of candidates, computed once; nonparametric laws have one of their own."""
     if "pool" not in linear.cache:
         linear.cache["pool"] = Screen(model.grams, pool_of(linear))
     if laws and "laws" not in linear.cache:
@@ -296,17 +296,17 @@ def _explained(
     most: int = MOST,
     own_scores: Mapping[frozenset[Key], float] | None = None,
 ) -> Explanation:
-    """Return the most probable set at a linearisation, from one to start from.
+    """Return the most probable set at a linearisation.
 
-    most: steps that the search may take; own_scores: scores of sets at their own
-    linearisations, as they compare with those at this one.
+    start: first set; most: largest number of steps; own_scores: scores of sets at their own
+    linearisations, in the frame of this one.
     """
     parts = linear, refit, shared, moves, most, own_scores or {}
     found = _alternated(start, assumed, *parts)
     alone = found.best.model.assumed._replace(zeros=1.0)
     if alone == found.best.model.assumed or shared.watch.is_over():
         return found
-    # One zero far off is more than one move from all zeros on a larger scale.
+    # A single far-off zero is more than one move away from a larger scale of all zeros.
     other = _alternated(found.best.optional, alone, *parts)
     better = max(found, other, key=lambda one: one.best.score)
     return replace(better, path=[*found.path, *other.path], log=(*found.log, *other.log))
@@ -343,7 +343,7 @@ def _alternated(
         terms = best.optional
         scores = {one: model.assuming(one).fit(terms, best).score for one in assumptions}
         assumed = max(scores, key=lambda one: scores[one])
-    if tried[assumed] is not search:  # found under another assumption since
+    if tried[assumed] is not search:  # found under another assumption in the meantime
         search = tried[assumed]
         before = len(search.log)
         best = search.run(terms, moves=moves, most=most)
@@ -361,7 +361,7 @@ def _words(assumed: Assumed) -> str:
 
 
 def pool_of(linear: Linearisation) -> Iterator[Term]:
-    """Yield the effects, numbers and stated effects that may be there."""
+    """Yield all candidates except nonparametric laws."""
     problem = linear.problem
     yield from effect_terms(linear, linear.placed(problem.candidates), problem.usual)
     others: tuple[Sequence[Term], ...] = (

@@ -1,9 +1,9 @@
-"""The most probable runs among blocks of a recording, by dynamic programming.
+"""The most probable runs among the blocks of a recording, by dynamic programming.
 
     best_j = max(best_{j-1} + ordinary_{j-1}, max over i < j of best_i + run_ij)
 
-ordinary_j is the log-probability of a block outside of all runs, and run_ij that of the blocks i to
-j - 1 as one run, its prior odds included.
+ordinary_j is the log-probability of block j outside all runs, and run_ij that of the blocks i to
+j - 1 as one run, including its prior odds.
 """
 
 from collections.abc import Callable
@@ -12,11 +12,11 @@ import numpy as np
 
 from elastic_arm.arrays import Array
 
-Runs = list[tuple[int, int]]  # first block, and the one after the last
+Runs = list[tuple[int, int]]  # first block, and the block after the last
 
 
 def most_probable_runs(ordinary: Array, ending: Callable[[int], Array]) -> Runs:
-    """Return the runs of blocks that are most probable together, in order.
+    """Return the most probable runs of blocks, in order.
 
     ordinary: (M,) nats; ending: j -> run_ij (j,) nats of all runs that end before block j.
     """

@@ -1,10 +1,10 @@
-"""What each further term would gain beside a fit, from products of columns alone.
+"""The gain of each additional term beside a fit, from Gram matrices only.
 
-    G = X'X - C S C',   b = X'(y - what the fit explains)
+    G = X'X - C S C',   b = X'(y - fitted part)
     gain = 1/2 b^2 / (G + 1/s^2) - 1/2 ln(1 + G s^2)        for a column with the prior N(0, s^2)
 
-with X the columns (rows, k) of a term, each band divided by its noise power, C = X'A their products
-with the columns A of the fit, and S the covariance (p, p) of the fit's coefficients.
+X are the columns (rows, k) of a term, with each band divided by its noise power, C = X'A their
+products with the columns A of the fit, and S the covariance (p, p) of the fit's coefficients.
 """
 
 from __future__ import annotations
@@ -29,48 +29,59 @@ from elastic_arm.evidence.tails import Tail
 from elastic_arm.evidence.terms.law import LawTerm
 from elastic_arm.evidence.terms.term import Term
 
-# screens, products with all terms and gains that are kept; memory
+# sizes of caches of screens, products with all terms, and gains; memory
 SCREENS = 2
 PRODUCTS = 40
 GAINED = 100
-LOOKED_AT = 30  # terms of which first-order gains are made well; numerical
+LOOKED_AT = 30  # number of terms with refined first-order gains; numerical
 
 
 class Gained(NamedTuple):
-    """What terms would gain beside a fit (T,) nats, and the sizes of laws at which they do."""
+    """The gains of terms beside a fit (T,), nats, and the sizes of laws with these gains."""
 
     nats: Array
     chosen: dict[int, float]
 
 
-class Group(NamedTuple):
-    """Products of some columns of terms with those of a fit, in the bands from a first one on."""
+class FirstGains(NamedTuple):
+    """Gains of T' terms at fixed noise, with c columns in all."""
 
-    numbers: Array  # (c', B', K) with the numbers' columns, shares of effects in them
-    shares: Array  # (c', B', M) with those of these shares that are not there
+    nats: Array  # (T',)
+    less: Array  # (B, T') reductions of squares at fixed coefficients of the fit
+    mean: dict[int, Array]  # coefficients of each term
+    chosen: dict[int, float]  # sizes of laws
+    CS: Array  # (c, p) products with the fit times its covariance
+    at: NDArray[np.intp]  # (T' + 1,) first column of each term
+
+
+class Group(NamedTuple):
+    """Products of some columns of terms with those of a fit, from a first band on."""
+
+    numbers: Array  # (c', B', K) with the numbers' columns, including shares of effects
+    shares: Array  # (c', B', M) with the shares that are absent
     terms: Array  # (c', B', p') with the terms' columns
 
 
 class Beside(NamedTuple):
-    """What columns of terms have in common with a fit."""
+    """Products of columns of terms with a fit."""
 
-    C: Array  # (c, p) products with its columns, at its noise
-    left: Array  # (c, B) products with what it leaves
-    needed: NDArray[np.intp]  # the stored columns of which they are made
-    groups: list[Group]  # of these columns
-    moved: Array  # (M, K) what of the shares is in the numbers' columns
+    C: Array  # (c, p) products with the columns of the fit, at its noise
+    left: Array  # (c, B) products with the residual of the fit
+    needed: NDArray[np.intp]  # the stored columns that they combine
+    groups: list[Group]  # products of these columns
+    moved: Array  # (M, K) combinations of the shares in the numbers' columns
 
 
 class Screen:
-    """Products of many terms with the residual and the numbers, for what each would gain.
+    """Products of many terms with the residual and the numbers, which give the gains of terms.
 
-    terms: one after the other, as all rows of all of them are large.
+    terms: an iterator, because the rows of all terms together are large.
     """
 
     def __init__(self, grams: Grams, terms: Iterable[Term]) -> None:
         self.grams = grams
         self.terms: list[Term] = []  # without their rows
-        raw: list[int] = []  # in which of the tails the shapes of each term are
+        raw: list[int] = []  # index of the tail with the columns of each term
         mixed: list[Array | None] = []
 
         def tails() -> Iterator[Tail]:
@@ -93,7 +104,7 @@ class Screen:
         self.at = np.concatenate([[0], np.cumsum(self.sizes)])
         self._mix = self._combinations()
         self.with_base = self.columns.products(grams.base)
-        # Terms of as many columns side by side.
+        # Terms with the same number of columns are stacked.
         own = [self._own(t) for t in range(len(self.terms))]
         self.place = np.zeros(len(self.terms), dtype=int)
         self.own: dict[int, Array] = {}
@@ -112,7 +123,7 @@ class Screen:
         self._whole: tuple[Posterior, Array, Array] | None = None  # of the last fit
 
     def _combinations(self) -> csr_array:
-        """Return of what combinations (c, raw) of the stored columns those of the terms are."""
+        """Return the combinations (c, raw) of the stored columns that give those of the terms."""
         rows = [np.zeros(0, dtype=int)]
         columns = [np.zeros(0, dtype=int)]
         values = [np.zeros(0)]
@@ -141,7 +152,7 @@ class Screen:
     def _with_terms(self, terms: Sequence[Term]) -> list[list[Array]]:
         """Return the products (c', B', m) of each group with the columns of each term.
 
-        New ones are made in one pass over the columns.
+        New ones are computed in one pass over the columns.
         """
         new = [t for t in terms if t.ident not in self._with]
         made: dict[Ident, list[Array]] = {}
@@ -158,8 +169,10 @@ class Screen:
         ]
 
     def _beside(self, fit: Fit, among: NDArray[np.intp] | None = None) -> Beside:
-        """Return what the columns of terms have in common with a fit; among: of which; None for
-        all."""
+        """Return the products of columns of terms with a fit.
+
+        among: indices of the terms; None for all.
+        """
         mix = self._mix
         needed = np.arange(self.columns.count)
         if among is not None and len(among) < len(self.terms):
@@ -170,7 +183,8 @@ class Screen:
         terms = [self.grams.less(t, lacking) for t in fit.terms]
         moved = self.grams.moved_by(lacking)
         products = self._with_terms([*lacking, *terms])
-        of_shares, of_terms = products[: len(lacking)], products[len(lacking) :]
+        of_shares = products[: len(lacking)]
+        of_terms = products[len(lacking) :]
         w = 1.0 / fit.found.v
         own, x = np.split(fit.found.x, [moved.shape[1]])
         groups: list[Group] = []
@@ -196,9 +210,10 @@ class Screen:
         return Beside(mix @ np.concatenate(C), mix @ np.concatenate(left), needed, groups, moved)
 
     def _moving_with(self, beside: Beside, t: int, beta: Array, way: Array) -> Array:
-        """Return the products (B,) of what a term adds with what a fit's columns add where its
-        coefficients change by (p,)."""
-        raw, mixed = self._raw[t], self._mixed[t]
+        """Return the products (B,) of a term's contribution with the change of a fit by a change
+        `way` (p,) of its coefficients."""
+        raw = self._raw[t]
+        mixed = self._mixed[t]
         g = self.columns.group_of(raw)
         first = self.columns.firsts[g]
         begin, start = np.searchsorted(beside.needed, [raw.start, self.columns.begins[g]])
@@ -210,11 +225,11 @@ class Screen:
         return np.concatenate([np.zeros(first), weights @ found])
 
     def beside(self, fit: Fit) -> tuple[Array, Array]:
-        """Return the products (c, c) of the columns of its only term and of these with the residual
-        (c,) beside a fit.
+        """Return the products (c, c) of the columns of the only term, and those with the residual
+        (c,), beside a fit.
 
-        What the fit's coefficients can take is taken off (a Schur complement), at the noise of the
-        fit.
+        They are Schur complements: without the part that the coefficients of the fit can explain,
+        at the noise of the fit.
         """
         (own,) = self.own.values()
         w = 1.0 / fit.found.v
@@ -222,7 +237,7 @@ class Screen:
         return np.tensordot(w, own[0], 1) - found.C @ fit.found.S @ found.C.T, found.left @ w
 
     def related(self, fit: Fit, term: Term) -> set[int]:
-        """Return the terms that could stand for a term of a fit, by the correlation of their
+        """Return the terms that could replace a term of a fit, by the correlation of their
         coefficients."""
         if not self.terms:
             return set()
@@ -239,12 +254,12 @@ class Screen:
         return set(np.repeat(np.arange(len(self.terms)), self.sizes)[alike.any(axis=0)].tolist())
 
     def gains(self, fit: Fit, among: Iterable[int] | None = None) -> Array:
-        """Return what each term would gain beside a fit (T,) nats, its prior odds paid, and pick
-        sizes of laws.
+        """Return the gain of each term beside a fit (T,), nats, including its prior odds, and
+        choose the sizes of laws.
 
-        What the noise gains that it makes smaller is counted of the terms that could gain most.
+        For the terms with the largest gains, it includes the gain by a reduction of the noise.
 
-        among: the terms that count; the others gain nothing. None for all.
+        among: indices of the terms; the others have no gain. None for all.
         """
         which = None if among is None else frozenset(among)
         key = fit.model.assumed, frozenset(t.ident for t in fit.terms), which
@@ -253,16 +268,15 @@ class Screen:
         return gained.nats
 
     def _gains(self, fit: Fit, among: Iterable[int] | None) -> Gained:
-        """Return the same, made anew, and the sizes."""
+        """Compute the gains and sizes of :meth:`gains`."""
         gains = np.full(len(self.terms), -np.inf)
         chosen: dict[int, float] = {}
-        lacking = fit.model.lacking(fit.terms)
         which = range(len(self.terms)) if among is None else sorted(among)
-        apart = {
-            t: self.grams.less(self._whole_term(t), lacking)
-            for t in which
-            if self.grams.lacks(self.terms[t], lacking)
-        }
+        lacking = fit.model.lacking(fit.terms)
+        apart: dict[int, Term] = {}
+        for t in which:
+            if self.grams.lacks(self.terms[t], lacking):
+                apart[t] = self.grams.less(self._whole_term(t), lacking)
         if apart:
             screen = self._apart(tuple(apart.values()))
             gains[list(apart)] = screen.gains(fit)
@@ -270,81 +284,96 @@ class Screen:
         some = np.array([t for t in which if t not in apart], dtype=int)
         if not len(some):
             return Gained(gains, chosen)
-        w = 1.0 / fit.found.v
-        S = fit.found.S
         beside = self._beside(fit, some)
+        first = self._first_gains(fit, some, beside)
+        rough = first.nats + self._quieter(fit, first.less)
+        best = np.argsort(-first.nats)[:LOOKED_AT]
+        best_roughly = np.argsort(-rough)[:LOOKED_AT]
+        short = np.unique(np.concatenate([best, best_roughly]))
+        moved = self._less_with_fit(fit, some, beside, first, short)
+        gains[some] = first.nats
+        gains[some[short]] += self._quieter(fit, moved)
+        return Gained(gains, chosen | first.chosen)
+
+    def _first_gains(self, fit: Fit, some: NDArray[np.intp], beside: Beside) -> FirstGains:
+        """Return the gains of some terms (T',) at the noise of a fit."""
+        w = 1.0 / fit.found.v
         C = beside.C
-        left = beside.left
-        b = left @ w
-        CS = C @ S
-        at = np.concatenate([[0], np.cumsum(self.sizes[some])])
-        mean: dict[int, Array] = {}
-        less = np.zeros((len(w), len(some)))  # without what moves with it
+        CS = C @ fit.found.S
+        b = beside.left @ w
+        sizes = self.sizes[some]
+        at = np.concatenate([[0], np.cumsum(sizes)])
+        found = FirstGains(
+            np.full(len(some), -np.inf), np.zeros((len(w), len(some))), {}, {}, CS, at
+        )
         for k, own in self.own.items():
-            here = np.flatnonzero(self.sizes[some] == k)
+            here = np.flatnonzero(sizes == k)
             if not len(here):
                 continue
             columns = at[here, None] + np.arange(k)
             squares = own[self.place[some[here]]].reshape(len(here), len(w), k * k)
             G = (w @ squares).reshape(-1, k, k) - C[columns] @ CS[columns].transpose(0, 2, 1)
             terms = [self.terms[t] for t in some[here]]
-            gain, beta, sizes = (_first_order if k == 1 else _several)(
-                fit.model, terms, G, b[columns]
-            )
-            gains[some[here]] = gain
-            chosen |= {
-                int(t): size for t, size in zip(some[here], sizes, strict=True) if size is not None
-            }
-            mean |= dict(zip(here.tolist(), beta, strict=True))
+            gains_of = _first_order if k == 1 else _several
+            gain, beta, best = gains_of(fit.model, terms, G, b[columns])
+            found.nats[here] = gain
+            found.mean.update(zip(here.tolist(), beta, strict=True))
+            for t, size in zip(some[here].tolist(), best, strict=True):
+                if size is not None:
+                    found.chosen[t] = size
             of_pairs = (beta[:, :, None] * beta[:, None, :]).reshape(-1, k * k, 1)
-            less[:, here] = 2.0 * (beta[:, None, :] @ left[columns])[:, 0].T
-            less[:, here] -= (squares @ of_pairs)[:, :, 0].T
-        first = gains[some]
-        rough = first + self._quieter(fit, less)
-        short = np.unique(
-            np.concatenate([np.argsort(-first)[:LOOKED_AT], np.argsort(-rough)[:LOOKED_AT]])
-        )
-        # What is there already moves with it.
+            found.less[:, here] = 2.0 * (beta[:, None, :] @ beside.left[columns])[:, 0].T
+            found.less[:, here] -= (squares @ of_pairs)[:, :, 0].T
+        return found
+
+    def _less_with_fit(
+        self,
+        fit: Fit,
+        some: NDArray[np.intp],
+        beside: Beside,
+        first: FirstGains,
+        short: NDArray[np.intp],
+    ) -> Array:
+        """Return by how much a few terms reduce the squares of each band (B, T'').
+
+        The coefficients of the fit move with those of the term.
+        """
         of_fit = fit.model.assumed, fit.terms
-        H, own_left = kept(fit.model.spreads, of_fit, fit.spread, 1)
-        changes = [(slice(at[t], at[t + 1]), mean[int(t)]) for t in short]
-        back = -np.stack([beta @ CS[own] for own, beta in changes], axis=1)
-        mixed = [
-            self._moving_with(beside, int(some[t]), mean[int(t)], way)
-            for t, way in zip(short, back.T, strict=True)
-        ]
-        moved = (
-            less[:, short]
-            + 2.0 * (own_left @ back)
-            - np.sum(H @ back * back, axis=1)
-            - 2.0 * np.stack(mixed, axis=1)
-        )
-        gains[some[short]] += self._quieter(fit, moved)
-        return Gained(gains, chosen)
+        H, left = kept(fit.model.spreads, of_fit, fit.spread, 1)
+        means = [first.mean[int(t)] for t in short]
+        changes = []
+        for t, beta in zip(short, means, strict=True):
+            own = slice(first.at[t], first.at[t + 1])
+            changes.append(beta @ first.CS[own])
+        back = -np.stack(changes, axis=1)
+        mixed = []
+        for t, beta, way in zip(some[short].tolist(), means, back.T, strict=True):
+            mixed.append(self._moving_with(beside, t, beta, way))
+        moved = first.less[:, short] + 2.0 * (left @ back) - np.sum(H @ back * back, axis=1)
+        return np.asarray(moved - 2.0 * np.stack(mixed, axis=1))
 
     @staticmethod
     def _quieter(fit: Fit, less: Array) -> Array:
-        """Return what noise gains (T,) that is as much smaller as terms take off the squares of
-        each band (B, T)."""
-        own = fit.found.v > 1.0  # elsewhere the noise stays what it is
+        """Return the gain (T,) by the reduction of the noise if terms reduce the squares of each
+        band by `less` (B, T)."""
+        own = fit.found.v > 1.0  # elsewhere the noise does not change
         n = fit.model.bands.n[own, None]
         v = fit.found.v[own, None]
         left = fit.found.left[own, None]
         now = np.maximum(left - less[own], 1e-9)
         quiet = np.maximum(now / n, 1.0)
-        # Beyond what the same noise makes of it, which is counted already.
-        return np.sum(
-            0.5 * (n * np.log(v / quiet) + left / v - now / quiet - (left - now) / v), axis=0
-        )
+        # Without the gain at the same noise, which is counted already.
+        gain = n * np.log(v / quiet) + left / v - now / quiet - (left - now) / v
+        return np.sum(0.5 * gain, axis=0)
 
     def term(self, t: int) -> Term:
-        """Return a term as :meth:`gains` found it best, with columns of its own: a set that holds
-        it outlives these."""
+        """Return a term at the size chosen by :meth:`gains`, with its own copy of the columns: a
+        set with the term outlives this screen."""
         term = self._whole_term(t)
         return term.at_size(self.chosen[t]) if t in self.chosen else term
 
     def _whole_term(self, t: int) -> Term:
-        """Return a term with its rows."""
+        """Return a term with all rows of its columns."""
         if t not in self._proposed:
             shapes = self.columns.some(self._raw[t]).copy()
             self._proposed[t] = self.terms[t].with_rows(shapes)
@@ -355,8 +384,8 @@ Gains = tuple[Array, Array, list[float | None]]
 
 
 def _first_order(model: LinearModel, terms: Sequence[Term], G: Array, b: Array) -> Gains:
-    """Return what terms of one column gain (T,) with the scale that gains most, their sizes (T, 1),
-    and the scales."""
+    """Return the gains (T,) of terms of one column at their best scales, their coefficients (T, 1),
+    and these scales."""
     G = np.maximum(G[:, 0, 0], 0.0)
     b = b[:, 0]
     price = np.array([t.price + model.doubt(t) for t in terms])
@@ -372,9 +401,9 @@ def _first_order(model: LinearModel, terms: Sequence[Term], G: Array, b: Array) 
         variance = 1.0 / (G + prior**-2.0)
         mean = variance * b
         gain = 0.5 * mean * b + 0.5 * np.log(variance / prior**2)
-        gain[bounded] += mass(
-            mean[bounded], np.sqrt(variance[bounded]), low[bounded], high[bounded]
-        ) - mass(np.zeros(1), prior[bounded], low[bounded], high[bounded])
+        bounds = low[bounded], high[bounded]
+        after = mass(mean[bounded], np.sqrt(variance[bounded]), *bounds)
+        gain[bounded] += after - mass(np.zeros(1), prior[bounded], *bounds)
         gained.append(gain)
         means.append(mean)
     best = np.argmax(gained, axis=0)
@@ -385,7 +414,7 @@ def _first_order(model: LinearModel, terms: Sequence[Term], G: Array, b: Array) 
 
 
 def _several(model: LinearModel, terms: Sequence[Term], G: Array, b: Array) -> Gains:
-    """Return the same of terms of as many columns each, laws without a form among them."""
+    """Return the same for terms with several columns, such as nonparametric laws."""
     laws = np.array([isinstance(t, LawTerm) for t in terms])
     std = np.array([np.ones(b.shape[1]) if isinstance(t, LawTerm) else t.std for t in terms])
     e, U = np.linalg.eigh(G * std[:, :, None] * std[:, None, :])
@@ -395,7 +424,7 @@ def _several(model: LinearModel, terms: Sequence[Term], G: Array, b: Array) -> G
     def at(size: float) -> Array:
         return 0.5 * np.sum(z**2 / (e + size**-2.0) - np.log1p(e * size * size), axis=1)
 
-    # The size of a law is averaged over, as its prior is not stated; the scale of an effect is
+    # The gain of a law is averaged over its sizes, which have no prior; the scale of an effect is
     # chosen.
     of_laws = np.stack([at(a) for a in SIZES])
     of_effects = np.stack([at(s) for s in SCALES])

@@ -1,8 +1,8 @@
-"""The most probable sets of terms: moves over sets, each judged by the one score.
+"""The search for the most probable set of terms, by moves from set to set.
 
-Add, drop, exchange, two for one, one for two, a size on another scale. What a further term would
-gain at the noise of the present fit proposes; the score of the whole set decides. All sets met are
-kept: probabilities are sums over them.
+Moves add, drop or exchange a term, replace two terms by one or one by two, or change the scale of a
+size. The gain of a term at the noise of the present fit proposes a move, and the score of the whole
+set decides. All scored sets are kept, because probabilities are sums over them.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -39,50 +39,49 @@ from elastic_arm.evidence.watch import Watch
 
 Thetas = dict[Key, tuple[float, ...]]
 Move = Callable[[Fit], Iterator[Fit]]
-# how many of the moves of a search, in their order
-ADDED = 2  # add a term, choose its scale
-SIMPLE = 4  # also drop and exchange one
+# numbers of moves of a search, in their order
+ADDED = 2  # add a term, change its scale
+SIMPLE = 4  # also drop and exchange a term
 ALL = 7
 
 
 class Replacements(NamedTuple):
-    """What may take the place of terms."""
+    """Candidates that may replace terms."""
 
-    excluded: frozenset[Key]  # keys of the set itself
-    among: list[set[int]]  # terms of each screen
+    excluded: frozenset[Key]  # keys of the set
+    among: list[set[int]]  # indices of terms, for each screen
 
 
 @dataclass
 class Search:
     """A search over sets of terms at one linearisation."""
 
-    # linear, model, screens: the data, and all that may be added
+    # linear, model, screens: the data and all candidates
     linear: Linearisation
     model: LinearModel
     screens: Sequence[Screen]
-    # where one nonlinear number was most probable beside another set, by key of its term; what is
-    # found is added
+    # most probable values of single nonlinear numbers beside other sets, by the key of the term;
+    # the search adds values
     thetas: Thetas = field(default_factory=dict)
     # scores of sets at their own linearisation
     own_scores: Mapping[frozenset[Key], float] = field(default_factory=dict)
-    # terms with nonlinear numbers where they are most probable beside others, of earlier searches
-    # at the same data and assumptions; what is found is added
+    # terms at their most probable nonlinear numbers beside other terms, from earlier searches of
+    # the same data under the same assumptions; the search adds terms
     refined: dict[tuple[Key, frozenset[Ident]], EffectTerm] = field(default_factory=dict)
     met: dict[frozenset[Key], Fit] = field(default_factory=dict)
-    # beside which sets a range was scanned
+    # sets beside which a range was scanned
     _looked: set[tuple[Key, frozenset[Ident]]] = field(default_factory=set)
     log: list[str] = field(default_factory=list)
     is_over: Callable[[], bool] = Watch().is_over
     is_far: Callable[[Fit], bool] = lambda fit: False
-    # better and better sets, the last one the most probable
+    # better and better sets, up to the most probable one
     path: list[Fit] = field(default_factory=list)
 
     def run(self, start: Sequence[Term] = (), *, moves: int = ALL, most: int = MOST) -> Fit:
-        """Return the most probable set met on the way from one to start from; the way is kept in
-        `path`.
+        """Return the most probable set on the way from a first one; `path` keeps the way.
 
-        moves: as many kinds as :data:`ADDED`, :data:`SIMPLE` or :data:`ALL`; most: steps of the
-        way.
+        moves: number of kinds of moves, :data:`ADDED`, :data:`SIMPLE` or :data:`ALL`; most: largest
+        number of steps.
         """
         best = self._keep(self.model.fit(start))
         self.path = [best]
@@ -97,7 +96,7 @@ class Search:
 
     @property
     def moves(self) -> tuple[Move, ...]:
-        """All moves, the quick ones first: of :data:`ADDED`, :data:`SIMPLE`, :data:`ALL`."""
+        """All moves, the fastest first: :data:`ADDED`, :data:`SIMPLE`, :data:`ALL`."""
         return (
             self._added,
             self._rescaled,
@@ -109,7 +108,7 @@ class Search:
         )
 
     def _better(self, fit: Fit, count: int) -> Fit | None:
-        """Return a better set by moves of one kind: more terms first, as they are cheap to find."""
+        """Return a better set by one kind of moves; cheap ones, which add terms, come first."""
         for move in self.moves[:count]:
             best = fit
             for one in move(fit):
@@ -124,10 +123,10 @@ class Search:
         return None
 
     def _together(self, fit: Fit, best: Fit, one: Fit) -> Fit:
-        """Return the better of two sets that are better than a fit, or what both change together.
+        """Return the better of two sets that improve a fit, or the set with both changes.
 
-        Moves at different joints gain as much together as each alone. Where they gain less, they
-        are alternatives: the better one is taken, and the other one comes up again beside it.
+        Moves at different joints gain together as much as each alone. If they gain less, they are
+        alternatives: the better one is taken, and the other one is proposed again later.
         """
         if best is fit:
             return one
@@ -147,8 +146,8 @@ class Search:
     def _added(self, fit: Fit) -> Iterator[Fit]:
         """Yield the best fit with one more term.
 
-        The first-order gain counts unexplained power as noise, so it cannot rank terms that act
-        alike: all proposals are evaluated in full.
+        The first-order gain counts unexplained power as noise, so it cannot rank similar terms: all
+        proposals are evaluated in full.
         """
         if len(fit.optional) < MOST:
             more = (*self.proposals(fit), *possible_changes(self.linear, fit))
@@ -158,10 +157,11 @@ class Search:
     def proposals(
         self, fit: Fit, count: int = TRIED, instead: Replacements | None = None, needed: float = 0.0
     ) -> list[Term]:
-        """Return the terms that would gain most beside a fit, one of each key.
+        """Return the terms with the largest gains beside a fit, one for each key.
 
-        Gains at the noise of the present fit are too small: a term is tried where its gain reaches
-        the share :data:`SHORT` of what is needed, or of what the replaced terms gain at that noise.
+        Gains at the noise of the present fit are too small: a term is proposed if its gain reaches
+        the share :data:`SHORT` of the needed gain, or of the gain of the replaced terms at that
+        noise.
         """
         gained = [
             (gain, screen, t)
@@ -190,7 +190,7 @@ class Search:
         return found
 
     def _instead(self, fit: Fit, *terms: Term) -> Replacements:
-        """Return what could take the place of terms of a fit: what is related to all of them."""
+        """Return the candidates that could replace terms of a fit: those related to all of them."""
         among: list[set[int]] = []
         for screen in self.screens:
             of_each = [screen.related(fit, t) for t in terms]
@@ -198,13 +198,11 @@ class Search:
         return Replacements(fit.keys, among)
 
     def _with(self, terms: Sequence[Term], more: Term, near: Fit) -> Fit:
-        """Return the fit of a set with one more term, its numbers and its scale where they are most
-        probable."""
+        """Return the fit of a set with one more term at its most probable numbers and scale."""
         return self._scaled(self._placed(terms, more, near), more.key)
 
     def _scaled(self, fit: Fit, key: Key) -> Fit:
-        """Return a fit with the size of a term on the scale on which it is most probable beside the
-        others."""
+        """Return a fit with the most probable scale of a term's size beside the others."""
         for t in (t for t in fit.optional if t.key == key and t.is_scaled):
             gains = [fit.gain_of_scale(t, scale) for scale in SCALES]
             if max(gains) > WORTH:
@@ -215,8 +213,7 @@ class Search:
         return fit
 
     def _placed(self, terms: Sequence[Term], more: Term, near: Fit) -> Fit:
-        """Return the fit of a set with one more term, its nonlinear numbers where they are most
-        probable."""
+        """Return the fit of a set with one more term at its most probable nonlinear numbers."""
         if not isinstance(more, EffectTerm) or not more.is_open:
             return self._keep(self.model.fit([*terms, more], near))
         key = (more.key, frozenset(t.ident for t in terms))
@@ -224,8 +221,7 @@ class Search:
             start = more
             theta = self.thetas.get(more.key)
             if theta is not None and more.feature.count == 1:
-                # Near where it was most probable beside another set, or on the grid: its range was
-                # scanned once.
+                # The range was scanned once: start at the grid, or at the value beside another set.
                 columns = self.linear.columns(more.feature, theta)
                 there = replace(
                     more, columns=columns, theta=theta, grid=0.0, ident=(*more.ident, theta)
@@ -248,10 +244,10 @@ class Search:
         return fit
 
     def _discard_improbable(self, best: Fit) -> None:
-        """Discard sets that are next to impossible beside the best: each takes memory.
+        """Discard sets that are almost impossible beside the best one, to save memory.
 
-        The likeliest of those whose numbers are far from the linearisation stay: their scores are
-        only guesses.
+        The most probable sets with numbers far from the linearisation stay, because their scores
+        are inaccurate.
         """
         least = best.score - COMPARED
         far = [fit for fit in self.met.values() if fit.score <= least and self.is_far(fit)]
@@ -262,15 +258,14 @@ class Search:
         }
 
     def _rescaled(self, fit: Fit) -> Iterator[Fit]:
-        """Yield fits with a size on the scale on which it is most probable beside the others."""
+        """Yield fits with the most probable scale of one size beside the others."""
         for t in fit.optional:
             yield self._scaled(fit, t.key)
         if any(isinstance(t, LawTerm) for t in fit.optional):
             yield self._resized(fit)
 
     def _resized(self, fit: Fit) -> Fit:
-        """Return a fit with each law without a form at the size that is most probable beside the
-        others."""
+        """Return a fit with the most probable size of each nonparametric law beside the others."""
         for t in [t for t in fit.optional if isinstance(t, LawTerm)]:
             gains = [fit.gain_of_size(t, float(size)) for size in SIZES]
             if max(gains) > WORTH:
@@ -293,14 +288,14 @@ class Search:
             ):
                 one = self._with(less.optional, u, less)
                 yield one
-                # What takes the place of a term that changes between recordings may change as well.
+                # The replacement of a term that changes between recordings may change as well.
                 for more in possible_changes(self.linear, one) if changes else ():
                     if more.changes(u.key):
                         yield self._with(one.optional, more, one)
 
     def _scanned(self, fit: Fit) -> Iterator[Fit]:
-        """Yield fits with one nonlinear number looked for over all its range: it was found beside
-        other terms."""
+        """Yield fits with a nonlinear number from a scan of its whole range, because it was found
+        beside other terms."""
         for t, less in self._left_out(fit):
             key = (t.key, frozenset(u.ident for u in less.optional))
             if not isinstance(t, EffectTerm) or not t.is_open or len(t.theta) != 1:
@@ -332,12 +327,12 @@ class Search:
                     yield self._with(one.optional, u, one)
 
     def _left_out(self, fit: Fit) -> list[tuple[Term, Fit]]:
-        """Return each term of a fit, and the fit without it."""
+        """Return each optional term of a fit, and the fit without it."""
         return [(t, self._keep(self._without(fit, t))) for t in fit.optional]
 
     def _without(self, fit: Fit, *terms: Term) -> Fit:
-        """Return the fit of a set without some of its terms; the others are of the size that is
-        most probable then."""
+        """Return the fit of a set without some terms; nonparametric laws have their most probable
+        sizes."""
         less = self._keep(self.model.fit(without(fit, *terms), fit))
         for t in less.optional:
             less = self._scaled(less, t.key)
@@ -345,7 +340,7 @@ class Search:
 
 
 def without(fit: Fit, *terms: Term) -> list[Term]:
-    """Return the terms of a fit without some and their changes between recordings."""
+    """Return the optional terms of a fit without some of them and their changes."""
     keys = {t.key for t in terms}
 
     def stays(term: Term) -> bool:
@@ -355,7 +350,7 @@ def without(fit: Fit, *terms: Term) -> list[Term]:
 
 
 def possible_changes(linear: Linearisation, fit: Fit) -> Iterator[Term]:
-    """Yield the changes of a fit's terms that are not in it."""
+    """Yield the possible changes of a fit's terms between recordings that it lacks."""
     if len(linear.problem.observed[FITTED]) < 2:
         return
     for term in fit.terms:
@@ -364,7 +359,7 @@ def possible_changes(linear: Linearisation, fit: Fit) -> Iterator[Term]:
 
 
 def words_of(now: Fit, before: Fit) -> str:
-    """Return which terms came and went."""
+    """Return in words the added and removed terms."""
     came = now.keys - before.keys
     went = before.keys - now.keys
     words = [f"+{effect}/{joint}" for effect, joint, *_ in came]

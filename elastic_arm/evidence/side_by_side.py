@@ -1,7 +1,7 @@
-"""Columns of many terms side by side, without the rows in which they are null.
+"""Columns of many terms side by side, without their leading null rows.
 
-Whitened columns are null before the first place in which they show. Of the candidates of an arm
-that is a third of all rows, of laws without a form nearly half.
+A whitened column is null before the first place at which it acts. These rows are a third of all
+rows of the candidates of an arm, and nearly half of those of nonparametric laws.
 """
 
 from collections.abc import Iterable, Sequence
@@ -17,17 +17,17 @@ Chosen = NDArray[np.intp] | slice
 
 
 def tail_of(bands: Bands, columns: Array) -> Tail:
-    """Return columns (rows, k) without the rows before the first place in which they show."""
+    """Return columns (rows, k) without the rows before the first place at which they act."""
     start = bands.slices[bands.first_of(columns)].start
     return Tail(start, np.array(columns[start:].T, order="C").T)
 
 
 class SideBySide:
-    """Columns of several tails, those together that begin at the same row."""
+    """Columns of several tails, grouped by their first row."""
 
     def __init__(self, bands: Bands, tails: Iterable[Tail]) -> None:
         parts: dict[int, list[Array]] = {}
-        places: list[tuple[int, int]] = []  # of each tail: its first row, and its place there
+        places: list[tuple[int, int]] = []  # first row of each tail, and its index in the group
         for start, columns in tails:
             parts.setdefault(start, []).append(columns)
             places.append((start, len(parts[start]) - 1))
@@ -39,10 +39,10 @@ class SideBySide:
             start: begin + np.cumsum([0, *widths[start]])
             for start, begin in zip(starts, self.begins, strict=False)
         }
-        # where the columns of each tail are among all
+        # slice of the columns of each tail
         self.slices = [slice(*before[start][k : k + 2].tolist()) for start, k in places]
         of_bands = [one.start for one in bands.slices]
-        self.firsts = [of_bands.index(start) for start in starts]  # of each group its first band
+        self.firsts = [of_bands.index(start) for start in starts]  # first band of each group
         self._bands = bands
 
     @property
@@ -51,11 +51,11 @@ class SideBySide:
         return int(self.begins[-1])
 
     def products(self, A: Array) -> list[Array]:
-        """Return the products (c, B', m) of each group, in the bands from its first one on, with
-        columns (rows, m).
+        """Return the products (c, B', m) of each group with columns (rows, m), from its first band
+        on.
 
-        What belongs to one column stands in memory as a whole: most gains are looked for of some
-        terms alone.
+        The products of one column are contiguous in memory, because most gains are computed for
+        some terms only.
         """
         found = []
         shown = self._bands.first_of(A)
@@ -80,17 +80,17 @@ class SideBySide:
         return found
 
     def some(self, columns: slice) -> Tail:
-        """Return some columns of one group, in the same memory."""
+        """Return a view of some columns of one group."""
         g = self.group_of(columns)
         start, X = self.groups[g]
         return Tail(start, X[:, columns.start - self.begins[g] : columns.stop - self.begins[g]])
 
     def group_of(self, columns: slice) -> int:
-        """Return the group in which some columns are."""
+        """Return the index of the group of some columns."""
         return int(np.searchsorted(self.begins, columns.start, side="right")) - 1
 
     def among(self, columns: NDArray[np.intp]) -> list[Chosen]:
-        """Return which columns of each group are among some of all, which ascend."""
+        """Return the columns of each group among some columns, given in ascending order."""
         if len(columns) == self.count:
             return [slice(None)] * len(self.groups)
         ends = np.searchsorted(columns, self.begins)
@@ -99,5 +99,5 @@ class SideBySide:
 
 
 def _joined(parts: Sequence[Array]) -> Array:
-    """Return columns of as many rows side by side; each column stands in memory as a whole."""
+    """Return columns with the same rows side by side; each column is contiguous in memory."""
     return np.concatenate([one.T for one in parts]).T

@@ -1,4 +1,4 @@
-"""Columns without the rows in which they are null."""
+"""Columns without their leading null rows."""
 
 from typing import NamedTuple
 
@@ -8,14 +8,14 @@ from elastic_arm.arrays import Array
 
 
 class Tail(NamedTuple):
-    """Columns (rows, k) that are null in their first rows."""
+    """Columns (rows, k) whose first rows are null."""
 
-    start: int  # number of these rows
-    columns: Array  # (rows from there on, k); each column stands in memory as a whole
+    start: int  # number of null rows
+    columns: Array  # (other rows, k); each column is contiguous in memory
 
     @property
     def whole(self) -> Array:
-        """The columns with all rows, each in memory as a whole."""
+        """The columns with all rows, each contiguous in memory."""
         if not self.start:
             return self.columns
         length, count = self.columns.shape
@@ -24,5 +24,5 @@ class Tail(NamedTuple):
         return found.T
 
     def copy(self) -> "Tail":
-        """Return it in memory of its own."""
+        """Return a copy."""
         return Tail(self.start, self.columns.copy(order="K"))

@@ -1,9 +1,9 @@
-"""What is seen of a search while it lasts, and what ends it early."""
+"""Progress reports of a search, and the ways to end it early."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum, auto
-from typing import Any
+from typing import Any, Protocol
 
 
 class Stage(Enum):
@@ -17,24 +17,34 @@ class Stage(Enum):
     CLOSED_LOOP = auto()
 
 
+class Say(Protocol):
+    """A function that reports progress."""
+
+    def __call__(self, words: str, stage: Stage, done: float = 0.0) -> None:
+        """Report in words what is done now.
+
+        done: rough estimate of the completed share of the stage.
+        """
+
+
 def _nothing(words: str, stage: Stage, done: float = 0.0) -> None:
-    """Say nothing."""
+    """Report nothing."""
 
 
 def _never() -> bool:
-    """Return that a search is not to end early."""
+    """Return that the search may go on."""
     return False
 
 
 @dataclass(frozen=True)
 class Watch:
-    """Who watches a search.
+    """The observer of a search.
 
-    say: takes words, the stage, and which share of the stage is done, a rough estimate; is_over:
-    whether the search is to end with the best answer that it has; show: takes the first look at
-    the recordings, a :class:`elastic_arm.diagnosis.first_look.FirstLook`, None where nobody looks.
+    say: reports progress; is_over: whether the search must end now, with the best answer so far;
+    show: takes the first look at the recordings, a
+    :class:`elastic_arm.diagnosis.first_look.FirstLook`; None if nobody wants it.
     """
 
-    say: Callable[..., None] = _nothing
+    say: Say = _nothing
     is_over: Callable[[], bool] = _never
     show: Callable[[Any], None] | None = None

@@ -1,5 +1,6 @@
-"""Motions that excite an arm's parameters: Fourier series within limits, searched for their
-conditioning."""
+"""Motions that excite the parameters of an arm: Fourier series within limits, optimised for
+conditioning.
+"""
 
 from elastic_arm.excitation.criteria import CRITERIA, BaseRegressor, find_criterion
 from elastic_arm.excitation.fourier import FourierTrajectory, load_trajectory

@@ -1,8 +1,9 @@
-"""How well a motion determines the base parameters.
+"""Criteria for how well a motion determines the base parameters.
 
-A criterion is a number to be made small, of the regressor's base columns W over one period, each
-row divided by the noise of its equation and each column by a `scale`: its length over an ordinary
-motion. (Columns divided by their own length would reward a joint that hardly moves.)
+A criterion is a number to be minimised. It is computed from the base columns W of the regressor
+over one period, with each row divided by the noise of its equation and each column by a `scale`,
+its length over an ordinary motion. (Division by its own length would reward a joint that hardly
+moves.)
 
 ``condition``  condition number of W: how far errors of one parameter leak into others.
 ``d_optimal``  -log10 det(W'W) / (2 B): mean logarithm of the parameters' standard deviations along

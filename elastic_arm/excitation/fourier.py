@@ -110,11 +110,6 @@ class FourierTrajectory:
         """Of the series, s."""
         return float(2.0 * np.pi / self.omega)
 
-    @property
-    def periodic(self) -> tuple[float, float]:
-        """Start and end of the exactly periodic section, s."""
-        return self.ramp, self.duration - self.ramp
-
     def evaluate(self, t: Array) -> tuple[Array, Array, Array]:
         """Return q, dq, ddq, each (N, n), at times t (N,).
 

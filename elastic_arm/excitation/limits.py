@@ -1,4 +1,4 @@
-"""What an arm may do, and how much of it a motion uses."""
+"""The limits of an arm, and how much of them a motion uses."""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
-"""The free numbers of a motion: from points of a cube to motions that keep the kinematic limits,
-and random ones."""
+"""The free numbers of a motion, which map a cube to motions within the kinematic limits, and random
+motions.
+"""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace

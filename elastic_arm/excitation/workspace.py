@@ -1,4 +1,4 @@
-"""No link through the floor or another link, roughly: links are capsules from joint to joint."""
+"""A rough check for collisions with the floor and between links: links are capsules."""
 
 from dataclasses import dataclass
 from typing import Self

@@ -1,22 +1,19 @@
-"""Standard deviations that hold for errors of any colour.
+"""Standard deviations that are valid for errors of any colour.
 
     cov(Psi) = H S H',    H = (Phi'Phi)^-1
     S = sum of s s' over blocks,    s = Phi'(y - Phi Psi) of a block
 
-the sandwich, clustered by blocks that are longer than errors last: blocks whose scores s resemble
-their neighbours' are joined (D. Andrews, Econometrica 59 (1991) 817). Where blocks are few, S is
-too small, and three things mend that:
+This is the sandwich estimate, clustered by blocks that are longer than the correlation of the
+errors: blocks whose scores s resemble those of their neighbours are joined (D. Andrews,
+Econometrica 59 (1991) 817). With few blocks S is too small, which three corrections remedy:
 
-- Scores are corrected for their block's share in the fit (the jackknife that leaves out one block
-  at a time).
-- S is shrunk towards errors that are white and as large as all scores together show, by as much as
-  is closest to the
-  truth on the average (O. Ledoit and M. Wolf, Journal of Multivariate Analysis 88 (2004) 365).
+- The score of each block is corrected for the block's share in the fit (jackknife).
+- S is shrunk towards white errors of the size of all scores together, by the share that is closest
+  to the truth on average (O. Ledoit and M. Wolf, Journal of Multivariate Analysis 88 (2004) 365).
 - Deviations are widened by Student's distribution, with degrees of freedom from the blocks' shares
-  in a parameter
-  (R. Bell and D. McCaffrey, Survey Methodology 28 (2002) 169), along directions in which errors
-  would be white and of unit size: parameters that share one torque scale to seven digits keep doing
-  so.
+  in a parameter (R. Bell and D. McCaffrey, Survey Methodology 28 (2002) 169), along directions in
+  which white errors have unit size. Parameters that share one torque scale to seven digits thus
+  keep sharing it.
 """
 
 from collections.abc import Iterable
@@ -26,15 +23,14 @@ from scipy.special import stdtrit
 
 from elastic_arm.arrays import Array
 
-# A single block has no scatter: errors are taken for white there.
+# With a single block, which has no scatter, errors count as white.
 FEWEST_BLOCKS = 2
-# Share that is left of a block's score beside the fit's, at least.
+# Smallest share of a block's score that its share in the fit leaves.
 LEAST_OWN = 1e-3
-# Share of the data in the information along a direction from which on they show it: below it is
+# Smallest share of the data in the information along a direction that they determine; below is
 # rounding.
 LEAST_SHARE = 1e-6
-# A group's noise is not believed to be smaller than this share of its largest term: rounding, not
-# data.
+# Smallest noise of a group, as a share of its largest term; below is rounding.
 NOISE_FLOOR = 1e-6
 COVERED = 0.975
 NORMAL = 1.96
@@ -49,18 +45,18 @@ def scattered(
 ) -> Array:
     """Return the covariance (P, P) of an estimate from its blocks' scores.
 
-    `blocks` hold factors of [Phi y] (groups, P + 1, P + 1) and what noise in Phi adds to their
-    squares.
-    `back` (P, k) leads from whitened coordinates to parameters: `back @ back.T` is the covariance
-    at unit noise. `prior` has rows [F, F mean].
+    blocks: factors of [Phi y] (groups, P + 1, P + 1), and the contribution of noise in Phi to their
+    squares; back: (P, k) from whitened coordinates to parameters, so that `back @ back.T` is the
+    covariance at unit noise; prior: rows [F, F mean].
     """
     solution = np.append(-Psi, 1.0)
-    known = None if prior is None else prior[:, :-1] @ back
-    # The scores add up to what the prior pulls the other way. That is no error of the data, and a
-    # block that alone shows a parameter would answer for all of it: scores are those at the
-    # estimate before it was pulled.
+    known = None
     pull = np.zeros(back.shape[1])
-    if prior is not None and known is not None:
+    if prior is not None:
+        known = prior[:, :-1] @ back
+        # The scores add up to minus the pull of the prior, which is not an error of the data. A
+        # block that alone shows a parameter would otherwise answer for all of it, so the scores are
+        # those at the estimate without the pull.
         pull = known.T @ (prior @ solution)
     to_unit, from_unit = _unit_errors(back.shape[1], known)
     each = []
@@ -75,10 +71,10 @@ def scattered(
     squares = np.zeros((len(to_unit),) * 2)
     for first in range(0, len(each), joined):
         gram, score = (sum(parts) for parts in zip(*each[first : first + joined], strict=True))
-        values, vectors = np.linalg.eigh(back.T @ gram @ back)
-        corrected = (vectors.T @ score) / np.maximum(1.0 - values, LEAST_OWN)
+        shares, vectors = np.linalg.eigh(back.T @ gram @ back)
+        corrected = (vectors.T @ score) / np.maximum(1.0 - shares, LEAST_OWN)
         scores.append(to_unit @ vectors @ corrected)
-        own = (to_unit @ vectors * np.maximum(values, 0.0)) @ vectors.T @ to_unit.T
+        own = (to_unit @ vectors * np.maximum(shares, 0.0)) @ vectors.T @ to_unit.T
         squares += own @ own
     meat, target, share = shrunk(np.array(scores))
     wide = back @ from_unit @ widening(squares, np.sqrt(1.0 - share))
@@ -87,12 +83,10 @@ def scattered(
 
 
 def resembling(scores: Array) -> int:
-    """Return over how many neighbours scores of blocks (blocks, k) resemble each other.
+    """Return the number of neighbouring blocks whose scores (blocks, k) resemble each other, 1 or
+    more.
 
-    1 where they do not.
-
-    Andrews' bandwidth of Bartlett's window for what follows its neighbour by one and the same
-    share.
+    It is Andrews' bandwidth of Bartlett's window for a first-order autoregressive process.
     """
     neighbours = float(np.sum(scores[1:] * scores[:-1]))
     share = max(neighbours / max(float(np.sum(scores**2)), 1e-300), 0.0)
@@ -101,12 +95,13 @@ def resembling(scores: Array) -> int:
 
 
 def _unit_errors(k: int, known: Array | None) -> tuple[Array, Array]:
-    """Return matrices from k whitened coordinates to the m in which white errors make scores of
-    unit size, and back.
+    """Return matrices from k whitened coordinates to m coordinates in which white errors give
+    scores of unit size, and back.
 
-    They differ under a prior: there the scores of white errors are as large as the data's share in
-    the information. To shrink them towards a multiple of the unit matrix would take what the prior
-    determines for a lack of errors. Directions of which the data show nothing are left out.
+    They are not unit matrices under a prior: there the scores of white errors are as large as the
+    share of the data in the information. Shrinking them towards a multiple of the unit matrix would
+    mistake parameters that the prior determines for a lack of errors. Directions that the data do
+    not determine are left out.
     """
     if known is None:
         return np.eye(k), np.eye(k)
@@ -118,29 +113,29 @@ def _unit_errors(k: int, known: Array | None) -> tuple[Array, Array]:
 
 
 def shrunk(scores: Array) -> tuple[Array, float, float]:
-    """Return a shrunk covariance (k, k) of a sum of scores (blocks, k), and the share.
+    """Return the covariance (k, k) of a sum of scores (blocks, k), the factor of the unit matrix
+    towards which it is shrunk, and the share of the latter.
 
-    It is drawn to a multiple of the unit matrix by that share.
-
-    Ledoit and Wolf's estimate: the mixture of the two that is closest to the true covariance on the
+    Ledoit and Wolf's estimate: the mixture of both that is closest to the true covariance on
     average.
     """
     blocks, k = scores.shape
     meat = scores.T @ scores
-    target = float(np.trace(meat)) / max(k, 1)  # a prior may leave the data no direction
+    target = float(np.trace(meat)) / max(k, 1)  # with a prior, the data may determine no direction
     apart = np.sum((meat - target * np.eye(k)) ** 2)
     scatter = np.sum(np.sum(scores**2, axis=1) ** 2) - np.sum(meat**2) / blocks
     return meat, target, 1.0 if scatter >= apart else float(scatter / apart)
 
 
 def widening(squares: Array, own: float = 1.0) -> Array:
-    """Return the matrix (k, k) that widens whitened errors because blocks are few.
+    """Return the matrix (k, k) that widens whitened errors because there are few blocks.
 
-    Satterthwaite's degrees of freedom along each eigenvector: the number of blocks where they share
-    alike, fewer where some determine it alone; one is lost to the estimate itself. `squares` (k, k)
-    sums the squares of each block's share in the information. `own` is by how much the variance
-    varies with the scores' scatter, 1 where it is that alone: what it is shrunk to hardly scatters,
-    but need not be right, and the square root of the scatter's share stands between the two.
+    Satterthwaite's degrees of freedom along each eigenvector are the number of blocks if all
+    contribute equally, and fewer if some dominate; one is lost to the estimate itself.
+
+    squares: sum (k, k) of the squares of each block's share in the information; own: sensitivity of
+    the variance to the scatter of the scores, 1 without shrinkage. The target of the shrinkage
+    hardly scatters, but may be wrong, so the square root of the scatter's share is a compromise.
     """
     values, vectors = np.linalg.eigh(squares)
     freedom = np.maximum(1.0 / np.maximum(values, 1e-12) - 1.0, 1.0) / max(own, 1e-6)
@@ -148,7 +143,7 @@ def widening(squares: Array, own: float = 1.0) -> Array:
 
 
 def white(r: Array, weights: Array, noise: Array, back: Array) -> Array:
-    """Return the covariance (P, P) that white errors of this size make."""
+    """Return the covariance (P, P) for white errors of this size."""
     phi = ((weights**2 * noise)[:, None, None] * (r[..., :-1] @ back)).reshape(-1, back.shape[1])
     return np.asarray(back @ (phi.T @ phi) @ back.T)
 

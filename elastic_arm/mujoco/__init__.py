@@ -1,5 +1,4 @@
-"""MuJoCo as the place where models are used: corrected files out, laws through its callbacks,
-recordings replayed."""
+"""MuJoCo as a user of models: corrected files, laws by callbacks, and replays of recordings."""
 
 from elastic_arm.mujoco.callbacks import Attachment, attach
 from elastic_arm.mujoco.mjcf_export import Exported, export_mjcf

@@ -1,8 +1,8 @@
-"""Laws that no number of an MJCF states, acting in MuJoCo through its callback for passive forces.
+"""Laws that an MJCF cannot state, applied in MuJoCo by its callback for passive forces.
 
 The laws are those of the effects' own files. Dry friction is regularised over the speed that the
-model's time step can follow. MuJoCo knows one callback a process: arms attached here share it, and
-one that was set before is called first.
+time step of the model can follow. MuJoCo has one callback per process: all attached arms share it,
+and a callback that was set before is called first.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from elastic_arm.effects.effect_set import EffectSet
 from elastic_arm.errors import EffectError, RobotError
 from elastic_arm.mujoco.carried import carried
 from elastic_arm.mujoco.elements import DEFLECTION, Elements
-from elastic_arm.mujoco.stand_ins import ALONE, MARK
+from elastic_arm.mujoco.stand_ins import ALONE, take_stand_in_away
 from elastic_arm.mujoco.stated_arm import acts_by_law, stated_arm
 from elastic_arm.robot import Robot, load_robot
 from elastic_arm.robot.mjcf import engine
@@ -31,15 +31,15 @@ from elastic_arm.simulation.assembly import law_rows
 from elastic_arm.simulation.simulator import SIGN_SPEED, STEEPEST
 
 _attached: dict[int, Attachment] = {}
-_before: list[Any] = []  # the callback that somebody else had set
+_before: list[Any] = []  # the callback that was set before
 
 
 class Attachment:
-    """Laws that act on a compiled `MjModel`, `instances`; also a context manager that takes them
-    away again.
+    """Laws (`instances`) that act on a compiled `MjModel`; a context manager that detaches them.
 
-    `stated` are effects that the model has of itself, where the laws of others may follow what they
-    do. Raises a RobotError if the model lacks a joint of the arm.
+    stated: effects that the model already contains, which other laws may depend on.
+
+    Raises a RobotError if the model lacks a joint of the arm.
     """
 
     def __init__(
@@ -54,8 +54,8 @@ class Attachment:
         self.instances = tuple(instances)
         self._theta, self._wound = _addresses(model, robot)
         equations = ArmEquations(robot)
-        # What all of them do, less what the model does of itself: a law may scale friction, or
-        # follow tau_J.
+        # The contribution of all effects minus that of the stated ones: a law may scale friction,
+        # or depend on tau_J.
         self._acting = (*self.instances, *stated)
         self._sets = [
             EffectSet(one, robot) for one in ((self._acting, stated) if stated else (self._acting,))
@@ -64,7 +64,7 @@ class Attachment:
             (law_rows(equations, one), (equations.nominal, one.numbers())) for one in self._sets
         ]
         self._states = sum(int(one.z.numel()) for one in self._sets)
-        # Motors that nobody commands: their torque is friction, not what drives the joint.
+        # Motors without commands: their torque is friction and does not drive the joint.
         joints = enumerate(zip(model.actuator_trntype, model.actuator_trnid, strict=True))
         self._passive = [
             (k, int(model.jnt_dofadr[joint]))
@@ -89,32 +89,23 @@ class Attachment:
         self.detach()
 
     def detach(self) -> None:
-        """Take the laws away from the model."""
+        """Remove the laws from the model."""
         self.model.dof_frictionloss[:], self.model.dof_damping[:] = self._stood_in
         _attached.pop(self.model._address, None)
         if not _attached:
             engine().set_mjcb_passive(_before.pop() if _before else None)
 
     def _take_stand_ins_away(self) -> None:
-        """Take the friction from the model that stands for laws which act from now on."""
-        model = self.model
+        """Take the friction that approximates laws from the model: the laws act from now on."""
         robot = self.robot
         laws = [one for one in self.instances if one.effect.friction]
         if robot.elastic or not laws:
             return
-        mj = engine()
         for i in {k for law in laws for k in law.joint_indices(robot)}:
-            numeric = mj.mj_name2id(model, mj.mjtObj.mjOBJ_NUMERIC, f"{MARK}{robot.joint_names[i]}")
-            if numeric < 0:
-                continue
-            begin = int(model.numeric_adr[numeric])
-            dry, viscous = (float(v) for v in model.numeric_data[begin : begin + 2])
-            dof = int(self._theta[1][i])
-            model.dof_frictionloss[dof] = max(0.0, float(model.dof_frictionloss[dof]) - dry)
-            model.dof_damping[dof] = max(0.0, float(model.dof_damping[dof]) - viscous)
+            take_stand_in_away(self.model, robot.joint_names[i], int(self._theta[1][i]))
 
     def act(self, data: Any) -> None:
-        """Add the laws' forces to the passive forces of a state."""
+        """Add the forces of the laws to the passive forces of a state."""
         time = float(data.time)
         z = self._state(data)
         rows, rates = self._evaluate(data, z)
@@ -125,7 +116,7 @@ class Attachment:
         if not self.robot.elastic:
             data.qfrc_passive[dofs] -= rows
             return
-        # q is the sum of both joints, so that what pulls the link pulls both.
+        # q is the sum of both joints, so a torque on the link acts on both.
         data.qfrc_passive[dofs] -= rows[:n] + rows[n : 2 * n]
         data.qfrc_passive[self._wound[1]] -= rows[:n]
 
@@ -155,8 +146,8 @@ class Attachment:
         return rows, np.concatenate(rates)
 
     def _torque(self, data: Any) -> Array:
-        """Return the torques (n,) Nm of the motors; of a rigid arm, those behind its gears, which
-        friction by load follows."""
+        """Return the motor torques (n,), Nm; for a rigid arm those behind the gears, on which
+        friction by load depends."""
         dofs = self._theta[1]
         if not self.robot.elastic:
             return carried(self.model, data, dofs)
@@ -166,16 +157,16 @@ class Attachment:
         return np.asarray(torque[dofs])
 
     def _state(self, data: Any) -> Array:
-        """Return the internal states at the time of `data`: explicit Euler from where the laws were
-        last evaluated."""
+        """Return the internal states at the time of `data`, by an explicit Euler step from the last
+        evaluation."""
         known = self._memory.get(data._address)
         if known is None or not known[0] <= data.time <= known[0] + 1.0:
-            return np.zeros(self._states)  # a new motion, or one that was put back
+            return np.zeros(self._states)  # a new or reset motion
         time, z, rates = known
         return z + (float(data.time) - time) * rates
 
     def _followable(self) -> Array:
-        """Return the speeds (2n,) over which signs turn over: `friction step / inertia` or more."""
+        """Return the speeds (2n,) of regularised signs: `friction step / inertia` or more."""
         mj = engine()
         model = self.model
         n = self.robot.n
@@ -209,14 +200,13 @@ def attach(
     chain: str | None = None,
     catalogue: Catalogue | None = None,
 ) -> Attachment:
-    """Let the laws of an arm's effects act in a MuJoCo model: those that the numbers of its file do
-    not state.
+    """Apply the laws of an arm's effects in a MuJoCo model, except those that its file states.
 
-    The model is the compiled `MjModel` of the file that `elastic-arm export` wrote, or that
-    `diagnose` wrote with robot.yaml; the arm has its effects, as diagnosis/robot.yaml, and is read
-    by `chain` where it is a URDF or MJCF. What is returned has `detach()`, and the effects that act
-    as `instances`. Raises an EffectError if an effect is none that acts by a law, and a RobotError
-    if the model lacks a joint of the arm, or its numbers were refined without the laws.
+    The model is the compiled `MjModel` of a file by `elastic-arm export`, or by `diagnose` together
+    with robot.yaml. The arm has its effects, for example diagnosis/robot.yaml; `chain` selects the
+    arm in a URDF or MJCF. The result has `detach()`, and the acting effects as `instances`. Raises
+    an EffectError if an effect does not act by a law, and a RobotError if the model lacks a joint
+    of the arm, or its numbers were refined without the laws.
     """
     mj = engine()
     if mj.mj_name2id(model, mj.mjtObj.mjOBJ_NUMERIC, ALONE) >= 0:
@@ -260,7 +250,7 @@ Addresses = tuple[NDArray[np.intp], NDArray[np.intp]]
 
 
 def _addresses(model: Any, robot: Robot) -> tuple[Addresses, Addresses]:
-    """Return where motor joints, and the joints that drives wind by, stand in qpos and qvel."""
+    """Return the indices of motor joints, and of the joints of deflections, in qpos and qvel."""
     mj = engine()
     found = []
     for end in ("", DEFLECTION) if robot.elastic else ("",):

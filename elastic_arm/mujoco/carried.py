@@ -1,9 +1,9 @@
-"""The torque that a joint's gear carries, in MuJoCo: what the motion of its links takes.
+"""The torque that the gear of a joint carries in MuJoCo: the torque for the motion of its links.
 
     tau_J = (M - B) ddq + bias = tau_m - B ddq - friction
 
-B is the armature, which turns before the gear, as friction of the drive does. MuJoCo knows
-accelerations at the end of a step: they are those of the step before.
+B is the armature, which, like the friction of the drive, acts in front of the gear. MuJoCo knows
+accelerations only at the end of a step, so they are those of the previous step.
 """
 
 from typing import Any

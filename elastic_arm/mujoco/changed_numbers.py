@@ -1,4 +1,4 @@
-"""The table of what an export changes: element, number, before and after."""
+"""The table of changes by an export: element, number, before and after."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

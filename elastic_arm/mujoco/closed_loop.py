@@ -1,15 +1,14 @@
-"""A commanded arm in closed loop: MuJoCo's own servos follow the recorded commands from the state
-that was recorded.
+"""A commanded arm in closed loop: MuJoCo's servos follow the recorded commands from the recorded
+state.
 
     e(t_k) = q(t_k; x_0, r) - q_k
 
     t_k stamps of the positions q_k, r commands, held until the next
 
-The state x_0 is that of the recording where it begins to be played: angles, and their rates by a
-polynomial through the samples around; the commands that are on their way to an actuator that takes
-them late; what its filter holds; and the integral of a controller that has one, which is fitted to
-the first second. Played is from where commands are known for as long as the latest actuator lags
-behind.
+The state x_0 is that of the recording at the start of the simulation: angles, and their rates from
+a polynomial through neighbouring samples; the commands on their way to a delayed actuator; the
+content of its filter; and the integral of a controller with one, fitted to the first second. The
+simulation starts when commands are known for the longest delay of an actuator.
 """
 
 import copy

@@ -1,13 +1,13 @@
-"""Laws that elements of an MJCF state beside the numbers of its joints.
+"""Laws that elements of an MJCF state in addition to the numbers of its joints.
 
-Drives: the joint that a drive winds by has a polynomial as its spring. Sums of joints, such as the
-link's angle q = theta + (q - theta): the length of a fixed tendon, with spring, damping, friction
-and inertia of its own; its dead band is play. Motors: a `dcmotor` without winding and without a
-command has LuGre's friction and cogging.
+Drives: the spring of the joint by which a drive winds has a polynomial. Sums of joints, such as the
+link angle q = theta + (q - theta), are lengths of fixed tendons with their own spring, damping,
+friction and inertia; a dead band of the spring is play. Motors: a `dcmotor` without winding and
+command has LuGre friction and cogging.
 
-Hysteresis is none of them: springs that yield (`springyield`) wind by Masing's rule, and Bouc-Wen's
-law does not. With six of them in place of it an arm moves elsewhere by a third of what hysteresis
-does to it.
+Hysteresis cannot be stated: springs that yield (`springyield`) follow Masing's rule, but Bouc-Wen's
+law does not. With six of them instead, the error of the motion is a third of the influence of the
+hysteresis.
 """
 
 from __future__ import annotations

@@ -1,12 +1,12 @@
-"""The file of a corrected servo arm as its users load it: without what no number of it states.
+"""The file of a corrected servo arm without the laws that it cannot state, as its users load it.
 
-Friction laws by step, a dead band, an integral and a supply that sags are in robot.yaml alone.
-Where a joint has any of them, the numbers that the file does hold are fitted for the file as it is:
+Friction laws by step, a dead band, an integral and a sagging supply are only in robot.yaml. For
+joints with any of them, the numbers in the file are fitted for the file without these laws:
 
     kp and kd, kd, armature, dry friction, viscous friction
 
-They start from the arm with its laws, with friction loss and damping in the place of its laws. Each
-is as far from there as a description ordinarily is, and friction as far as its own size.
+The fit starts from the arm with its laws, where friction loss and damping replace the friction
+laws. The priors are the ordinary deviations of a description, and for friction its own size.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence

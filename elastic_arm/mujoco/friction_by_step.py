@@ -1,12 +1,11 @@
-"""Friction that depends on speed or load, in MuJoCo: the friction loss of a joint for each time
-step.
+"""Friction that depends on speed or load in MuJoCo, by the friction loss of a joint at each step.
 
     frictionloss(t + dt) = own + F(w(t), tau_J(t))
 
-F is the size of the torque of the effects' laws, own what the file states beside what stands for
-these laws, and tau_J the torque behind the gear (:mod:`.carried`): friction of teeth follows
-what they carry. MuJoCo solves for dry friction, so a joint that sticks does not creep, as it does
-under a law whose sign turns over with the speed.
+F is the size of the torque of the effects' laws, own the friction loss in the file without the part
+that approximates these laws, and tau_J the torque behind the gear (:mod:`.carried`), because the
+friction of teeth follows their load. MuJoCo solves for dry friction, so a sticking joint does not
+creep, as it does with a law whose sign is regularised over the speed.
 """
 
 import copy
@@ -23,23 +22,23 @@ from elastic_arm.effects.arm_equations import ArmEquations
 from elastic_arm.effects.effect_set import EffectSet
 from elastic_arm.mujoco.carried import carried
 from elastic_arm.mujoco.elements import Elements
-from elastic_arm.mujoco.stand_ins import MARK
+from elastic_arm.mujoco.stand_ins import take_stand_in_away
 from elastic_arm.mujoco.stated_arm import stated_arm
 from elastic_arm.robot import Robot
-from elastic_arm.robot.mjcf import MjcfArm, engine
+from elastic_arm.robot.mjcf import MjcfArm
 from elastic_arm.simulation.assembly import law_rows
 
-SLOWEST = 1e-9  # rad/s, at which a joint that stands has a direction; numerical
+SLOWEST = 1e-9  # rad/s, smallest speed with a direction; numerical
 
 
 def laws_beside(arm: MjcfArm, robot: Robot) -> tuple[EffectInstance, ...]:
-    """Return the friction laws of a rigid robot that no number or element of a model states."""
+    """Return the friction laws of a rigid robot that the numbers and elements of a model lack."""
     if robot.elastic:
         return ()
     step = float(arm.model.opt.timestep)
     own = [one.to_dict() for one, _ in stated_arm(arm.robot).left]
     left = Elements(robot, stated_arm(robot), step).left_by(arm.model)
-    # Laws with a memory have no size at an instant.
+    # Laws with internal states have no size at an instant.
     sizes = [one for one in left if one.effect.friction and not one.effect.states]
     return tuple(one for one in sizes if one.to_dict() not in own)
 
@@ -55,7 +54,7 @@ class FrictionLevel:
         still = np.zeros(robot.n)
         given = equations.nominal.copy(), effects.numbers(), sharp
         self._law: ca.Function = law_rows(equations, effects)
-        # The buffer points into the function and the arrays: they live as long as it does.
+        # The buffer points into the function and the arrays, so both must stay alive.
         self._arguments = [still.copy(), still.copy(), still, z, still.copy(), *given]
         self._rows = np.zeros(robot.n)
         self._buffer, self._evaluate = self._law.buffer()
@@ -78,30 +77,23 @@ class FrictionLevel:
 
 
 def with_laws(arm: MjcfArm, laws: Sequence[EffectInstance]) -> MjcfArm:
-    """Return a model on which laws act by step, without the friction that stands for them."""
+    """Return a model on which laws act by step, without the friction that approximates them."""
     if not laws:
         return replace(arm, laws=())
-    mj = engine()
     model = copy.copy(arm.model)
     sharp = 2.0 * float(model.opt.timestep)
     for i in {k for law in laws for k in law.joint_indices(arm.robot)}:
         dof = int(arm.dofs[i])
         if not model.dof_frictionloss[dof]:
-            # By default friction turns over some 10 ms before the velocity does.
+            # By default friction changes its sign some 10 ms before the velocity.
             model.dof_solref[dof] = sharp, 1.0
-        name = f"{MARK}{arm.robot.joint_names[i]}"
-        numeric = mj.mj_name2id(model, mj.mjtObj.mjOBJ_NUMERIC, name)
-        if numeric >= 0:
-            begin = int(model.numeric_adr[numeric])
-            dry, viscous = map(float, model.numeric_data[begin : begin + 2])
-            model.dof_frictionloss[dof] = max(0.0, float(model.dof_frictionloss[dof]) - dry)
-            model.dof_damping[dof] = max(0.0, float(model.dof_damping[dof]) - viscous)
-            model.numeric_data[begin : begin + 2] = 0.0
+        stand_in = take_stand_in_away(model, arm.robot.joint_names[i], dof)
+        stand_in[:] = 0.0
     return replace(arm, model=model, laws=tuple(laws))
 
 
 def acting_by_step(arm: MjcfArm, laws: Sequence[EffectInstance]) -> Callable[[Any], None]:
-    """Return what sets the friction loss of a model for the next step from MuJoCo's data."""
+    """Return a function of MuJoCo's data that sets the friction loss for the next step."""
     if not laws:
         return lambda data: None
     level = FrictionLevel(arm.robot, laws)

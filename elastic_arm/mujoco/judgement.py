@@ -1,12 +1,14 @@
-"""Which corrections of a commanded arm are written: those with which it moves as recorded, or
-nearer.
+"""The choice of corrections of a commanded arm that are written: those that do not make its motion
+worse.
+
+A joint moves worse if
 
     mean |e_corrected|² > mean |e_described|² + max(s, (step of the positions)² / 12)
 
-of a joint that moves worse: s is the standard error of the description's mean over the halves of
-the recordings, where they repeat, and the second limit is the resolution of the encoder.
-Corrections that make a joint move worse are taken back one after the other, those of a joint or a
-cause of the whole arm: first the one without which the arm moves best.
+s is the standard error of the description's mean over the halves of the recordings, if they repeat;
+the second limit is the resolution of the encoder. Corrections that make a joint move worse are
+taken back one by one, by joint or by cause of the whole arm, in the order of the best remaining
+motion.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence

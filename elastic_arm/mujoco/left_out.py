@@ -1,8 +1,7 @@
-"""What a written file does not hold of an arm: its size, the reason, and the torque that is missing
-without it.
+"""The parts of an arm that a written file lacks: size, reason, and the missing torque.
 
-The torque is a root mean square while every joint swings by half a radian, or what its range
-allows, at 2 rad/s.
+The torque is a root mean square while every joint oscillates by half a radian, or within its range,
+at 2 rad/s.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence

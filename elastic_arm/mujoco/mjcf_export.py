@@ -1,5 +1,4 @@
-"""A user's own MJCF with the numbers of a corrected arm in it: everything else stays as they wrote
-it."""
+"""A user's own MJCF with the numbers of a corrected arm; everything else stays as it was."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -284,9 +283,7 @@ class _Document:
                 old_limit = () if before.torque is None else (before.torque / after.torque * most,)
                 yield Change(old.name, "forcerange", old.unit("Nm"), old_limit, (most,))
             if after.delay and after.delay != before.delay:
-                between = {} if elements[0].get("interp") else {"interp": "linear"}
-                late = delayed(after.delay, float(self.arm.model.opt.timestep))
-                self.file.set(elements[0], **late, **between)
+                self._set_delay(elements[0], after.delay)
 
     def _motor(
         self, joint: Joint, before: JointController, after: JointController
@@ -309,10 +306,14 @@ class _Document:
             limit = () if before.torque is None else (before.torque,)
             yield Change(joint.name, "torque", joint.unit("Nm"), limit, (after.torque,))
         if after.delay != before.delay:
-            between = {} if elements[0].get("interp") else {"interp": "linear"}
-            late = delayed(after.delay, float(self.arm.model.opt.timestep))
-            self.file.set(elements[0], **late, **between)
+            self._set_delay(elements[0], after.delay)
             yield Change(joint.name, "delay", "s", (before.delay,), (after.delay,))
+
+    def _set_delay(self, element: Any, delay: float) -> None:
+        """Set the delay of an actuator, s."""
+        between = {} if element.get("interp") else {"interp": "linear"}
+        late = delayed(delay, float(self.arm.model.opt.timestep))
+        self.file.set(element, **late, **between)
 
     def _sharp(self, element: Any, name: str) -> list[Change]:
         """Let new friction loss turn over with the velocity: by MuJoCo's default it does some 10 ms

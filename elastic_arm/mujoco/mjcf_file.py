@@ -1,5 +1,4 @@
-"""An MJCF file that keeps its shape: lxml's trees of the file and of what it includes, with numbers
-changed."""
+"""An MJCF file with changed numbers that keeps its form: lxml trees of the file and includes."""
 
 import os
 from collections.abc import Iterator, Sequence

@@ -1,10 +1,9 @@
-"""A new MJCF of an arm: rigid, or elastic with a motor joint and a spring joint on each link's
-body.
+"""A new MJCF of an arm: rigid, or elastic with a motor joint and a spring joint per link.
 
 Both joints of an elastic drive turn about one axis: the first by theta, with B of (6) or (7) as
 armature, the second by the deflection q - theta, with K and D. Components of the transmissions rest
-on their carriers and spin on the ground: this is mod2, and mod1 where the splines are folded into
-the links. The coupling S of mod3 by spinning rotors is no number of an MJCF.
+on their carriers and spin relative to the ground. This is mod2, or mod1 if the splines are part of
+the links. An MJCF cannot state the coupling S of mod3 by spinning rotors.
 """
 
 import xml.etree.ElementTree as ET
@@ -42,16 +41,10 @@ TIMESTEP = 1e-3
 
 
 def export_new_mjcf(
-    robot: Robot,
-    base: None,
-    out: Path,
-    *,
-    catalogue: Catalogue | None = None,
-    timestep: float = TIMESTEP,
+    robot: Robot, base: None, out: Path, *, catalogue: Catalogue | None = None
 ) -> Exported:
-    """Write an arm with its effects as a new MJCF for a time step, s; an OutputError if it cannot
-    be written."""
-    text, effects, stand_ins = _written(robot, catalogue, timestep)
+    """Write an arm with its effects as a new MJCF; an OutputError if it cannot be written."""
+    text, effects, stand_ins = _written(robot, catalogue, TIMESTEP)
     others = [
         replace(one, controller=None) if servo(one.controller) == one.controller else one
         for one in robot.joints

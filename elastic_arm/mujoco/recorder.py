@@ -1,4 +1,4 @@
-"""A MuJoCo arm follows a trajectory, and is recorded as a real one would be."""
+"""Recording of a MuJoCo arm that follows a trajectory, as of a real arm."""
 
 import numpy as np
 
@@ -134,10 +134,10 @@ def _followed(
     q, dq, command = np.empty((3, len(q_ref), arm.robot.n))
     with without(model, "ACTUATION", timestep=step):
         for k in range(len(q_ref)):
-            q[k], dq[k] = data.qpos[positions], data.qvel[dofs]
-            command[k] = (
-                forward[k] + controller.kp * (q_ref[k] - q[k]) + controller.kd * (dq_ref[k] - dq[k])
-            )
+            q[k] = data.qpos[positions]
+            dq[k] = data.qvel[dofs]
+            command[k] = forward[k] + controller.kp * (q_ref[k] - q[k])
+            command[k] += controller.kd * (dq_ref[k] - dq[k])
             data.qfrc_applied[dofs] = command[k]
             for _ in range(substeps):
                 mj.mj_step(model, data)

@@ -1,5 +1,4 @@
-"""Numbers of a corrected servo arm that a search in closed loop may change: from a diagnosis, and
-back to it."""
+"""Numbers of a corrected servo arm for refinement in closed loop, from a diagnosis and back."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -128,27 +127,22 @@ def _of_description(found: Diagnosis) -> Iterator[Refinable]:
 
 def _of_friction(found: Diagnosis, robot: Robot) -> Iterator[Refinable]:
     described = {(one["effect"], one["joint"]): one["parameters"] for one in robot.effects}
-    sizes = {
-        (one["effect"], one["joint"]): {
-            name: (e["value"], e["std"]) for name, e in one["parameters"].items()
-        }
-        for one in found.known
-    }
-    causes = {
-        (cause.effect, cause.joint): {
-            name: (e.value, e.std) for name, e in cause.parameters.items()
-        }
-        for cause in found.causes
-        if cause.held_as == "effect"
-    }
-    for (effect, joint), size in {**sizes, **causes}.items():
-        if effect not in FRICTION:
-            continue
-        parameter = FRICTION[effect]
-        value, std = size[parameter]
+    sizes: dict[tuple[str, Any], tuple[float, float | None]] = {}  # by effect and joint
+    for one in found.known:
+        effect = one["effect"]
+        if effect in FRICTION:
+            known = one["parameters"][FRICTION[effect]]
+            sizes[effect, one["joint"]] = known["value"], known["std"]
+    causes = set()
+    for cause in found.causes:
+        if cause.effect in FRICTION and cause.held_as == "effect":
+            size = cause.parameters[FRICTION[cause.effect]]
+            sizes[cause.effect, cause.joint] = size.value, size.std
+            causes.add((cause.effect, cause.joint))
+    for (effect, joint), (value, std) in sizes.items():
         if not std:
             continue
-        before = float(described.get((effect, joint), {}).get(parameter, 0.0))
+        before = float(described.get((effect, joint), {}).get(FRICTION[effect], 0.0))
         stated = before - float(value)
         least = -float(value)
         if before and (effect, joint) not in causes:

@@ -1,20 +1,18 @@
-"""The numbers of a corrected servo arm, refined by an output error: what is played back is what is
-minimised.
+"""Refinement of the numbers of a corrected servo arm by the output error of its simulation.
 
     min over x of  sum over joints of N_j / 2 (log s_j² + mean |q(t_k; x) - q_k|² / s_j²)
                    + sum of 5/2 log(1 + ((x - d) / p)² / 4)
 
-x are numbers of the arm, q the angles that MuJoCo's servos reach under the commands of the N
-samples of the recordings that were fitted, s_j² the mean square of a joint's errors there, but no
-less than the variance that the encoder's steps make, and d and p what the description states and
-how far numbers ordinarily are from it (with the tails of Student's t, as causes may have been
-missed); of a cause's size, how far it was found.
+x are numbers of the arm, q the angles of MuJoCo's servos under the commands of the N samples of the
+fitted recordings, and s_j² the mean square error of a joint, at least the variance by the steps of
+its encoder. d is the described value and p the ordinary deviation (with the tails of Student's t,
+because the diagnosis may have missed causes), or the size of a cause and its standard deviation.
 
-The search begins where the diagnosis ends, or at the description with its causes where that is
-nearer, by Levenberg's and Marquardt's steps; derivatives are those of :mod:`.sensitivity`. Where
-few numbers are fitted alone and a model lacks something, a joint that sticks at another angle errs
-once and not at every sample: N_j, elsewhere N, is then N over the integrated autocorrelation time
-of the errors (Sokal, 1997) where a first search ends.
+The search starts at the diagnosis, or at the description with its causes if that is nearer, with
+steps of Levenberg and Marquardt; :mod:`.sensitivity` provides the derivatives. If only a few
+numbers are fitted and the model lacks something, a joint that sticks at another angle makes one
+error and not one per sample. N_j, otherwise N, is then N over the integrated autocorrelation time
+of the errors (Sokal, 1997) after a first search.
 """
 
 import copy

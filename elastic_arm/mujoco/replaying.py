@@ -1,10 +1,9 @@
-"""A recording replayed in MuJoCo: how far each model's motion and torque are from what was
-recorded.
+"""Replay of a recording in MuJoCo, with the errors of each model's motion and torque.
 
-Open loop, in windows: the arm starts as recorded and is driven by the recorded motor torque alone.
-Torque: what MuJoCo's inverse dynamics needs for the recorded motion, beside the torque recorded.
-Closed loop, where the model has actuators with feedback and the reference was recorded: the
-reference is their input.
+Open loop, in windows: the arm starts in the recorded state and is driven by the recorded motor
+torque. Torque: MuJoCo's inverse dynamics of the recorded motion is compared with the recorded
+torque. Closed loop, for models with feedback actuators and recorded references: the reference is
+their input.
 """
 
 from collections.abc import Iterator, Sequence

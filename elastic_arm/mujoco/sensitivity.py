@@ -1,18 +1,18 @@
-"""How the motion of a commanded arm depends on its numbers p, to first order about a motion.
+"""First-order sensitivity of the motion of a commanded arm to its numbers p.
 
     R = kp (r - q) - kd dq + ki int(r - q) - inverse dynamics - B ddq - D dq - friction - spring
 
-is null along a simulated motion, so that its change dq of the angles obeys
+is zero along a simulated motion, so the change of the angles obeys
 
     M ddq' + C dq' + K q' + ki int q' = dR/dp,    K = -dR/dq, C = -dR/d(dq), M = -dR/d(ddq)
 
-where q' is the derivative of the angles by a number. Derivatives of R are differences of it at all
-samples at once, whatever the number is. Dry friction is a share of its limit, as what is left of R
-without it; where a joint sticks, the share follows the speed, and C is as large as the two say.
-Accelerations are those with which R is null, so that derivatives by numbers that only scale all
-torques cancel.
-One solution by backward differences of second order takes as long as a simulation or two, with any
-count of numbers.
+where q' is the derivative of the angles by a number. Derivatives of R are difference quotients at
+all samples at once. Dry friction is a share of its limit, the remainder of R without it; where a
+joint sticks, the share follows the speed, and C has the corresponding size. The accelerations are
+those for which R is zero, so that derivatives by numbers that only scale all torques cancel.
+
+One solution by backward differences of second order takes as long as one or two simulations, for
+any number of numbers.
 """
 
 from collections.abc import Sequence

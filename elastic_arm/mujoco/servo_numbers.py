@@ -1,12 +1,10 @@
-"""The numbers that every servo arm has, fitted in closed loop where no cause that was found moves
-it nearer.
+"""The numbers of every servo arm, fitted in closed loop if no cause improves its motion.
 
     kp and kd, kd, armature, dry friction, friction that grows with the load, sag of the supply,
     zero of the angle
 
-Priors are those of the evidence: how far a description ordinarily is off, and how large friction
-and sags are. Masses are taken as described: beside them the torque of the servo is what is known
-least.
+The priors are those of the evidence: ordinary deviations of a description, and ordinary sizes of
+friction and sag. Masses stay as described, because the torque of the servo is far less certain.
 """
 
 from collections.abc import Iterator

@@ -1,5 +1,4 @@
-"""XML that keeps its shape: a changed tree as text, in the original's own spelling where nothing
-changed."""
+"""XML that keeps its form: a changed tree as text, with the original spelling of the rest."""
 
 import re
 from collections.abc import Mapping

@@ -1,15 +1,16 @@
-"""Dry and viscous friction in the place of a friction law that a file has no number for.
+"""Dry and viscous friction that approximates a friction law that a file cannot state.
 
     min over c, d of  sum over t of (F(t) - c sign(w(t)) - d w(t))²
     with              friction loss + c >= 0, d >= 0
 
-F is the torque of the laws over a motion: of the recording where one is known, else the swing of
-:mod:`elastic_arm.mujoco.left_out`. Damping is never taken away, as friction would fall beyond the
-motion's speeds.
+F is the torque of the laws over a motion: the recorded one if there is one, otherwise the swing of
+:mod:`elastic_arm.mujoco.left_out`. Damping never decreases, because friction would then fall beyond
+the speeds of the motion.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.optimize import lsq_linear
@@ -20,35 +21,36 @@ from elastic_arm.mujoco.changed_numbers import text_of
 from elastic_arm.mujoco.left_out import Motion, Swing
 from elastic_arm.mujoco.stated_arm import Lacking, StatedArm, number
 from elastic_arm.robot import Robot
+from elastic_arm.robot.mjcf import engine
 
-# Name of the <numeric> that holds a joint's: attach takes them away where the laws themselves act.
+# Name of the <numeric> of a joint: `attach` removes its numbers when the laws themselves act.
 MARK = "in_place_of_friction_laws:"
-# Name of the <numeric> of a file whose numbers were refined without the laws: these do not act
-# beside them.
+# Name of the <numeric> of a file whose numbers were refined without the laws, which then must not
+# act.
 ALONE = "refined_without_laws"
-# A share of a law that numbers stand for, below which they stand for nothing: rounding.
+# Smallest share of a law that numbers approximate; below is rounding.
 NOTHING = 1e-6
 
 
 @dataclass(frozen=True)
 class StandIn:
-    """Numbers of a joint that stand for laws."""
+    """Numbers of a joint that approximate laws."""
 
     joint: str
     laws: tuple[EffectInstance, ...]
     friction_loss: float  # Nm added
     damping: float  # Nm s/rad added
-    left: float  # root mean square of what neither states, Nm
+    left: float  # root mean square of the remaining torque, Nm
     whole: float  # root mean square of the laws, Nm
-    recorded: bool  # whether the motion is that of the recording
+    recorded: bool  # whether the motion was recorded
 
     @property
     def numeric(self) -> dict[str, str]:
-        """Attributes of the <numeric> that holds the numbers of the file that stand for laws."""
+        """Attributes of the <numeric> with the numbers that approximate laws."""
         return {"name": f"{MARK}{self.joint}", "data": text_of(self.friction_loss, self.damping)}
 
     def words(self, robot: Robot) -> str:
-        """Return in a sentence what stands for what."""
+        """Return the approximation as a sentence."""
         units = robot.units
         torque = units.at(self.joint, "Nm")
         rate = units.at(self.joint, "Nm s/rad")
@@ -68,7 +70,7 @@ class StandIn:
 def stood_in(
     arm: StatedArm, robot: Robot, lacking: Sequence[Lacking], motion: Motion | None = None
 ) -> tuple[StatedArm, tuple[StandIn, ...]]:
-    """Return a rigid arm's numbers with what stands for friction laws among those that it lacks."""
+    """Return the numbers of a rigid arm with approximations of the friction laws that it lacks."""
     if robot.elastic:
         return arm, ()
     found = tuple(
@@ -80,8 +82,24 @@ def stood_in(
     return arm, found
 
 
+def take_stand_in_away(model: Any, joint: str, dof: int) -> Array:
+    """Take the friction that approximates a joint's laws from a compiled model.
+
+    Returns its friction loss and damping (2,), a view into the model; zeros if it has none.
+    """
+    mj = engine()
+    numeric = mj.mj_name2id(model, mj.mjtObj.mjOBJ_NUMERIC, f"{MARK}{joint}")
+    if numeric < 0:
+        return np.zeros(2)
+    begin = int(model.numeric_adr[numeric])
+    stand_in: Array = model.numeric_data[begin : begin + 2]
+    model.dof_frictionloss[dof] = max(0.0, float(model.dof_frictionloss[dof] - stand_in[0]))
+    model.dof_damping[dof] = max(0.0, float(model.dof_damping[dof] - stand_in[1]))
+    return stand_in
+
+
 def explained(lacking: Sequence[Lacking], found: Sequence[StandIn]) -> list[Lacking]:
-    """Return what an arm lacks, with the reason changed where numbers stand for it."""
+    """Return the laws that an arm lacks, with other reasons for approximated ones."""
     places: Mapping[int, StandIn] = {id(law): one for one in found for law in one.laws}
     reasons = []
     for law, reason in lacking:

@@ -1,8 +1,8 @@
-"""What of an arm with effects the numbers of an MJCF or a URDF can state, and what only laws can.
+"""The division of an arm with effects into numbers of an MJCF or a URDF, and laws.
 
-Each effect is taken apart by the meaning that its file gives its parameters; those without a rule
-here are left to :func:`elastic_arm.mujoco.attach`, or, if they are of sensors, to the recording
-that they belong to.
+Each effect is divided by the meanings of its parameters in its file. Effects without a rule here
+remain for :func:`elastic_arm.mujoco.attach`, or, if they are effects of sensors, belong to a
+recording.
 """
 
 from __future__ import annotations

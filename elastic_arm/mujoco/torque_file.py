@@ -3,9 +3,9 @@
     torque(q, dq, ddq) = inverse_dynamics(q, dq, ddq) + friction(q, dq, ddq)
     gravity(q) = inverse_dynamics(q, 0, 0)
 
-`inverse_dynamics` is the left side of (1) with the motors' inertia and every law of the arm's
-effects but friction: loads, springs, zeros of joints, a base that is tilted. Motor and link turn
-alike: of an elastic arm it is the sum of both rows of a joint at theta = q.
+`inverse_dynamics` is the left side of (1) with the inertia of the motors and all laws of the arm's
+effects except friction: loads, springs, zeros of joints, a tilted base. Motor and link move
+together: for an elastic arm it is the sum of both rows of a joint at theta = q.
 """
 
 from collections.abc import Iterator, Mapping, Sequence

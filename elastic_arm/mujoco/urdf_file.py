@@ -1,5 +1,4 @@
-"""A user's own URDF with the numbers of a corrected arm in it, or a new one; everything else stays
-as they wrote it."""
+"""A user's own URDF with the numbers of a corrected arm, or a new one; all else stays as it was."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace

@@ -1,9 +1,9 @@
-"""The inertia of motors in a URDF: Drake's tags, at the ratio that the file states.
+"""The inertia of motors in a URDF: Drake's tags, with the gear ratio in the file.
 
     armature = rotor_inertia gear_ratio²
 
-The ratio is that of whoever states one: Drake's `gear_ratio`, the `mechanicalReduction` of ROS 1
-or the `mechanical_reduction` of ros2_control, which have no tag for the inertia themselves.
+The ratio is taken from Drake's `gear_ratio`, the `mechanicalReduction` of ROS 1 or the
+`mechanical_reduction` of ros2_control; the latter two have no tag for the inertia.
 """
 
 from typing import Any

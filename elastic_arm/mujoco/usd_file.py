@@ -1,8 +1,8 @@
-"""USD out, for Isaac and Newton: rigid links, joints with motor inertia, friction and drives.
+"""USD files for Isaac and Newton: rigid links, and joints with motor inertia, friction and drives.
 
-UsdPhysics has neither armature nor friction. Each engine has attributes of its own for them, and
-all are written: those of Newton and MuJoCo (`newton:`) and those of PhysX (`physxJointAxis:`).
-Angles are in degrees, as USD has them.
+UsdPhysics has neither armature nor friction. Engines have their own attributes for them, and all
+are written: those of Newton and MuJoCo (`newton:`) and those of PhysX (`physxJointAxis:`). Angles
+are in degrees, as usual in USD.
 """
 
 from dataclasses import replace

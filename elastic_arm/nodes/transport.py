@@ -1,14 +1,14 @@
-"""How the nodes' samples travel: UDP on this machine and beyond it, never Fast DDS's shared memory.
+"""Transport of the nodes' samples: UDP, also on this machine, never Fast DDS's shared memory.
 
-Fast DDS 2.14 keeps the queue of a reader in a file of shared memory, under a lock that outlives
-whoever holds it (`boost::interprocess::interprocess_mutex`, not a robust one). A reader that is
-killed while it takes a sample leaves the lock held, and whoever publishes to it waits in
-`SharedMemManager::Port::try_push`: a recorder's death would stop the arm. A socket is closed with
-its process.
+Fast DDS 2.14 keeps the queue of a reader in a file of shared memory, under a lock that outlives its
+holder (`boost::interprocess::interprocess_mutex` is not robust). A reader that is killed while it
+takes a sample leaves the lock held, and every publisher to it waits in
+`SharedMemManager::Port::try_push`: the death of a recorder would stop the arm. A socket is closed
+together with its process.
 
-`ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST` needs more than a variable, as rmw_fastrtps then sets up
-shared memory by itself: `fastdds_loopback.xml` states what it would set up otherwise, for the range
-that changes nothing.
+For `ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST` a variable is not sufficient, because rmw_fastrtps
+then sets up shared memory itself. `fastdds_loopback.xml` therefore states the set-up of that range,
+and the variable is set to the range that changes nothing.
 """
 
 from collections.abc import MutableMapping

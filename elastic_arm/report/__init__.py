@@ -1,2 +1,1 @@
-"""Figures (matplotlib) and self-contained HTML reports (Jinja): the only package that draws, but
-for the studies."""
+"""Figures (matplotlib) and self-contained HTML reports (Jinja); only the studies draw as well."""

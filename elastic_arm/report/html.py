@@ -20,7 +20,7 @@ from matplotlib.figure import Figure as MplFigure
 from elastic_arm.arrays import Array
 from elastic_arm.output_files import write_result
 from elastic_arm.report.legend import meaning
-from elastic_arm.report.style import envelope_indices, style
+from elastic_arm.report.style import POINTS, envelope_indices, style
 from elastic_arm.version import __version__
 
 _counter = itertools.count()
@@ -28,7 +28,6 @@ _counter = itertools.count()
 # power of ten.
 SHORT = 16
 LARGEST_PLAIN = 1e7
-POINTS = 1500  # of a signal that is drawn
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""What the columns of reports mean: one word for one thing, as in docs/glossary.md."""
+"""The meanings of the columns in reports, with the terms of docs/glossary.md."""
 
 MEANINGS = {
     "cause": "effect, or large deviation of a parameter, that the arm has and the model lacks",

@@ -1,5 +1,4 @@
-"""One look for all figures: colours by meaning, light grid, and signals thinned before they are
-drawn."""
+"""The style of all figures: colours by meaning, light grid, and thinned signals."""
 
 import contextlib
 import io
@@ -20,6 +19,7 @@ VERMILION = "#D55E00"
 PURPLE = "#CC79A7"
 SKY = "#56B4E9"
 GREY = "#6E7781"
+POINTS = 1500  # samples of a drawn signal, at most
 CYCLE = (BLUE, VERMILION, GREEN, ORANGE, PURPLE, SKY, GREY)
 
 _RC: Any = {
@@ -69,14 +69,13 @@ def drawing(
         yield figure, figure.subplots(rows, columns, squeeze=False, **options)
 
 
-def draw_signal(
-    ax: Axes, t: np.ndarray, y: np.ndarray, *, points: int = 1500, **kwargs: Any
-) -> None:
+def draw_signal(ax: Axes, t: np.ndarray, y: np.ndarray, **kwargs: Any) -> None:
     """Draw y(t) so that every extreme survives but the file stays small.
 
-    Keeps the smallest and the largest sample of each of `points` / 2 bins; NaN breaks the line.
+    Keeps the smallest and the largest sample of each of :data:`POINTS` / 2 bins; NaN breaks the
+    line.
     """
-    keep = envelope_indices(y, points)
+    keep = envelope_indices(y, POINTS)
     ax.plot(t[keep], y[keep], **kwargs)
 
 

@@ -1,5 +1,4 @@
-"""The arm file's fields and their types; what the numbers mean is checked by the description
-itself."""
+"""The fields of an arm file and their types; the description itself checks their values."""
 
 from typing import Annotated, Any, Literal, Self
 

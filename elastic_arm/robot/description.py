@@ -2,8 +2,8 @@
 
 Frames (paper, (2) and (3)): ``O_G`` is the ground and ``O_0 = T_0^G``; link i's frame is that of
 link i-1 followed by ``before . Ry(q_iy) . Rx(q_ix) . Rz(q_i) . after``, with ``Tz(q_i)`` at a
-prismatic joint. Links are described in their own frame, all inertias about the body's own centre of
-mass. SI units and radians throughout.
+prismatic joint. Links are described in their own frames, and all inertias about the body's own
+centre of mass. Units are SI units and radians.
 """
 
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""An arm with some joints of another one."""
+"""An arm in which some joints are those of another one."""
 
 from collections.abc import Collection
 from typing import Any

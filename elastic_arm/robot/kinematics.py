@@ -1,5 +1,4 @@
-"""Where the links of an arm are, for whole arrays of poses, and the simple shapes that stand for
-them."""
+"""The poses of an arm's links for whole arrays of angles, and simple shapes of links."""
 
 from collections.abc import Iterable
 

@@ -1,5 +1,4 @@
-"""From an arm file to a robot, or to an error that names the file, the field, the reason and the
-remedy."""
+"""A robot from an arm file, or an error with the file, the field, the reason and the remedy."""
 
 import os
 import re

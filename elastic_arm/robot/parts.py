@@ -1,7 +1,7 @@
-"""What an arm is made of: inertias, solids of revolution, bearings, transmissions, limits,
+"""The parts of an arm: inertias, solids of revolution, bearings, transmissions, limits,
 Denavit-Hartenberg rows.
 
-Every object checks its own physics when it is made. SI units and radians.
+Every object checks its own physics when it is created. Units are SI units and radians.
 """
 
 import contextlib

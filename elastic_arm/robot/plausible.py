@@ -1,7 +1,7 @@
-"""What numbers of an arm are plausible: beyond, a unit is not what it was taken for.
+"""Plausible ranges of the numbers of an arm; a number beyond its range indicates a wrong unit.
 
-Ranges are wide: from a servo of a finger to the largest arm that is sold (2300 kg at a reach of 4
-m).
+The ranges are wide: from a servo of a finger to the largest commercial arm (2300 kg with a reach of
+4 m).
 """
 
 from collections.abc import Iterator
@@ -83,11 +83,6 @@ REACH = Range(
 )
 WEIGHT = Range("mass of all links", "kg", 0.005, 5e3, "tonnes taken as kg?", "grams taken as kg?")
 GRAVITY = Range("gravity", "m/s²", 0.5, 30.0, "in units of 9.81 m/s²?", "mm/s² taken as m/s²?")
-# In the order in which a description states them.
-TABLE = (
-    POSITION, SPAN, SPEED, TORQUE, TRAVEL, WAY, PACE, FORCE, MASS, CENTRE, LENGTH, ARMATURE, WEIGHT,
-    REACH, GRAVITY,
-)  # fmt: skip
 
 
 def doubtful(robot: Robot) -> list[str]:

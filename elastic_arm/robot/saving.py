@@ -1,4 +1,4 @@
-"""From a robot to the arm file that loads to the same robot."""
+"""The arm file of a robot, which loads to the same robot."""
 
 from pathlib import Path
 from typing import Any

@@ -1,10 +1,10 @@
-"""URDF in: any serial chain of revolute and prismatic joints, with its links' inertials and its
-joints' limits.
+"""Reading of URDF files: any serial chain of revolute and prismatic joints, with inertias of links
+and limits of joints.
 
-The root link is the base. Frames are kept: link i's frame is the URDF's, its joint's ``before`` and
-``after`` turn z into the URDF's axis and back. A URDF knows no elasticity, so that the robot has no
-transmissions unless an overlay gives them (:func:`elastic_arm.robot.load_robot`). ``Robot.notes``
-list what is read otherwise than written.
+The root link is the base. Frames are kept: link i has the frame of the URDF, and ``before`` and
+``after`` of its joint turn z into the axis of the URDF and back. A URDF has no elasticity, so the
+robot has no transmissions unless an overlay adds them (:func:`elastic_arm.robot.load_robot`).
+``Robot.notes`` lists everything that is read differently from the file.
 """
 
 import xml.etree.ElementTree as ET

@@ -1,4 +1,4 @@
-"""What reading a URDF needs: its XML, checked attributes, rotations as a URDF writes them."""
+"""Elements of a URDF: its XML, checked attributes, and rotations in its convention."""
 
 import xml.etree.ElementTree as ET
 

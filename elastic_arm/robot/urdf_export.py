@@ -1,10 +1,10 @@
-"""URDF out: a rigid arm of the same gravity and inertia, drawn with simple shapes.
+"""Writing of URDF files: a rigid arm with the same gravity and inertia, drawn with simple shapes.
 
-A URDF knows rigid links alone. Rotors, wave generators and splines are joined to the links that
-carry them, so that masses and gravity are right; that they spin with their ratios, and the
-elasticity, is not in it. The armature of a rigid joint is stated in Drake's tags. Link frames have
-the axes of ``O_i`` and stand on the joint's axis. Shapes are for the eye: there are none for
-collisions, because cylinders from joint to joint touch their neighbours.
+A URDF has only rigid links. Rotors, wave generators and splines are merged with the links that
+carry them, so masses and gravity are correct; their spins and the elasticity are lost. The armature
+of a rigid joint is stated by Drake's tags. Link frames have the axes of ``O_i`` and lie on the axis
+of the joint. Shapes are only visual: there are no collision shapes, because cylinders from joint to
+joint touch their neighbours.
 """
 
 import xml.etree.ElementTree as ET

@@ -1,5 +1,4 @@
-"""The tree of links and joints of a URDF, and which part of it is the arm: grippers and other
-branches are not."""
+"""The tree of links and joints of a URDF, and the branch that is the arm, without grippers."""
 
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""Arms that differ from their description, as every real one does."""
+"""Arms that differ from their description, as all real ones do."""
 
 from dataclasses import replace
 from typing import Any

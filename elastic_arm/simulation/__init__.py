@@ -1,5 +1,6 @@
-"""An arm that moves: forward dynamics with effects, a controller, sensors; whole runs, or one
-sample at a time."""
+"""Simulation of an arm: forward dynamics with effects, a controller and sensors, for whole runs or
+sample by sample.
+"""
 
 from elastic_arm.simulation.controller import Controller, tuned
 from elastic_arm.simulation.rollout import record, simulate

@@ -1,5 +1,4 @@
-"""The equations that are integrated: those of the arm, and the laws of the effects added to
-them."""
+"""The equations that the simulator integrates: those of the arm plus the laws of the effects."""
 
 from collections import OrderedDict
 from collections.abc import Sequence
@@ -126,35 +125,21 @@ def _derive(equations: ArmEquations, effect_set: EffectSet) -> list[ca.Function]
     n = equations.robot.n
     dof = equations.dof
     Psi = equations.Psi
-    x = SX.sym("x", dof)
-    dx = SX.sym("dx", dof)
-    ddx = SX.sym("ddx", dof)
-    tau_m = SX.sym("tau_m", n)
-    tau_J = SX.sym("tau_J", n)
     speed = SX.sym("speed", 2 * n)
     signs = SX.sym("signs", 2 * n)
-    unused = SX.zeros(n)
-    motion = SymbolicMotion(
-        equations,
-        x,
-        dx,
-        ddx,
-        tau_J,
-        tau_m,
-        unused,
-        unused,
-        sign=lambda side, i: signs[i if side == "link" else n + i],
-    )
+    motion = _symbolic_motion(equations, signs)
+    x = motion.x
+    dx = motion.dx
+    ddx = motion.ddx
+    tau_m = motion.tau_m
     added, rates = effect_set.contribution(motion)
-    joint_torque = _joint_torque(motion, added, tau_m)
+    joint_torque = _joint_torque(motion, added)
 
     def finished(expression: SX) -> SX:
-        expression = ca.substitute(expression, tau_J, joint_torque)
-        return ca.substitute(
-            expression, signs, ca.tanh(ca.vertcat(motion.dq, motion.dtheta) / speed)
-        )
+        expression = ca.substitute(expression, motion.tau_J, joint_torque)
+        return ca.substitute(expression, signs, _smooth_signs(motion, speed))
 
-    rows = ca.substitute(_rows(motion, added), tau_J, joint_torque)
+    rows = ca.substitute(_rows(motion, added), motion.tau_J, joint_torque)
     of_laws = ca.jacobian(rows, ddx)
     still = finished(ca.substitute(rows, ddx, SX.zeros(dof)))
     M = mass_matrix(equations.bodies)(x, Psi) + finished(of_laws)
@@ -166,7 +151,7 @@ def _derive(equations: ArmEquations, effect_set: EffectSet) -> list[ca.Function]
     constants = ca.vertcat(SX(0, 1), *symbols)
     names = ["x", "dx", "z", "tau_m", "constants"]
     at = [x, dx, effect_set.z, Psi, effect_set.p, speed]
-    h = ca.substitute(h, tau_m, unused)
+    h = ca.substitute(h, tau_m, SX.zeros(n))
     return [
         ca.Function("constants", [Psi, effect_set.p, speed], [ca.vertcat(SX(0, 1), *hoisted)]),
         ca.Function(
@@ -187,52 +172,59 @@ def law_rows(equations: ArmEquations, effect_set: EffectSet) -> ca.Function:
 
     (x, dx, ddx, z, tau_m, Psi, p, speed) -> addition to the left side of (1), rates of z
 
-    For engines that are not ours: `speed` (2n,) regularises the signs of the velocities, as in the
-    simulator.
+    For other engines: `speed` (2n,) regularises the signs of the velocities, as in the simulator.
     """
     n = equations.robot.n
-    dof = equations.dof
-    x = SX.sym("x", dof)
-    dx = SX.sym("dx", dof)
-    ddx = SX.sym("ddx", dof)
-    tau_m = SX.sym("tau_m", n)
-    tau_J = SX.sym("tau_J", n)
     speed = SX.sym("speed", 2 * n)
-    unused = SX.zeros(n)
-    signs = ca.tanh(
-        ca.vertcat(dx[:n], dx[n : 2 * n] if equations.robot.elastic else dx[:n]) / speed
-    )
-    motion = SymbolicMotion(
-        equations,
-        x,
-        dx,
-        ddx,
-        tau_J,
-        tau_m,
-        unused,
-        unused,
-        sign=lambda side, i: signs[i if side == "link" else n + i],
-    )
+    signs = SX.sym("signs", 2 * n)
+    motion = _symbolic_motion(equations, signs)
     added, rates = effect_set.contribution(motion)
-    outputs = [_rows(motion, added), rates]
-    found = [
-        ca.densify(ca.substitute(each, tau_J, _joint_torque(motion, added, tau_m)))
-        for each in outputs
-    ]
-    given = [x, dx, ddx, effect_set.z, tau_m, equations.Psi, effect_set.p, speed]
+    joint_torque = _joint_torque(motion, added)
+    smooth_signs = _smooth_signs(motion, speed)
+    outputs = []
+    for expression in (_rows(motion, added), rates):
+        expression = ca.substitute(expression, motion.tau_J, joint_torque)
+        outputs.append(ca.densify(ca.substitute(expression, signs, smooth_signs)))
+    moving = [motion.x, motion.dx, motion.ddx, effect_set.z, motion.tau_m]
     return ca.Function(
         "law_rows",
-        given,
-        found,
+        [*moving, equations.Psi, effect_set.p, speed],
+        outputs,
         ["x", "dx", "ddx", "z", "tau_m", "Psi", "p", "speed"],
         ["rows", "dz"],
     )
 
 
-def _joint_torque(motion: SymbolicMotion, added: Contribution, tau_m: SX) -> SX:
-    """tau_J of the drive equation; where there is no drive, the motor's torque."""
+def _symbolic_motion(equations: ArmEquations, signs: SX) -> SymbolicMotion:
+    """Return the motion of an arm in symbols.
+
+    signs: (2n, 1) of the link and motor velocities.
+    """
+    n = equations.robot.n
+    dof = equations.dof
+    unused = SX.zeros(n)
+    return SymbolicMotion(
+        equations,
+        SX.sym("x", dof),
+        SX.sym("dx", dof),
+        SX.sym("ddx", dof),
+        SX.sym("tau_J", n),
+        SX.sym("tau_m", n),
+        unused,
+        unused,
+        sign=lambda side, i: signs[i if side == "link" else n + i],
+    )
+
+
+def _smooth_signs(motion: SymbolicMotion, speed: SX) -> SX:
+    """Return the signs (2n, 1) of the velocities, regularised below a speed."""
+    return ca.tanh(ca.vertcat(motion.dq, motion.dtheta) / speed)
+
+
+def _joint_torque(motion: SymbolicMotion, added: Contribution) -> SX:
+    """tau_J of the drive equation; without a drive it is the motor torque."""
     if not motion.robot.elastic:
-        return tau_m
+        return motion.tau_m
     return (
         motion.K * (motion.theta - motion.q) + motion.D * (motion.dtheta - motion.dq) + added.drive
     )

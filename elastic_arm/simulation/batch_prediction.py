@@ -1,9 +1,8 @@
-"""Many short predictions at once: from measured states on, motor torque in, angles out.
+"""Many short predictions at once: angles from measured states and motor torques.
 
-The arm is put into the measured state at many instants and driven by the measured motor torque from
-each of them. All starts are integrated in one call a step, with the equations and the scheme of the
-simulator; where a light link under strong friction makes them too stiff for that, with a linearly
-implicit scheme.
+The arm starts in the measured state at many instants and is driven by the measured motor torque.
+All starts are integrated in one call per step, with the equations and the scheme of the simulator,
+or with a linearly implicit scheme if a light link with strong friction makes them too stiff.
 """
 
 from collections.abc import Callable, Sequence

@@ -1,10 +1,10 @@
-"""The controller of the motor side,
+"""The controller on the motor side,
 
     tau_m = limit(kp (r(t - d) - theta) + kd (dr(t - d) - dtheta) + ki int(r - theta) +
     feed-forward),
 
-held from one command to the next: by default computed torque, else what the arm's description
-states of its drives.
+held between commands. By default it is computed torque, otherwise the controller in the description
+of the arm.
 """
 
 from __future__ import annotations
@@ -133,12 +133,10 @@ def controller_of(robot: Robot, *, model: str = "mod3", rate: float = 1000.0) ->
     )
 
 
-def tuned(
-    robot: Robot, *, bandwidth: float = BANDWIDTH, model: str = "mod3", rate: float = 1000.0
-) -> Controller:
-    """Return a controller for a nominal arm, well damped at `bandwidth` (Hz).
+def tuned(robot: Robot, *, model: str = "mod3", rate: float = 1000.0) -> Controller:
+    """Return a controller for a nominal arm, well damped at :data:`BANDWIDTH`.
 
-    Its feed-forward is by a model's variant.
+    The model variant provides its feed-forward.
 
     The gains fit the inertia of each whole joint, link and motor, in the zero position; but the
     motor alone, on its drive's damper, must stay stable under a held command. Where the ratio is
@@ -148,7 +146,7 @@ def tuned(
     equations = ArmEquations(robot, model)
     feedforward = RigidFeedforward(equations)
     inertia = np.diag(feedforward.inertia(np.zeros(robot.n))).copy()
-    speed = 2 * np.pi * bandwidth
+    speed = 2 * np.pi * BANDWIDTH
     commands = _commands(speed**2 * inertia, 2 * DAMPING_RATIO * speed * inertia, feedforward, rate)
     held = HELD_SHARE * _largest_held_damping(equations, commands * rate)
     kd = np.minimum(2 * DAMPING_RATIO * speed * inertia, held)

@@ -1,4 +1,4 @@
-"""Where an arm starts: the motors held still, the links hanging in their drives and bearings."""
+"""The initial state of an arm: motors at rest, and links in equilibrium in drives and bearings."""
 
 import numpy as np
 

@@ -1,9 +1,8 @@
-"""Integrators of a closed loop from sample to sample: in C, and without a compiler by CasADi's
-interpreter (slower).
+"""Integrators of a closed loop from sample to sample: in C, or by CasADi's interpreter without a
+compiler (slower).
 
-Both integrate with the classical Runge-Kutta scheme of fourth order and hold the command between
-samples. The mean of tau_J over a sample interval is a state of its own, so it is as exact as the
-motion.
+Both use the classical Runge-Kutta scheme of fourth order and hold the command between samples. The
+mean of tau_J over a sample interval is a state of its own, so it is as accurate as the motion.
 """
 
 import ctypes

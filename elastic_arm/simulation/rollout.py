@@ -1,4 +1,4 @@
-"""A whole run of a simulated arm, as a recording."""
+"""A whole run of a simulated arm as a recording."""
 
 from collections.abc import Callable
 from typing import Protocol

@@ -1,5 +1,4 @@
-"""What a simulated arm is made of and how finely it is computed, for commands, nodes and callers
-alike."""
+"""Settings of a simulation for commands, nodes and callers: model, effects, sensors, rates."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""An arm that moves: sample by sample, or a whole run at once, by the same code."""
+"""The simulator: sample by sample or a whole run at once, by the same code."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -1,2 +1,1 @@
-"""Studies made with the suite: the paper, and the blind challenge of the diagnosis. Nothing imports
-this package."""
+"""Studies with the suite: the paper, and the blind challenge. Nothing imports this package."""

@@ -136,7 +136,7 @@ def test_what_a_recording_lacks_the_channels_for_is_not_compared() -> None:
     """Without motor torques friction is not absent; beside all channels a recording without it
     shows that it is."""
     link, motor = ("joint_1", "link"), ("joint_1", "motor")
-    size = SimpleNamespace(value=6.0, std=0.01, unit="Nm")
+    size = ParameterEstimate(6.0, 0.01, "Nm")
     friction = SimpleNamespace(
         effect="coulomb_friction", joint="joint_1", parameters={"torque": size}
     )

@@ -17,7 +17,7 @@ from rich.console import Console
 from elastic_arm.app import load
 from elastic_arm.cli.application import spelled_out
 from elastic_arm.cli.console import UNLIMITED
-from elastic_arm.cli.diagnose import write_diagnosis
+from elastic_arm.cli.diagnose import save_diagnosis
 from elastic_arm.cli.diagnosis_printing import print_diagnosis
 from elastic_arm.diagnosis import Question, diagnose, follow_up
 from elastic_arm.diagnosis.corrected_robot import repaired_robot
@@ -293,7 +293,7 @@ def test_files_of_an_earlier_diagnosis_do_not_stay(two_causes: Diagnosis, tmp_pa
     """A folder never holds the arm or the motion of another diagnosis than its diagnosis.json."""
     for name in ("robot.yaml", SEPARATING):
         (tmp_path / name).write_text("old")
-    write_diagnosis(two_causes, repaired_robot(ROBOT, two_causes), tmp_path)
+    save_diagnosis(two_causes, repaired_robot(ROBOT, two_causes), tmp_path)
     assert not (tmp_path / SEPARATING).exists()
     assert "coulomb_friction" in (tmp_path / "robot.yaml").read_text()
 

@@ -1,1 +1,1 @@
-"""Subcommands of MuJoCo: export and replay, and the corrected files that other commands write."""
+"""Subcommands with MuJoCo: export, replay, and the corrected files that other commands write."""

@@ -1,5 +1,4 @@
-"""The user's own file with the numbers that a diagnosis or an identification found, beside
-robot.yaml."""
+"""The user's own file with numbers from a diagnosis or an identification, next to robot.yaml."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -187,7 +186,7 @@ class Correction:
     ) -> Written:
         """Write the part of a commanded arm's correction that makes it no worse.
 
-        It moves the arm nearer to the recordings that judge, or as near.
+        It moves the arm nearer to the validation recordings, or as near.
 
         robot: as described; units: what can be taken back; caused: whether what is as near as
         described is written; numbers: those that are refined first, on the recordings that were

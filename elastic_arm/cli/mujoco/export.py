@@ -1,4 +1,4 @@
-"""`elastic-arm export`: an arm as the file of another simulator, or in a user's own file."""
+"""`elastic-arm export`: an arm as a file of another simulator, or in a user's own file."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace

@@ -1,4 +1,4 @@
-"""`elastic-arm replay`: a recording in MuJoCo, and how far each model is from it."""
+"""`elastic-arm replay`: a recording replayed in MuJoCo, with the errors of each model."""
 
 import os
 from json import dumps as json_text

@@ -6,6 +6,7 @@ delay and a low pass are the same. Here the filter is applied to the whole recor
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -28,7 +29,7 @@ VISIBLE = 3.0
 CHANNELS = {"joint_torque": "tau_J", "motor_torque": "tau_m"}
 
 
-class FilteredTorques:
+class FilteredTorques(ABC):
     """Errors of filtered torque channels in the residuals; subclasses have the filter."""
 
     def __init__(self, equations: ArmEquations) -> None:
@@ -56,15 +57,14 @@ class FilteredTorques:
                 motor[:, joints] -= error
         return np.hstack([link, drive, motor])
 
+    @abstractmethod
     def _error(
         self, signals: MotionSignals, name: str, joints: list[int], values: Mapping[str, Any]
     ) -> Array:
-        """Return recorded less true torque (N, k), Nm, of a torque by name at some joints.
+        """Return the recorded minus the true torque (N, k), Nm, of a channel at some joints.
 
-        The torque of the signals is the true one where it is the model's, and else the recorded
-        one.
+        The torque of the signals is the true one if it is the model's, else the recorded one.
         """
-        raise NotImplementedError
 
 
 class DelayedTorques(FilteredTorques):

@@ -109,7 +109,8 @@ def turned(x: float, y: float) -> Array:
 def _down_and_rates(x: float, y: float) -> Array:
     """Return the direction of gravity in a base turned by Rx(x) Ry(y), and its derivatives by both
     (3, 3)."""
-    sx, cx, sy, cy = np.sin(x), np.cos(x), np.sin(y), np.cos(y)
+    sx, sy = np.sin([x, y])
+    cx, cy = np.cos([x, y])
     return np.array([[sy * cx, -sx, -cy * cx], [-sy * sx, -cx, cy * sx], [cy * cx, 0.0, sy * cx]])
 
 

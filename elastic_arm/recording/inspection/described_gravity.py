@@ -313,34 +313,53 @@ def _fit_gravity(motion: SideMotion, robot: Robot, *, motors: bool) -> GravityFi
     """Compare the torques of one side with the described gravity, all joints together."""
     states = (np.hstack([rate, rate]) if robot.elastic else rate for rate in motion[:3])
     moved, pull = ArmEquations(robot).moved_and_pulled(*states, motors=motors)
-    count = len(motion.measured)
-    left = np.zeros((len(pull), count))
-    weight = np.zeros((len(pull), count, 3))
-    free = np.zeros(count)
-    for k, j in enumerate(motion.measured):
-        basis = _own(motion, j, moved[:, j])
-        left[:, k], weight[:, k] = (
-            rows - basis @ (basis.T @ rows) for rows in (motion.torque[:, j], pull[:, j])
-        )
-        free[k] = max(_independent(left[:, k], weight[:, k] @ robot.gravity) - 2.0, 0.1)
+    left, weight = _remainders(motion, moved, pull)
     gravity = weight @ robot.gravity
-    # What rounding leaves of the gravity of a joint that has none is no gravity.
-    if not count or np.abs(gravity).max() <= RANK * float(np.abs(pull @ robot.gravity).max()):
+    # Without gravity at any joint, the remainder is rounding.
+    rounding = RANK * float(np.abs(pull @ robot.gravity).max())
+    if not motion.measured or np.abs(gravity).max() <= rounding:
         return GravityFit(left, np.zeros_like(gravity), weight, 0.0, 0.0, 1.0, False)
+    free = np.zeros(len(motion.measured))
+    for k in range(len(free)):
+        free[k] = max(_independent(left[:, k], gravity[:, k]) - 2.0, 0.1)
     squares = np.sum(left**2, axis=0)
     power = np.sum(gravity**2, axis=0)
     both = np.sum(left * gravity, axis=0)
-    # 0.05 of the largest gravity among the joints; less of it, as wrists have, a payload turns over
-    heavy = power > 0.05**2 * power.max()
-    factors = both[heavy] / power[heavy]
-    rest = squares[heavy] - both[heavy] ** 2 / power[heavy]
-    most = np.abs(factors) + 3.0 * np.sqrt(np.maximum(rest, 0.0) / power[heavy] / free[heavy])
     correlation = float(both.sum() / np.sqrt(squares.sum() * power.sum()))
     size = abs(correlation) * np.sqrt(free.sum() / max(1.0 - correlation**2, 1e-12))
     chance = float(student.sf(size, free.sum()))
     factor = float(both.sum() / power.sum())
-    # 0.5 times the described gravity; below for certain it was taken out, in part at least
-    return GravityFit(left, gravity, weight, correlation, factor, chance, bool((most < 0.5).all()))
+    missing = _lacks_gravity(squares, power, both, free)
+    return GravityFit(left, gravity, weight, correlation, factor, chance, missing)
+
+
+def _remainders(motion: SideMotion, moved: Array, pull: Array) -> tuple[Array, Array]:
+    """Return the torques (N, m) of the measured joints, and their derivatives (N, m, 3) by gravity.
+
+    The contributions of each joint alone, and those of its described motion, are regressed out.
+    """
+    left = np.zeros((len(pull), len(motion.measured)))
+    weight = np.zeros((*left.shape, 3))
+    for k, j in enumerate(motion.measured):
+        basis = _own(motion, j, moved[:, j])
+        torque = motion.torque[:, j]
+        left[:, k] = torque - basis @ (basis.T @ torque)
+        weight[:, k] = pull[:, j] - basis @ (basis.T @ pull[:, j])
+    return left, weight
+
+
+def _lacks_gravity(squares: Array, power: Array, both: Array, free: Array) -> bool:
+    """Whether every loaded joint certainly has less than half of the described gravity.
+
+    squares, power, both: (m,) sums of squares of torque and gravity, and of their product; free:
+    (m,) numbers of independent samples. Less gravity was at least partly subtracted.
+    """
+    # 0.05 of the largest gravity of a joint; below, as in wrists, a payload may reverse its sign
+    loaded = power > 0.05**2 * power.max()
+    factors = both[loaded] / power[loaded]
+    rest = np.maximum(squares[loaded] - both[loaded] ** 2 / power[loaded], 0.0)
+    most = np.abs(factors) + 3.0 * np.sqrt(rest / power[loaded] / free[loaded])
+    return bool((most < 0.5).all())
 
 
 def _own(motion: SideMotion, j: int, *more: Array) -> Array:
@@ -551,34 +570,45 @@ def _likelihood(products: _Products, coefficients: Array, free: Array, near: _Fi
     squares = power if near is None else near.squares
     scale2 = np.where(of_gains, 1.0, MASSES**2) if near is None else near.scale2
     for _ in range(40):
+        # Expectation: size of all columns under the present noise and deviations.
         weight = free / np.maximum(squares, 1e-12 * power)
-        std = np.sqrt(scale2)
-        scales = np.outer(std, std)
-        known = scales * (weight @ flat).reshape(scales.shape)
-        known[np.diag_indices_from(known)] += 1.0
-        inverse, logdet = _inverse(known)
-        covariance = scales * inverse
         right = weight @ rights
+        covariance, logdet = _covariance(weight, flat, scale2)
         size = covariance @ right
+        # Maximisation: noise of the joints, and deviations of the bodies.
         left = power - 2.0 * rights @ size + (grams @ size) @ size
         left += flat @ covariance.ravel()
         second = (size**2 + np.diag(covariance)) @ belongs
-        off = (TAILS * MASSES**2 + second) / (TAILS + numbers + 2.0)
-        before = np.concatenate([squares, scale2])
+        deviations = (TAILS * MASSES**2 + second) / (TAILS + numbers + 2.0)
         used = squares, scale2
         squares = np.maximum(left, 1e-12 * power)
-        scale2 = np.where(of_gains, 1.0, belongs @ off)
+        scale2 = np.where(of_gains, 1.0, belongs @ deviations)
+        before = np.concatenate(used)
         change = np.abs(np.concatenate([squares, scale2]) - before)
         if np.all(change <= 0.01 * before):
             break
     squares, scale2 = used
-    likely = -0.5 * float(
-        free @ np.log(squares / products.samples) + weight @ power - right @ covariance @ right
-    )
+    of_noise = free @ np.log(squares / products.samples)
+    likely = -0.5 * float(of_noise + weight @ power - right @ covariance @ right)
     likely -= 0.5 * logdet
-    own2 = scale2[~of_gains] @ belongs[~of_gains] / numbers
-    likely -= float(((TAILS / 2.0 + 1.0) * np.log(own2) + TAILS * MASSES**2 / 2.0 / own2).sum())
+    of_bodies = scale2[~of_gains] @ belongs[~of_gains] / numbers
+    gamma = (TAILS / 2.0 + 1.0) * np.log(of_bodies) + TAILS * MASSES**2 / 2.0 / of_bodies
+    likely -= float(gamma.sum())
     return _Fit(likely, size, squares, scale2)
+
+
+def _covariance(weight: Array, flat: Array, scale2: Array) -> tuple[Array, float]:
+    """Return the posterior covariance (Q, Q) of the columns, and ln of the determinant of its
+    inverse in units of the prior.
+
+    weight: (m,) of the joints; flat: (m, Q²) products; scale2: (Q,) prior variances.
+    """
+    std = np.sqrt(scale2)
+    scales = np.outer(std, std)
+    known = scales * (weight @ flat).reshape(scales.shape)
+    known[np.diag_indices_from(known)] += 1.0
+    inverse, logdet = _inverse(known)
+    return scales * inverse, logdet
 
 
 def _inverse(matrix: Array) -> tuple[Array, float]:

@@ -95,32 +95,52 @@ def _compared(side: Side) -> _Compared:
     t = (side.stamp_ns - side.stamp_ns[0]) * 1e-9
     q = np.unwrap(side.position, axis=0)
     v = side.velocity
-    # 0.02 s over which a velocity is compared with the position's advance: above the encoders'
-    # steps
+    # 0.02 s: a velocity is compared with the advance of the position over more than encoder steps
     width = min(max(round(0.02 / float(np.median(np.diff(t)))), 1), len(t) // 20)
     advance, mean, change = _advances(t, q, v, width)
     fits = np.full((4, q.shape[1]), np.nan)
     slow = np.sqrt(np.mean(advance**2, axis=0)) < _STILL
-    # Stamps of a wrong unit make any motion slow; the velocity beside it knows nothing of them.
-    # 0.05 rad that a joint has moved all the same, if at a speed below: slowly, or by stamps of a
-    # wrong unit
-    still = slow & ((np.ptp(q, axis=0) < 0.05) | (np.sqrt(np.mean(v**2, axis=0)) < _STILL))
+    # Stamps in a wrong unit make any motion slow, but do not change the velocities. 0.05 rad is a
+    # distance that a slow joint has moved nevertheless.
+    is_short = np.ptp(q, axis=0) < 0.05
+    is_slow_by_velocity = np.sqrt(np.mean(v**2, axis=0)) < _STILL
+    still = slow & (is_short | is_slow_by_velocity)
     for j in np.flatnonzero(~still).tolist():
         columns = np.column_stack([mean[:, j], change[:, j]])
-        fit = np.linalg.lstsq(columns, advance[:, j], rcond=None)[0]
-        rest = advance[:, j] - columns @ fit
-        # Intervals overlap: only one in `width` is independent of the others.
-        power = float(change[:, j] @ change[:, j])
-        # A velocity that never changes shows no lag.
-        doubt = np.sqrt(rest @ rest / len(rest) * width / power) if power > 0.0 else np.inf
-        # What the steps of an encoder make of an advance is no motion that the velocity misses.
-        steps = np.abs(np.diff(q[:, j]))
-        tick = float(steps[steps > 0.0].min()) if np.count_nonzero(steps) > FEWEST // 4 else 0.0
+        # The rounding of encoder steps is not a motion that the velocity misses.
+        tick = _tick(q[:, j])
         rounding = float(np.sum((tick / (t[width:] - t[:-width])) ** 2)) / 6.0
-        unlike = max(float(rest @ rest) - rounding, 0.0)
-        fits[:, j] = *fit, 1.0 - unlike / (advance[:, j] @ advance[:, j]), doubt
+        fits[:, j] = _agreement(advance[:, j], columns, width, rounding)
     gain, lag, share, doubt = fits
     return _Compared(t, q, v, gain, lag, share, doubt, slow, float(np.median(np.diff(t))))
+
+
+def _agreement(
+    advance: Array, columns: Array, width: int, rounding: float
+) -> tuple[float, float, float, float]:
+    """Return gain and lag of one joint, the explained share of its advance, and the standard
+    deviation of the lag.
+
+    advance: (N,) rad/s; columns: (N, 2) mean and change of the velocity; rounding: sum of squares
+    of the advance by rounded positions.
+    """
+    gain, lag = fit = np.linalg.lstsq(columns, advance, rcond=None)[0]
+    rest = advance - columns @ fit
+    square = float(rest @ rest)
+    # A velocity that never changes shows no lag.
+    doubt = np.inf
+    power = float(columns[:, 1] @ columns[:, 1])
+    if power > 0.0:
+        # Intervals overlap: only one in `width` is independent of the others.
+        doubt = float(np.sqrt(square / len(rest) * width / power))
+    unexplained = max(square - rounding, 0.0)
+    return float(gain), float(lag), float(1.0 - unexplained / (advance @ advance)), doubt
+
+
+def _tick(positions: Array) -> float:
+    """Return the resolution of an encoder, rad; 0 if too few steps show it."""
+    steps = np.abs(np.diff(positions))
+    return float(steps[steps > 0.0].min()) if np.count_nonzero(steps) > FEWEST // 4 else 0.0
 
 
 def _is_motion(side: Side) -> bool:
@@ -156,19 +176,12 @@ def _velocities(name: str, motion: _Compared, joints: Sequence[str]) -> list[Fin
     if scaled.any() and scaled[moving].all():
         usual = np.median(gains)
         alike = bool((np.abs(gains - usual) < _GAIN * np.abs(usual)).all())
-    # A servo's own filter falls short by so much; a unit is off by more, and times make all joints
-    # alike.
-    far = scaled & (
-        (motion.gain > 1.0 + _FILTERED)
-        | (motion.gain < 1.0 - _FILTERED)
-        | (alike and len(gains) > 1)
-    )
-    late = (
-        moving
-        & follows
-        & ~motion.slow
-        & (np.abs(motion.lag) > np.maximum(motion.step, 5.0 * motion.doubt))
-    )
+    # The filter of a servo reduces the gain by less, a wrong unit of velocity changes it by more,
+    # and a wrong unit of time changes all joints alike.
+    is_far = np.abs(motion.gain - 1.0) > _FILTERED
+    far = scaled & (is_far | (alike and len(gains) > 1))
+    is_late = np.abs(motion.lag) > np.maximum(motion.step, 5.0 * motion.doubt)
+    late = moving & follows & ~motion.slow & is_late
     what = f"{name} velocity"
     remedy = "check units and signs"
     if scaled.any() and alike:
@@ -183,10 +196,8 @@ def _velocities(name: str, motion: _Compared, joints: Sequence[str]) -> list[Fin
     for chosen, severity in degrees:
         times = f"is {span_of(1.0 / motion.gain[chosen])} times {derivative}"
         findings += about(joints, chosen, "velocity", what, times, remedy, severity)
-    for words, chosen in (
-        ("behind", late & (motion.lag > 0.0)),
-        ("ahead of", late & (motion.lag < 0.0)),
-    ):
+    behind = late & (motion.lag > 0.0)
+    for words, chosen in (("behind", behind), ("ahead of", late & ~behind)):
         size = f"is {span_of(1e3 * np.abs(motion.lag[chosen]))} ms {words} the position"
         findings += about(
             joints, chosen, "velocity_lag", what, size, "one of the two was filtered", "note"
@@ -199,50 +210,53 @@ def _stamps(name: str, motion: _Compared) -> list[Finding]:
     good = np.isfinite(motion.share) & (motion.share > 0.9)
     if np.count_nonzero(good) < 2:
         return []
-    # 2e-6 of the interval: rounding of stamps to a nanosecond or a float, no clock
-    even = np.abs(np.diff(motion.t) / motion.step - 1.0).max() <= 2e-6
-    if not even:
-        number, rate, _, jitter = numbered(motion.t)
-        usual = np.std(np.diff(jitter)) / np.sqrt(2.0) * rate
-        samples = Samples(
-            motion.t, motion.q, motion.v, None, None, None, None, (1e9 * motion.t).astype(np.int64)
-        )
-        found = evidence(samples, number, rate) if usual > _JITTER else None
-        if found is None or found.stamps:
-            return []
-        spread = (
-            f"the stamps have jitter of {1e6 * usual / rate:.3g} us (std) that the"
-            " motion does not show"
-        )
-        return [
-            warning(
-                "arrival_stamps",
-                f"{name} side: {spread}",
-                "arrival times of regular samples?",
-            )
-        ]
+    # 2e-6 of the interval is rounding of stamps to a nanosecond or a float
+    is_even = np.abs(np.diff(motion.t) / motion.step - 1.0).max() <= 2e-6
+    return _generated_stamps(name, motion, good) if is_even else _arrival_stamps(name, motion)
+
+
+def _arrival_stamps(name: str, motion: _Compared) -> list[Finding]:
+    """Find jittered stamps of regular samples."""
+    number, rate, _, jitter = numbered(motion.t)
+    usual = np.std(np.diff(jitter)) / np.sqrt(2.0) * rate
+    if usual <= _JITTER:
+        return []
+    stamps = (1e9 * motion.t).astype(np.int64)
+    samples = Samples(motion.t, motion.q, motion.v, None, None, None, None, stamps)
+    found = evidence(samples, number, rate)
+    if found is None or found.stamps:
+        return []
+    jittered = f"the stamps have jitter of {1e6 * usual / rate:.3g} us (std)"
+    message = f"{name} side: {jittered} that the motion does not show"
+    return [warning("arrival_stamps", message, "arrival times of regular samples?")]
+
+
+def _generated_stamps(name: str, motion: _Compared, good: NDArray[np.bool_]) -> list[Finding]:
+    """Find perfectly regular stamps of samples that were not taken regularly.
+
+    Two groups of joints each show how many intervals too late every sample was taken.
+    """
     advance, mean, change = _advances(motion.t, motion.q[:, good], motion.v[:, good], 1)
     rest = advance - mean * motion.gain[good] - change * motion.lag[good]
-    # Two groups of joints, each with its own answer: by how many intervals too far each sample is.
-    parts = (slice(0, None, 2), slice(1, None, 2))
-    weight = [np.sum(mean[:, part] ** 2, axis=1) + 1e-300 for part in parts]
-    ahead = [
-        np.sum(rest[:, part] * mean[:, part], axis=1) / w
-        for part, w in zip(parts, weight, strict=True)
-    ]
-    sure = (weight[0] > np.median(weight[0])) & (weight[1] > np.median(weight[1]))
+    weights = []
+    ahead = []
+    for group in (slice(0, None, 2), slice(1, None, 2)):
+        speeds = mean[:, group]
+        weight = np.sum(speeds**2, axis=1) + 1e-300
+        weights.append(weight)
+        ahead.append(np.sum(rest[:, group] * speeds, axis=1) / weight)
+    sure = np.logical_and(*(weight > np.median(weight) for weight in weights))
     if np.count_nonzero(sure) < FEWEST // 4:
         return []
     one, other = (part[sure] - part[sure].mean() for part in ahead)
     both = max(float(np.mean(one * other)), 0.0)
-    # 0.02 of the interval: joints advance too far together by more than that
-    # 0.3 is the correlation of two groups of joints about it
+    # 0.02 of the interval: all joints are too far ahead by more than that
+    # 0.3: correlation of both groups
     if both <= max(0.3 * float(one.std() * other.std()), 0.02**2):
         return []
     size = f"{1e6 * np.sqrt(both) * motion.step:.3g} us (std)"
     words = f"all joints together lead or lag the integral of their velocities by {size}"
-    # 0.1 of the interval: less, a good log's rounding or a late cycle now and then, costs nothing
-    # that follows
+    # 0.1 of the interval: less, such as rounding or a late cycle now and then, has no consequences
     severity: Severity = "warning" if np.sqrt(both) > 0.1 else "note"
     made_up = f"{name} side: the stamps are perfectly regular and were generated"
     return [Finding(severity, "made_up_stamps", f"{made_up}: {words}")]

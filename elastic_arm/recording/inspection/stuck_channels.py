@@ -108,7 +108,7 @@ def _of_channel(
     """Return what one channel of all joints shows; `moving` are the joints that others show to
     move."""
     channel = what.split()[1]
-    middle = slice(max(0, (len(side) - _ENOUGH) // 2), (len(side) + _ENOUGH) // 2)
+    middle = _middle(side)
     said: dict[str, list[str]] = defaultdict(list)
     periods = np.zeros(recording.n)
     shares = np.zeros(recording.n)
@@ -157,43 +157,57 @@ def at_updates(recording: Recording, found: list[Finding]) -> Recording:
     for name, side in recording.measured().items():
         if len(side) < FEWEST or not np.all(np.diff(side.stamp_ns) > 0):
             continue
-        middle = slice(max(0, (len(side) - _ENOUGH) // 2), (len(side) + _ENOUGH) // 2)
-        position = position_at(recording, side.at(middle))
         stamps = side.stamp_ns
+        middle = _middle(side)
+        position = position_at(recording, side.at(middle))
         filled = dict[str, Any]()
         first = 0
         last = len(side)
         for channel, values in side.channels().items():
-            periods = np.ones(recording.n)
-            column = values
-            for j in np.flatnonzero(np.isfinite(values).all(axis=0)).tolist():
-                part = values[middle, j]
-                turning = (
-                    np.ones(len(part), np.bool_) if position is None else _changing(position[:, j])
-                )
-                going = turning if position is None else _going(position[:, j])
-                share, period = _held(part, turning)
-                if share <= HELD or period <= 1.0 or filled_in(part, going) > HELD:
-                    continue
-                periods[j] = period
-                at = _updates(values[:, j], period)
-                column = values.copy() if column is values else column
+            periods = _periods(values[middle], position)
+            held = (periods > 1.0) & np.isfinite(values).all(axis=0)
+            if not held.any():
+                continue
+            column = values.copy()
+            for j in np.flatnonzero(held).tolist():
+                at = _updates(values[:, j], periods[j])
                 through = CubicSpline(stamps[at] - stamps[0], values[at, j])
                 column[:, j] = through(stamps - stamps[0])
                 first = max(first, int(at[0]))
                 last = min(last, int(at[-1]) + 1)
-                if channel == "effort" and period > slowest:
-                    slowest = period
+                if channel == "effort" and periods[j] > slowest:
+                    slowest = periods[j]
                     read_ns = stamps[at]
-            if (held := periods > 1.0).any():
-                filled[channel] = column
-                rate = 1e9 / float(np.median(np.diff(stamps)))
-                rates = f"{span_of(rate / periods[held])} Hz in a recording of {rate:.4g} Hz"
-                words = f"is held: it changes every {span_of(periods[held])} samples, {rates}"
-                remedy = "only these updates are used, and they may be older than their stamps"
-                found += about(recording.joints, held, "held", f"{name} {channel}", words, remedy)
-        kept |= {name: replace(side, **filled).at(slice(first, last))} if filled else {}
+            filled[channel] = column
+            rate = 1e9 / float(np.median(np.diff(stamps)))
+            rates = f"{span_of(rate / periods[held])} Hz in a recording of {rate:.4g} Hz"
+            words = f"is held: it changes every {span_of(periods[held])} samples, {rates}"
+            remedy = "only these updates are used, and they may be older than their stamps"
+            found += about(recording.joints, held, "held", f"{name} {channel}", words, remedy)
+        if filled:
+            kept[name] = replace(side, **filled).at(slice(first, last))
     return replace(recording, **kept, read_ns=read_ns) if kept else recording
+
+
+def _middle(side: Side) -> slice:
+    """Return the samples in the middle of a side that show how its channels are updated."""
+    return slice(max(0, (len(side) - _ENOUGH) // 2), (len(side) + _ENOUGH) // 2)
+
+
+def _periods(values: Array, position: Array | None) -> Array:
+    """Return the samples per update (n,) of a channel (N, n); 1 for joints that are not held."""
+    periods = np.ones(values.shape[1])
+    for j in np.flatnonzero(np.isfinite(values).all(axis=0)).tolist():
+        column = values[:, j]
+        turning = np.ones(len(column), np.bool_)
+        going = turning
+        if position is not None:
+            turning = _changing(position[:, j])
+            going = _going(position[:, j])
+        share, period = _held(column, turning)
+        if share > HELD and filled_in(column, going) <= HELD:
+            periods[j] = max(period, 1.0)
+    return periods
 
 
 def _updates(column: Array, period: float) -> NDArray[np.intp]:
@@ -384,9 +398,8 @@ def _hidden_speeds(t: Array, q: Array, begin: NDArray[np.intp], end: NDArray[np.
     usual = 0.5 * np.abs(before + after)
     size = np.abs(across)
     # 3.0: between the speeds before and behind, which a joint that goes on has within this factor
-    alike = np.maximum(np.abs(before), np.abs(after)) < 3.0 * np.minimum(
-        np.abs(before), np.abs(after)
-    )
+    speeds = np.abs([before, after])
+    alike = speeds.max(axis=0) < 3.0 * speeds.min(axis=0)
     # A joint that stood goes a sample's way in the one behind: across the stretch that is far
     # slower.
     went = one_way & alike & (size > 0.5 * usual) & (size < 2.0 * usual)
@@ -401,12 +414,10 @@ def _hidden_speeds(t: Array, q: Array, begin: NDArray[np.intp], end: NDArray[np.
 def _frozen(what: str, sides: list[Side], start_ns: int) -> list[Finding]:
     """Return the intervals in which no channel of sides with equal stamps changes although a joint
     moved before."""
-    columns = [
-        c
-        for side in sides
-        for values in side.channels().values()
-        for c in values[:, joints_with(values)].T
-    ]
+    columns: list[Array] = []
+    for side in sides:
+        for values in side.channels().values():
+            columns += list(values[:, joints_with(values)].T)
     t: Array = np.asarray((sides[0].stamp_ns - start_ns) * 1e-9, dtype=np.float64)
     moving = [(side.position, side.velocity) for side in sides if side.position is not None]
     if len(t) < FEWEST or not moving:

@@ -19,17 +19,14 @@ from elastic_arm.recording.sides import Array, Samples, joints_with, listed, spa
 from elastic_arm.robot import Robot
 
 _LOOKED_AT = 5000  # samples; bounds the time
-_TOGETHER = 0.01  # of the squares of the motor's angle, that the link's does not explain
+_TOGETHER = 0.01  # share of the motor angle's variance that the link angle may leave
 
 
 def with_one_zero(recording: Recording, found: list[Finding]) -> Recording:
     """Remove a constant difference between motor and link encoders that exceeds the deflection of
-    the drive.
-
-    It is a zero that was not set.
-    """
+    the drive: a zero that was not set."""
     zero, ratio, _ = _apart(recording)
-    # 0.05 rad; encoders are set to zero more closely than that, and no drive is assembled so
+    # 0.05 rad: zeros of encoders are set more accurately, and drives are assembled so
     off = (np.abs(zero) > 0.05) & (np.abs(ratio) < _TOGETHER)
     motor = recording.motor
     if motor is None or motor.position is None or not off.any():
@@ -46,16 +43,16 @@ def with_one_zero(recording: Recording, found: list[Finding]) -> Recording:
 
 
 def disagreeing(recording: Recording) -> list[Finding]:
-    """Return at which joints the two encoders differ by a ratio or a lag."""
+    """Return findings on joints whose two encoders differ by a ratio or a lag."""
     _, ratio, lag = _apart(recording)
-    off = np.abs(ratio) > 5e-4  # a ratio that is given with four digits is off by less
+    off = np.abs(ratio) > 5e-4  # a ratio with four digits is off by less
     times = ", ".join(f"{1.0 + each:.4f}" for each in ratio[off])
     words = f"are {times} times those of the link, apart from the deflection"
     remedy = "check the gear ratios and signs of the map, and the encoders' resolutions"
     found = about(recording.joints, off, "encoder_ratio", "motor positions", words, remedy)
-    # 0.02 s; filters of encoders and a drive's wind-up lag by less
+    # 0.02 s: encoder filters and wind-up of a drive lag by less
     late = np.abs(lag) > 0.02
-    # One clock is late for all joints alike; the wind-up of drives, which goes with the speed
+    # A late clock is the same for all joints, but the wind-up of drives, which follows the speed
     # through friction, is not.
     if late.any() and not (np.abs(lag - np.median(lag)) < 0.2 * np.abs(np.median(lag))).all():
         late = np.zeros_like(late)
@@ -69,45 +66,64 @@ def disagreeing(recording: Recording) -> list[Finding]:
 
 
 def _apart(recording: Recording) -> tuple[Array, Array, Array]:
-    """Return by how much motors lead links: (n,) rad, as a share of the angle, and s; zero if
-    uncertain."""
-    zero, part, lag = np.zeros((3, recording.n))
+    """Return the zero (n,) rad, ratio and lag, s, by which motors lead links; zero if uncertain."""
+    found = np.zeros((3, recording.n))
+    samples = _of_both_sides(recording)
+    if samples is None:
+        return found[0], found[1], found[2]
+    q = samples.q
+    theta = samples.theta
+    assert q is not None and theta is not None
+    every = slice(None, None, max(1, len(samples) // _LOOKED_AT))
+    speeds = np.gradient(theta, samples.t, axis=0)
+    loads = [x for x in (samples.tau_J, samples.tau_m, samples.dtheta) if x is not None]
+    for j in range(recording.n):
+        is_lacking = ("q", j) in samples.lacking or ("theta", j) in samples.lacking
+        if not is_lacking and np.ptp(q[:, j]):
+            columns = [each[every, j] for each in (q, speeds, *loads)]
+            spread = float(np.var(theta[:, j]))
+            found[:, j] = _differences((theta[:, j] - q[:, j])[every], columns, spread)
+    return found[0], found[1], found[2]
+
+
+def _of_both_sides(recording: Recording) -> Samples | None:
+    """Return the samples of a recording with both encoders and a torque; None for any other."""
     link = recording.link
     motor = recording.motor
     if link is None or motor is None or link.position is None or motor.position is None:
-        return zero, part, lag
+        return None
     try:
         samples = recording.samples()
     except RecordingError:
-        # Sides that have no time in common are for others to refuse.
-        return zero, part, lag
-    q = samples.q
-    theta = samples.theta
-    if q is None or theta is None or len(samples) < FEWEST:
-        return zero, part, lag
-    if samples.tau_J is None and samples.tau_m is None:
-        return zero, part, lag
-    speeds = np.gradient(theta, samples.t, axis=0)
-    every = slice(None, None, max(1, len(samples) // _LOOKED_AT))
-    loads = [x for x in (samples.tau_J, samples.tau_m, samples.dtheta) if x is not None]
-    for j in range(recording.n):
-        if {("q", j), ("theta", j)} & samples.lacking or not np.ptp(q[:, j]):
-            continue
-        own = [each[every, j] for each in (q, speeds, *loads)]
-        columns = np.column_stack([np.ones(len(own[0])), *own])
-        scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-        behind = (theta[:, j] - q[:, j])[every]
-        fit, *_ = np.linalg.lstsq(columns / scale, behind, rcond=None)
-        rest = behind - columns @ (fit / scale)
-        alike = fftconvolve(rest, rest[::-1])[len(rest) :] / max(float(rest @ rest), 1e-300)
-        inverse = np.linalg.pinv((columns / scale).T @ (columns / scale), hermitian=True)
-        slow = 1.0 + 2.0 * float(alike @ alike)
-        doubt = np.sqrt(np.diag(inverse) * float(rest @ rest) / len(rest) * slow)
-        # Angles that have nothing to do with each other are not two of one joint.
-        together = float(rest @ rest) < _TOGETHER * len(rest) * float(np.var(theta[:, j]))
-        sure = together & (np.abs(fit[:3]) > 5.0 * doubt[:3])  # standard deviations
-        zero[j], part[j], lag[j] = np.where(sure, fit[:3] / scale[:3], 0.0)
-    return zero, part, lag
+        # Other checks report sides without a common time.
+        return None
+    has_angles = samples.q is not None and samples.theta is not None
+    has_torque = samples.tau_J is not None or samples.tau_m is not None
+    return samples if has_angles and has_torque and len(samples) >= FEWEST else None
+
+
+def _differences(behind: Array, others: list[Array], spread: float) -> Array:
+    """Return zero, ratio and lag (3,) of one joint; zero if uncertain.
+
+        behind = theta - q = a + b q + T dtheta + ...
+
+    behind: (N,) rad; others: columns (N,) of the ratio, the lag, and the loads; spread: variance of
+    theta. The standard deviations account for the correlation of the remainder.
+    """
+    columns = np.column_stack([np.ones(len(behind)), *others])
+    scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    unit = columns / scale
+    fit, *_ = np.linalg.lstsq(unit, behind, rcond=None)
+    rest = behind - columns @ (fit / scale)
+    square = float(rest @ rest)
+    correlation = fftconvolve(rest, rest[::-1])[len(rest) :] / max(square, 1e-300)
+    fewer = 1.0 + 2.0 * float(correlation @ correlation)
+    variance = np.diag(np.linalg.pinv(unit.T @ unit, hermitian=True))
+    std = np.sqrt(variance * square / len(rest) * fewer)
+    # Angles that do not go together are not those of one joint.
+    together = square < _TOGETHER * len(rest) * spread
+    sure = together & (np.abs(fit[:3]) > 5.0 * std[:3])
+    return np.where(sure, fit[:3] / scale[:3], 0.0)
 
 
 def by_motor_encoders(recording: Recording, robot: Robot) -> Recording:
@@ -141,8 +157,7 @@ def by_motor_encoders(recording: Recording, robot: Robot) -> Recording:
 
 
 def _lags(samples: Samples) -> Array:
-    """Return by how much the link of each joint (n,) lags behind its motor, s; NaN if one of the
-    two is missing."""
+    """Return the lag of each link behind its motor (n,), s; NaN if one of the two is missing."""
     q = samples.q
     theta = samples.theta
     assert q is not None and theta is not None

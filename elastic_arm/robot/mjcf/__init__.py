@@ -1,4 +1,4 @@
-"""MJCF in: the arm that a MuJoCo model holds."""
+"""The arm in a MuJoCo model (MJCF)."""
 
 from elastic_arm.robot.mjcf.engine import engine
 from elastic_arm.robot.mjcf.reading import MjcfArm, open_mjcf, read_mjcf

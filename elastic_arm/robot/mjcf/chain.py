@@ -1,5 +1,6 @@
-"""Which bodies and joints of a compiled MuJoCo model are the arm, and what of the model no serial
-arm has."""
+"""The bodies and joints of a compiled MuJoCo model that form the arm, and parts that a serial arm
+cannot have.
+"""
 
 import difflib
 import itertools

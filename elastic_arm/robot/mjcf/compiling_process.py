@@ -1,12 +1,13 @@
-"""A process of its own that compiles one MJCF file: ``python -P compiling_process.py FILE BYTES
-SECONDS WHAT``.
+"""A separate process that compiles one MJCF file.
 
-MuJoCo believes the sizes and counts that a file claims: a line may ask for a picture of ten
-gigabytes, or for a hundred thousand bodies. Here that costs no more than this process, whose memory
-(bytes beside what MuJoCo itself takes) and processor time are limited. It runs as a script and
-imports nothing of the package, so that it starts quickly. To standard output goes a line of JSON
-that states what was left out, or what is wrong, and behind it the compiled model as MuJoCo saves it
-(WHAT is "model"), or the file as MuJoCo saves it ("xml").
+Its command is ``python -P compiling_process.py FILE BYTES SECONDS WHAT``.
+
+MuJoCo trusts the sizes and counts in a file: one line may request an image of ten gigabytes, or a
+hundred thousand bodies. Here this costs at most this process, whose memory (bytes beyond those of
+MuJoCo itself) and processor time are limited. It runs as a script and imports nothing of the
+package, so it starts quickly. It writes a line of JSON with omissions or the error to standard
+output, followed by the compiled model as saved by MuJoCo (WHAT is "model"), or the file as saved by
+MuJoCo ("xml").
 """
 
 import json

@@ -1,5 +1,6 @@
-"""What drives the joints of a compiled MuJoCo model: motor inertia, friction in motors, delays,
-limits, controllers."""
+"""The drives of the joints in a compiled MuJoCo model: motor inertia, friction in motors, delays,
+limits, controllers.
+"""
 
 from dataclasses import dataclass, replace
 from typing import Any

@@ -1,4 +1,4 @@
-"""MuJoCo, and models compiled by it."""
+"""MuJoCo, and the models that it compiled."""
 
 import html
 import json

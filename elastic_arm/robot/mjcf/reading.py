@@ -1,9 +1,9 @@
-"""From a compiled MuJoCo model to a robot with the same equations of motion.
+"""A robot with the same equations of motion as a compiled MuJoCo model.
 
-Link i's frame is that of the body that carries joint i. Bodies without a joint of the chain, and
-those whose joints are held, are part of the link that they stand on. Nominal is what MuJoCo
-computes: armatures; damping, friction loss, springs and gravity compensation as effects of the size
-that the model states.
+Link i has the frame of the body that carries joint i. Bodies without a joint of the chain, and
+bodies with locked joints, are part of the link that carries them. The robot has MuJoCo's numbers:
+armatures, and damping, friction loss, springs and gravity compensation as effects of the sizes in
+the model.
 """
 
 from collections.abc import Mapping

@@ -1,2 +1,3 @@
-"""The blind check: arms whose effect is withheld, made by an engine that shares no code with the
-diagnosis."""
+"""The blind challenge: arms with withheld effects, simulated by an engine that shares no code with
+the diagnosis.
+"""

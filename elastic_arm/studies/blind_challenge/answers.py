@@ -1,4 +1,4 @@
-"""One answer against the truth of its arm."""
+"""The score of one answer by the truth of its arm."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -16,17 +16,20 @@ from elastic_arm.studies.blind_challenge.hidden_arms.effect_laws import Fault
 Line = dict[str, Any]
 
 DECLARED = 0.05  # an alternative with this confidence counts as declared
-SURE = 0.9  # confidence from which on a cause that no arm had is a false accusation
+SURE = 0.9  # confidence from which a wrong cause is a false accusation
 LIMIT = 1.96  # standard deviations, of a 95 % interval
 KINDS = ("causes", "frictions", "sensors", "numbers")
-# What a diagnosis calls the numbers of a sensor among its imperfections.
+# Names of the numbers of a sensor among the imperfections of a diagnosis.
 SENSORS = ("motor_torque_gain", "joint_torque_gain", "motor_torque_offset", "joint_torque_offset")
 
 
 def score_answer(
     entry: Mapping[str, Any], answer: Mapping[str, Any], effects: Mapping[str, Effect] = EFFECTS
 ) -> Line:
-    """Return what an answer (`diagnosis.json`) to an arm (its truth) is worth."""
+    """Score an answer (`diagnosis.json`) by the truth of its arm.
+
+    entry: the truth.
+    """
     joints = entry["joints"]
     faults = [Fault(**{**one, "channels": tuple(one["channels"])}) for one in entry["faults"]]
     placed = [_placed(f, effects[f.effect], len(joints)) for f in faults]
@@ -50,17 +53,9 @@ def score_answer(
     for fault in placed:
         if not any(_is_any([fault], cause, joints) for cause in causes):
             told.append((0.0, True))
+    covered = sum(abs(v) <= LIMIT for v in z)
     return {
-        "name": entry["name"],
-        "level": entry["level"],
-        "joints_of_arm": len(joints),
-        "sides": entry["sensors"]["sides"],
-        "truth": [f.effect for f in faults],
-        "joints": [None if f.joint is None else joints[f.joint] for f in faults],
-        "parameters": [true_parameters(f, effects[f.effect]) for f in faults],
-        "foreign": [f["effect"] for f in entry["foreign"]],
-        "multiple": min(entry["multiple"], default=None),
-        "visible": entry["visible"],
+        **_truth(entry, faults, effects),
         "verdict": answer["verdict"],
         "named": [c["effect"] for c in causes],
         "named_joints": [c["joint"] for c in causes],
@@ -72,32 +67,45 @@ def score_answer(
         "joint_right": bool(faults) and all(_joint_right(f, causes, joints) for f in placed),
         "side_right": bool(faults) and all(_side_right(f, h, effects[f.effect]) for f, h in found),
         "no_cause": all(allowed) and answer["verdict"] != "unknown",
-        "accused": any(
-            p >= SURE and not is_right for p, is_right in zip(confidence, right, strict=True)
-        ),
+        "accused": any(p >= SURE and not r for p, r in zip(confidence, right, strict=True)),
         "z": z,
-        "coverage": {
-            "causes": [sum(abs(v) <= LIMIT for v in z), len(z)],
-            **_coverage(entry, answer, joints),
-        },
+        "coverage": {"causes": [covered, len(z)], **_coverage(entry, answer, joints)},
         "cpu_seconds": answer.get("cpu_seconds"),
         "code": answer.get("code"),
+    }
+
+
+def _truth(
+    entry: Mapping[str, Any], faults: Sequence[Fault], effects: Mapping[str, Effect]
+) -> Line:
+    """Return the part of a line that describes the arm."""
+    joints = entry["joints"]
+    return {
+        "name": entry["name"],
+        "level": entry["level"],
+        "joints_of_arm": len(joints),
+        "sides": entry["sensors"]["sides"],
+        "truth": [f.effect for f in faults],
+        "joints": [None if f.joint is None else joints[f.joint] for f in faults],
+        "parameters": [true_parameters(f, effects[f.effect]) for f in faults],
+        "foreign": [f["effect"] for f in entry["foreign"]],
+        "multiple": min(entry["multiple"], default=None),
+        "visible": entry["visible"],
     }
 
 
 def _allowed(
     entry: Mapping[str, Any], causes: Sequence[Mapping[str, Any]], effects: Mapping[str, Effect]
 ) -> list[bool]:
-    """Return which causes are true of the arm although they are no effect that was drawn."""
+    """Return whether each cause is true although its effect was not drawn."""
     joints = entry["joints"]
-    # A poorer model lacks more than the one effect that was asked for: mod1 lacks S as well as the
-    # splines.
+    # A simpler model lacks more than the requested effect: mod1 lacks both S and the splines.
     lacking = {
         effect.id
         for effect in effects.values()
         if effect.lacked_by != MODELS and entry["model"] in effect.lacked_by
     }
-    # All arms of a level have these.
+    # All arms of the level have these effects.
     conditions = {(one["effect"], joints[one["joint"]]) for one in entry["conditions"]}
     return [
         cause["effect"] in lacking or (cause["effect"], cause["joint"]) in conditions
@@ -111,9 +119,9 @@ def _is_any(faults: Sequence[Fault], cause: Mapping[str, Any], joints: Sequence[
 
 
 def changes_told(found: Sequence[Diagnosis]) -> dict[str, Any]:
-    """Return changes between recordings that were diagnosed alone, as causes.
+    """Return changes between separately diagnosed recordings as causes.
 
-    Each with its recording and the size then.
+    Each has the recording of the change and the size after it.
     """
     causes: list[dict[str, Any]] = [
         {

@@ -1,4 +1,4 @@
-"""Making and diagnosing many hidden arms, in parallel; what is there already is not done again."""
+"""Creation and diagnosis of many hidden arms in parallel; existing results are not repeated."""
 
 import base64
 import hashlib

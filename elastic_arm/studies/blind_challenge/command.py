@@ -1,4 +1,4 @@
-"""`elastic-arm challenge`: hidden arms made, diagnosed blindly, and scored."""
+"""`elastic-arm challenge`: create hidden arms, diagnose them blindly, and score the answers."""
 
 import json as json_module
 import os
@@ -74,7 +74,7 @@ def create(
     validate_seconds: Annotated[
         float | None,
         typer.Option(
-            min=4.0, help="Duration of the judging recording, s; 8 s, above the laboratory 10 s."
+            min=4.0, help="Duration of the validation recording, s; 8 s, above the laboratory 10 s."
         ),
     ] = None,
     level: Annotated[

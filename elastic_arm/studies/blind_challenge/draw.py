@@ -1,7 +1,7 @@
-"""One hidden arm: what is drawn of it, and the folder of its recordings.
+"""One hidden arm: its random draw, and the folder of its recordings.
 
-From the seed alone: description, true numbers, sensors, two motions, effects, joints, forms, and
-last the sizes.
+The seed determines, in this order, description, true numbers, sensors, two motions, effects,
+joints, forms, and sizes.
 """
 
 import shutil
@@ -91,12 +91,12 @@ MODEL_DISTANCE = 1e3  # bounds, of what a poorer model lacks: it has the size th
 
 @dataclass(frozen=True)
 class Request:
-    """What is to be drawn."""
+    """The arm to be drawn."""
 
     name: str
-    effects: tuple[str, ...]  # ids, of the catalogue or of none; none for an arm with nothing more
+    effects: tuple[str, ...]  # ids, in the catalogue or not; empty for an arm without effects
     seed: tuple[int, ...]
-    seconds: tuple[float, ...]  # of each bag
+    seconds: tuple[float, ...]  # duration of each bag
     ratio: tuple[float, float] = (LOWEST, HIGHEST)  # range of sizes over their bounds
 
 
@@ -105,35 +105,35 @@ class Arm:
     """The truth of one hidden arm."""
 
     name: str
-    model: str  # that it is diagnosed against
+    model: str  # of the diagnosis
     level: str
     joints: tuple[str, ...]
-    faults: tuple[Fault, ...]  # effects of the catalogue beyond what is ordinary
-    foreign: tuple[Fault, ...]  # effects of no catalogue
-    # friction and calibration that every arm of the level has: no cause
+    faults: tuple[Fault, ...]  # effects of the catalogue beyond the ordinary ones
+    foreign: tuple[Fault, ...]  # effects outside the catalogue
+    # friction and calibration of every arm of the level, which are not causes
     ordinary: tuple[Fault, ...]
-    # what every arm of the level has beyond that: naming it is not wrong
+    # further effects of every arm of the level, which may be named
     conditions: tuple[Fault, ...]
-    # true numbers as imperfections are called: what, joint, value
+    # true numbers, as imperfections: what, joint, value
     numbers: tuple[tuple[str, int, float], ...]
     sensors: RealisticSensors
     multiple: tuple[float, ...]  # size of each effect over its bound
-    # smallest size that could be known, everything ordinary marginalised
+    # smallest detectable size, with everything ordinary marginalised
     bound: tuple[float | None, ...]
-    share: tuple[float, ...]  # what each effect alone is of the sum of all excesses
-    visible: bool  # whether theory lets all be seen
+    share: tuple[float, ...]  # share of each effect in the sum of all excesses
+    visible: bool  # whether all effects are detectable in theory
     since: int = 0  # first bag that has the effects
 
 
 @dataclass(frozen=True)
 class Drawn:
-    """A drawn arm with its description, its motions, and what moves it."""
+    """A drawn arm with its description, its motions, and its simulation."""
 
     arm: Arm
     description: Robot
     motions: tuple[HiddenMotion, ...]
     run: Run
-    before: tuple[Fault, ...]  # what acts in the bags without the effects
+    before: tuple[Fault, ...]  # faults in the bags without the effects
 
 
 def draw(request: Request, level: Level, rng: np.random.Generator, catalogue: Catalogue) -> Drawn:
@@ -167,8 +167,8 @@ def draw(request: Request, level: Level, rng: np.random.Generator, catalogue: Ca
     if level.changing:
         faults = [_changed(fault, ordinary, catalogue) for fault in faults]
     for fault in faults:
-        ordinary = [o for o in ordinary if (o.effect, o.joint) != (fault.effect, fault.joint)]
-        conditions = [c for c in conditions if (c.effect, c.joint) != (fault.effect, fault.joint)]
+        ordinary = _without(fault, ordinary)
+        conditions = _without(fault, conditions)
         real = _as_described(real, description, fault)
     if level.torque_constant:
         conditions += [o for o in ordinary if o.effect == "motor_torque_gain"]
@@ -195,23 +195,25 @@ def draw(request: Request, level: Level, rng: np.random.Generator, catalogue: Ca
     return Drawn(arm, description, motions, _mover(real, description, effects, catalogue), before)
 
 
+def _without(fault: Fault, others: Sequence[Fault]) -> list[Fault]:
+    """Return faults without that of the same effect and joint."""
+    return [one for one in others if (one.effect, one.joint) != (fault.effect, fault.joint)]
+
+
 def _motion(level: Level, n: int, seconds: float, rng: np.random.Generator) -> HiddenMotion:
     kind = random_points if rng.random() < level.points else random_motion
     return kind(rng, n, seconds)
 
 
 def _changed(fault: Fault, ordinary: Sequence[Fault], catalogue: Catalogue) -> Fault:
-    """Return an effect with what an arm ordinarily has of it added."""
-    own = next(
-        (o.parameters for o in ordinary if (o.effect, o.joint) == (fault.effect, fault.joint)), {}
-    )
-    neutral = {name: catalogue[fault.effect].parameter(name).neutral or 0.0 for name in own}
-    return replace(
-        fault,
-        parameters={
-            k: v + own.get(k, 0.0) - neutral.get(k, 0.0) for k, v in fault.parameters.items()
-        },
-    )
+    """Return an effect with the ordinary size of the same effect added."""
+    alike = (o for o in ordinary if (o.effect, o.joint) == (fault.effect, fault.joint))
+    own = next((o.parameters for o in alike), {})
+    parameters = dict(fault.parameters)
+    for name in parameters.keys() & own.keys():
+        neutral = catalogue[fault.effect].parameter(name).neutral or 0.0
+        parameters[name] = parameters[name] + own[name] - neutral
+    return replace(fault, parameters=parameters)
 
 
 def record(

@@ -1,7 +1,6 @@
-"""Effects as the challenge draws them: where, in which form, and how much of them.
+"""Random effects of the challenge: place, form and size.
 
-Those of a catalogue are drawn from the ranges of their files, those of no catalogue from the forms
-below.
+Effects of a catalogue are drawn from the ranges in their files, others from the forms below.
 """
 
 from collections.abc import Callable, Sequence

@@ -1,15 +1,15 @@
-"""How much a recording of an arm knows of an effect, everything ordinary marginalised, and sizes
+"""The information of a recording about an effect, with everything ordinary marginalised, and sizes
 from it.
 
-Nothing of the diagnosis is used: residuals are those of Pinocchio's tree along the true motion,
-their noise follows from the sensors as they were drawn. With r the whitened change of the residuals
-by an effect, and N the whitened changes by one standard deviation of each ordinary number, the
-distance is the square root of
+Nothing of the diagnosis is used: residuals are those of Pinocchio's tree along the true motion, and
+their noise follows from the drawn sensors. With the whitened change r of the residuals by an
+effect, and the whitened changes N by one standard deviation of each ordinary number, the distance
+is the square root of
 
     r'r - r'N (1 + N'N)^-1 N'r,
 
-the size of the effect over its Cramér-Rao bound, all ordinary numbers estimated with it from their
-priors. An exact arm has none of them.
+the size of the effect over its Cramér-Rao bound, with all ordinary numbers estimated together with
+it from their priors. An exact arm has no ordinary numbers.
 """
 
 from __future__ import annotations

@@ -1,5 +1,4 @@
-"""The levels of the challenge: what arms, sensors, motions and effects are drawn from, and what
-counts as an effect."""
+"""The levels of the challenge: distributions of arms, sensors, motions and effects."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace

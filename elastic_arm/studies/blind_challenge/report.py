@@ -1,4 +1,4 @@
-"""The report of a challenge: shares, and what a confidence is worth."""
+"""The report of a challenge: shares of right answers, and calibration of confidences."""
 
 from collections.abc import Mapping
 from pathlib import Path

@@ -1,5 +1,4 @@
-"""How well challenges were answered: every share with its binomial interval, in one table a
-level."""
+"""The score of challenges: every share with its binomial interval, in one table per level."""
 
 import itertools
 import json
@@ -107,15 +106,14 @@ def score(folders: Path | Sequence[Path]) -> dict[str, Any]:
         settings.append(manifest["settings"] | {"truth_sha256": manifest["truth_sha256"]})
         total += len(truth)
         for kind, known in ((ANSWERS, lines), (WITHHELD, withheld)):
-            paths = ((entry, answer_path(folder, entry["name"], kind)) for entry in truth)
-            known += [
-                _line(entry, json.loads(p.read_text()), effects)
-                for entry, p in paths
-                if p.is_file()
-            ]
-    own = [x for x in lines if not x["foreign"]]
-    single = [x for x in own if len(x["truth"]) == 1]
-    by_effect = {e: _effect([x for x in single if x["truth"] == [e]]) for e in effects}
+            for entry in truth:
+                path = answer_path(folder, entry["name"], kind)
+                if path.is_file():
+                    known.append(_line(entry, json.loads(path.read_text()), effects))
+    by_effect = {}
+    for effect in effects:
+        alone = [x for x in lines if x["truth"] == [effect] and not x["foreign"]]
+        by_effect[effect] = _effect(alone)
     levels: dict[str, dict[str, Any]] = {}
     for level in dict.fromkeys(x["level"] for x in lines):
         of_level = [x for x in lines if x["level"] == level]

@@ -1,9 +1,9 @@
-"""Servo arms in MuJoCo: commands and positions alone, all ordinarily off, and what the description
-lacks.
+"""Servo arms in MuJoCo: only commands and positions, ordinary deviations, and effects that the
+description lacks.
 
-Arms of 3 to 5 joints like SO-101. The description is the MJCF that the arm was drawn as; of the
-true one masses are off by 6 %, centres by 3 mm, moments by 8 %, armatures by 6 %, friction by 20 %
-and both gains of a servo together by 10 % (standard deviations).
+The arms have 3 to 5 joints, like SO-101. The description is the drawn MJCF. In the true arm, masses
+are off by 6 %, centres by 3 mm, moments by 8 %, armatures by 6 %, friction by 20 % and both gains
+of a servo together by 10 % (standard deviations).
 """
 
 from dataclasses import asdict, dataclass, field, replace

@@ -1,2 +1,1 @@
-"""The paper's study: a virtual prototype in a physics engine that nobody here wrote, the figures,
-and the claims."""
+"""The study of the paper: an independent virtual prototype, the figures, and the claims."""

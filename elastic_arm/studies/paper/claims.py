@@ -1,8 +1,8 @@
-"""The paper's claims, in its order: each holds, holds in part, does not hold, or is undecided with
-our numbers.
+"""The claims of the paper, in its order, each with a verdict by our numbers: holds, holds in part,
+does not hold, or undecided.
 
-Each function states its rule in code. Where the paper speaks of joints 1, 2 and 3 the rule speaks
-of the joints before the last and of the last one.
+Each function states its rule in code. Where the paper refers to joints 1, 2 and 3, the rule refers
+to the joints before the last and to the last one.
 """
 
 import itertools
@@ -442,10 +442,10 @@ def _shares(result: StudyResult) -> Judged:
     found = [result.estimate(m) for m in MODELS]
     plain = [e.shares for e in found]
     merged = [shares(e.merged_error) for e in found]
-    texts = [
-        "; ".join(f"{m}: {_listed_shares(s)}" for m, s in zip(MODELS, many, strict=True))
-        for many in (plain, merged)
-    ]
+    texts = []
+    for many in (plain, merged):
+        of_models = zip(MODELS, many, strict=True)
+        texts.append("; ".join(f"{m}: {_listed_shares(s)}" for m, s in of_models))
     sizes = min(len(e.names) for e in found), min(len(e.merged_error) for e in found)
     finding = (
         f"low / mid / high at r_tot = {result.highest:g}, no noise: {texts[0]}. After"
@@ -542,10 +542,12 @@ def _accuracy(result: StudyResult) -> Judged:
             ("joints' part", [r.joints_rms for r in rows]),
         )
         for part, (what, errors) in enumerate(measures):
-            parts.append(_always([[run[part] for run in row.each] for row in rows]))
-            text.append(
-                f"r_tot {r_tot:g}, {what}: " + " / ".join(f"{value:.2g}" for value in errors)
-            )
+            of_runs = []
+            for row in rows:
+                of_runs.append([run[part] for run in row.each])
+            parts.append(_always(of_runs))
+            values = " / ".join(f"{value:.2g}" for value in errors)
+            text.append(f"r_tot {r_tot:g}, {what}: {values}")
     finding = (
         "rms error under feed-forward of the identified mod1 / mod2 / mod3, mm:"
         f" {'; '.join(text)}. The rest of the tool error is the tilt of the bearings,"

@@ -1,10 +1,9 @@
-"""The low-inertia coupling S in symbols, as in (8) and (9), from the same recursion that the
-numbers use.
+"""The low-inertia coupling S in symbols, as in (8) and (9), by the recursion of the numbers.
 
-Column j of S is what the recursion requires of the link side when motor j alone accelerates and
-nothing else moves.
+Column j of S is the torque on the link side when only motor j accelerates and nothing else moves.
 """
 
+from collections import defaultdict
 from dataclasses import dataclass, replace
 
 import sympy
@@ -50,12 +49,11 @@ def symbolic_coupling(robot: Robot, *, bearings: bool = False) -> SymbolicCoupli
         )
         for i, coordinate in enumerate(links):
             matrix[i, j] = sympy.expand(sympy.nsimplify(forces[coordinate], rational=True))
-    spun = [
-        (Psi[s.parameter] * ratio, k) for s in bodies.spins if s.frame >= 0 for k, ratio in s.gears
-    ]
-    reflected = tuple(
-        sympy.Add(*(term for term, k in spun if k == motor)) for motor in bodies.motor_side
-    )
+    spun = defaultdict(list)
+    for spin in bodies.spins:
+        for motor, ratio in spin.gears if spin.frame >= 0 else ():
+            spun[motor].append(Psi[spin.parameter] * ratio)
+    reflected = tuple(sympy.Add(*spun[motor]) for motor in bodies.motor_side)
     sigma = sympy.Matrix(*matrix.shape, lambda i, j: sympy.simplify(matrix[i, j] / reflected[j]))
     return SymbolicCoupling(tuple(bodies.coordinates[k] for k in links), matrix, reflected, sigma)
 

@@ -1,11 +1,11 @@
-"""What a better model buys: the prototype under feed-forward of each identified model, and where
-its tool goes.
+"""The benefit of a better model: the tool error of the prototype with the feed-forward of each
+identified model.
 
-The feed-forward inverts an elastic model on a periodic motion q_d: the first row of (1) requires
-the drive's deflection delta = theta - q from K delta + D delta' = M q'' + S theta'' + c + c1 + g,
-which a Fourier transform solves line by line; S theta'' makes it implicit, so it is repeated until
-it stands. The second row then is the torque. A weak controller on the motor side keeps the arm near
-theta_d.
+The feed-forward inverts an elastic model on a periodic motion q_d. The first row of (1) requires
+the deflection delta = theta - q of the drive, K delta + D delta' = M q'' + S theta'' + c + c1 + g,
+which a Fourier transform solves for each harmonic; S theta'' makes it implicit, so it is iterated
+until it converges. The second row is then the torque. A weak controller on the motor side keeps the
+arm near theta_d.
 """
 
 from collections.abc import Sequence

@@ -1,5 +1,6 @@
-"""Fig. 5 and beyond: (10)-(13) for each model on what the prototype did, and where the errors come
-from."""
+"""Fig. 5 and more: (10)-(13) for each model on the motion of the prototype, and the sources of the
+errors.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

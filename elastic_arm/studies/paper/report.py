@@ -1,7 +1,7 @@
-"""The report of the paper's study: claims first, then a function a figure: what it shows, how, and
-its numbers."""
+"""The report of the study: claims first, then one function per figure, with method and numbers."""
 
 import math
+from collections import Counter
 from dataclasses import astuple
 from itertools import product
 from pathlib import Path
@@ -78,7 +78,7 @@ def write_paper_report(result: StudyResult, claims: list[Claim], path: Path) -> 
 
 
 def _summary(result: StudyResult, claims: list[Claim]) -> Section:
-    counts = {name: sum(claim.verdict == name for claim in claims) for name in MARKS}
+    counts = Counter(claim.verdict for claim in claims)
     chosen = [claim for claim in claims if claim.by_choice]
     blocks: list[Block] = [
         Text(
@@ -100,20 +100,20 @@ def _summary(result: StudyResult, claims: list[Claim]) -> Section:
         ),
         Table(
             ("section", "claim of the paper", "evidence in this study", "verdict"),
-            [
-                (
-                    c.section,
-                    c.claim,
-                    c.finding + note,
-                    f"{MARKS[c.verdict]} {c.verdict}{' *' if note else ''}",
-                )
-                for c in claims
-                for note in [f". * {c.by_choice.capitalize()}." if c.by_choice else ""]
-            ],
+            [_claim_row(claim) for claim in claims],
             caption="* depends on a number that was chosen to match the paper",
         ),
     ]
     return Section("Claims", blocks)
+
+
+def _claim_row(claim: Claim) -> tuple[str, str, str, str]:
+    """Return the row of a claim in the summary."""
+    verdict = f"{MARKS[claim.verdict]} {claim.verdict}"
+    if not claim.by_choice:
+        return claim.section, claim.claim, claim.finding, verdict
+    finding = f"{claim.finding}. * {claim.by_choice.capitalize()}."
+    return claim.section, claim.claim, finding, f"{verdict} *"
 
 
 def _entry(result: StudyResult, row: int, column: int) -> float:
@@ -158,14 +158,12 @@ def figures_1_and_2(result: StudyResult) -> Section:
                 rf"$O_{{{name}}}$",
                 fontsize=9,
             )
-    carriers = "; ".join(
-        f"{k}: "
-        + ", ".join(
-            f"{name.replace('_', ' ')} on {part.carrier}"
-            for name, (part, _) in d.components.items()
-        )
-        for k, d in enumerate(transmissions(robot), 1)
-    )
+    of_drives = []
+    for k, drive in enumerate(transmissions(robot), 1):
+        parts = drive.components.items()
+        on = [f"{name.replace('_', ' ')} on {part.carrier}" for name, (part, _) in parts]
+        of_drives.append(f"{k}: {', '.join(on)}")
+    carriers = "; ".join(of_drives)
     rows = [
         (name, row.a, row.d, f"{math.degrees(row.alpha):g}°", _turned(k, row))
         for k, (name, row) in enumerate(table_i(robot))
@@ -408,18 +406,18 @@ def coupling(result: StudyResult) -> Section:
     flat = result.coupling
     tilted = result.tilted_coupling
     n = result.robot.n
-    terms = [
-        (f"S_{i + 1},{j + 1}", _text(flat.matrix[i, j]))
-        for i in range(n)
-        for j in range(n)
-        if flat.matrix[i, j] != 0
-    ]
-    pattern = "; ".join(
-        "["
-        + ", ".join(f"S_{i + 1},{j + 1}" if flat.matrix[i, j] != 0 else "0" for j in range(n))
-        + "]"
-        for i in range(n)
-    )
+    terms = []
+    rows = []
+    for i in range(n):
+        names = []
+        for j in range(n):
+            name = "0"
+            if flat.matrix[i, j] != 0:
+                name = f"S_{i + 1},{j + 1}"
+                terms.append((name, _text(flat.matrix[i, j])))
+            names.append(name)
+        rows.append(f"[{', '.join(names)}]")
+    pattern = "; ".join(rows)
     sigma = [
         (tilted.rows[i], j + 1, _text(entry), _text(linearized(entry)))
         for i in range(tilted.sigma.shape[0])

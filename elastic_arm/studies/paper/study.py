@@ -1,5 +1,6 @@
-"""The whole study, stage by stage: runs of the prototype over the cores, then what the models make
-of them."""
+"""The whole study, stage by stage: runs of the prototype in parallel, then their evaluation by the
+models.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

@@ -1,5 +1,6 @@
-"""The torques of sections IV and V: step ramps of the prototype over the ratios, and what mod1 to
-mod3 make of them."""
+"""The torques of sections IV and V: step ramps of the prototype over the ratios, and those of mod1
+to mod3.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

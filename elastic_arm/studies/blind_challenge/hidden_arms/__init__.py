@@ -1,2 +1,1 @@
-"""The arms of the challenge, simulated apart: no law, model or estimate of the suite stands behind
-a recording."""
+"""The arms of the challenge, simulated independently, without laws and models of the suite."""

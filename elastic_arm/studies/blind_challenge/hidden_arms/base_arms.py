@@ -1,5 +1,4 @@
-"""Descriptions of arms of six and seven joints, and arms that differ from their description as real
-ones do."""
+"""Descriptions of arms with six and seven joints, and arms with ordinary deviations from them."""
 
 from collections.abc import Sequence
 from dataclasses import replace

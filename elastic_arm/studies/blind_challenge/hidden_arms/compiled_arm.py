@@ -1,11 +1,11 @@
-"""Forward simulation of hidden arms, compiled: bodies by Newton and Euler's recursion, effects by
+"""Compiled forward simulation of hidden arms: bodies by the Newton-Euler recursion, effects by
 :mod:`.effect_laws`.
 
-Pinocchio called once a step from Python takes ten times as long as all else. So its tree is walked
-once with symbols, and the walk compiled; every run is checked against Pinocchio's own algorithm
-along its way (:mod:`.hidden_arm`).
+One call of Pinocchio per step from Python takes ten times as long as everything else. The recursion
+over its tree is therefore performed once with symbols and compiled. Every run is checked against
+Pinocchio's own algorithm (:mod:`.hidden_arm`).
 
-Every number of arm and effects is an argument, so that one library serves all arms of one build.
+All numbers of arm and effects are arguments, so that one library serves all arms of one structure.
 """
 
 import ctypes

@@ -1,8 +1,8 @@
-"""The effects of the contract as the hidden arm has them, written here apart from the catalogue.
+"""The effects of the contract in a hidden arm, implemented independently of the catalogue.
 
-Effects that change a number of the arm (a mass, a stiffness) act on its description; those that add
-a torque are written here, for all joints at once; those of the sensors act on what was simulated
-(:mod:`.sensor_models`).
+Effects that change a number of the arm (a mass, a stiffness) act on its description. Effects that
+add a torque are implemented here, for all joints at once. Those of the sensors act on the simulated
+channels (:mod:`.sensor_models`).
 """
 
 from collections.abc import Mapping, Sequence

@@ -1,8 +1,7 @@
-"""Effects beyond those of the first catalogue, and effects that no catalogue has, as the hidden arm
-has them.
+"""Further effects of a hidden arm: effects beyond the first catalogue, and effects outside it.
 
-They need states of their own: a clock, and one state a joint for what relaxes. An arm without them
-is moved by the smaller set of equations.
+They need states of their own: a clock, and one state per joint for relaxation. An arm without them
+uses the smaller set of equations.
 """
 
 from collections.abc import Mapping, Sequence

@@ -1,6 +1,6 @@
-"""The arm as Pinocchio sees it: every link, rotor, wave generator and spline a body of its own.
+"""The arm in Pinocchio: every link, rotor, wave generator and spline is a separate body.
 
-Nothing here is shared with `elastic_arm.dynamics`: the diagnosis must not be checked against its
+Nothing is shared with `elastic_arm.dynamics`, because the diagnosis must not be checked against its
 own equations. The gears are ideal, so the velocities of all bodies are a constant matrix times
 those of the generalized coordinates, v_full = G v, and M = G' M_full G, h = G' h_full.
 """

@@ -1,5 +1,4 @@
-"""What hidden arms are to do, and what they did: sums of sines, motion from point to point, and
-true channels."""
+"""Motions of hidden arms: sums of sines, motion from point to point, and the true channels."""
 
 from dataclasses import dataclass
 from typing import Protocol

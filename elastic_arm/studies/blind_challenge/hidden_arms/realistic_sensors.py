@@ -1,5 +1,6 @@
-"""Sensors of ordinary quality: encoders of some bits, coloured torque noise, rates and sides that
-are not all there."""
+"""Sensors of ordinary quality: encoders with a few bits, coloured torque noise, and different rates
+and sides.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -1,1 +1,1 @@
-"""The paper's virtual prototype, built in MuJoCo: an engine that nobody here wrote."""
+"""The virtual prototype of the paper in MuJoCo, an independent engine."""

@@ -1,10 +1,10 @@
-"""The virtual prototype's parts list: every link, rotor, wave generator and spline as a body of a
+"""The bodies of the virtual prototype: every link, rotor, wave generator and spline as a body of a
 MuJoCo model.
 
-Only the robot as data enters; no dynamics code is shared with mod1 to mod3. Per joint the kinematic
-chain is that of the paper's Fig. 1b: rotor, wave generator and spline each turn about the joint's
-axis on the body that carries them, and the link hangs on the spline by a bushing with three
-translations and three rotations.
+Only the robot as data is used; no dynamics code is shared with mod1 to mod3. The kinematic chain of
+each joint is that of the paper's Fig. 1b: rotor, wave generator and spline each turn about the axis
+of the joint on the body that carries them, and the link is attached to the spline by a bushing with
+three translations and three rotations.
 """
 
 from dataclasses import dataclass, replace

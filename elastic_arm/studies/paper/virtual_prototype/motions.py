@@ -1,5 +1,4 @@
-"""Motions imposed at the rotors, cut into pieces that are smooth, so that no integrator steps over
-a jump."""
+"""Motions imposed at the rotors, divided into smooth pieces so that integration crosses no jump."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

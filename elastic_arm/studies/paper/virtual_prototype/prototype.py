@@ -1,16 +1,16 @@
-"""mod_ad: the virtual prototype, dynamics by MuJoCo, motion imposed at the rotors, torques read at
-the HD output.
+"""mod_ad: the virtual prototype, with dynamics by MuJoCo, imposed motion of the rotors, and torques
+at the output of the harmonic drive.
 
-Rotors, wave generators and splines are driven, the bushings are free. The engine gives the mass
-matrix and the bias forces of all bodies; couplers r_b and r_hd are exact because the driven bodies'
-velocities are written as G dtheta with a constant G, and the engine's own numbers are projected on
-(theta, bushing):
+Rotors, wave generators and splines are driven, and the bushings are free. The engine provides the
+mass matrix and the bias forces of all bodies. The couplers r_b and r_hd are exact, because the
+velocities of the driven bodies are G dtheta with a constant G, and the engine's numbers are
+projected on (theta, bushing):
 
     T = [G F],   T' M T (ddtheta, a_f) + T' (bias - passive) = (tau_m, 0).
 
-With the motion imposed, ddtheta is known: the lower rows give the bushing's acceleration a_f
-(forward dynamics), the upper rows the torque tau_m at the harmonic-drive output (inverse dynamics).
-With torques imposed it is all forward.
+With an imposed motion, ddtheta is known: the lower rows give the acceleration a_f of the bushing
+(forward dynamics), and the upper rows the torque tau_m at the output of the harmonic drive (inverse
+dynamics). With imposed torques, all rows are forward dynamics.
 """
 
 from __future__ import annotations
@@ -265,18 +265,14 @@ class Prototype:
         duration: float,
         *,
         step: float = DEFAULT_STEP,
-        rate: float = RECORD_RATE,
     ) -> PrototypeRun:
-        """Apply torques at the harmonic-drive output and record what the arm does.
-
-        Through the couplers.
-        """
+        """Apply torques at the harmonic-drive output, through the couplers; record the motion."""
         n = self.n
         state = np.zeros((2, self.T.shape[1]))
         samples = []
         state[:, :n] = start
         state[0, n:] = self.equilibrium(start[0])
-        steps, stride, h = division(duration, step, rate)
+        steps, stride, h = division(duration, step, RECORD_RATE)
 
         def accelerate(half: int, state: np.ndarray) -> np.ndarray:
             at = self.reduced(*state)

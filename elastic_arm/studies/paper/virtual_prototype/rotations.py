@@ -1,9 +1,8 @@
-"""The link's angles as the paper counts them, from the prototype's chain of hinges, exactly and
-with rates.
+"""The link angles of the paper's convention, with rates, from the prototype's chain of hinges.
 
-The prototype's link hangs on the turning spline: Rz(theta) Ry(b) Rx(a) Rz(delta). The paper's (3)
-tilts first: Ry(q_y) Rx(q_x) Rz(q). Both describe one rotation; angles and rates are converted
-without small-angle shortcuts.
+The link of the prototype is attached to the turning spline: Rz(theta) Ry(b) Rx(a) Rz(delta). The
+paper's (3) tilts first: Ry(q_y) Rx(q_x) Rz(q). Both describe one rotation; angles and rates are
+converted exactly, without small-angle approximations.
 """
 
 from collections.abc import Sequence
