@@ -28,6 +28,7 @@ from elastic_arm.diagnosis.words import (
     scale_sentence,
     sides_text,
     sizes_of,
+    specific_first,
     summary,
     trust_text,
     unknown_sentences,
@@ -69,7 +70,7 @@ def print_diagnosis(found: Diagnosis) -> None:
     for sentence in more:
         out.print(escape(sentence))
     if found.causes:
-        _print_causes(found.causes)
+        _print_causes(specific_first(found.causes))
     if found.shrink_by_place:
         _print_places(found)
     for cause in found.causes:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from elastic_arm.effects.effect import MODELS, SensorEffect
+from elastic_arm.effects.library.friction import PLAIN
 from elastic_arm.estimation.equation_sets import Place
 from elastic_arm.formatting import JointUnits, rounded
 
@@ -435,7 +436,10 @@ def summary(found: Diagnosis) -> list[str]:
         for one in found.imperfections
         if one.what == "rotor_inertia" and one.unit != "1" and one.value > 2.0 * one.std
     ]
-    causes = [cause_sentence(cause, found.model) for cause in found.causes]
+    drives = drive_friction(found.causes)
+    causes = [cause_sentence(one, found.model) for one in found.causes if one not in drives]
+    if drives:
+        causes.append(_friction_sentence(drives))
     worse = closed_loop_sentences(found)
     first, *more = [
         *ignored_sentences(found.events),
@@ -450,6 +454,40 @@ def summary(found: Diagnosis) -> list[str]:
     )
     more += [closed] if (closed := closed_loop_sentence(found)) else []
     return [f"{found.verdict}: {first}", *more]
+
+
+def drive_friction(causes: Sequence[Cause]) -> list[Cause]:
+    """Return the causes that are friction of drives and that the description does not state.
+
+    Every drive has friction, so several of them are one statement about the description.
+    """
+    found = [c for c in causes if c.effect in PLAIN and c.stated is None and not c.rejected]
+    return found if len(found) > 1 else []
+
+
+def specific_first(causes: Sequence[Cause]) -> list[Cause]:
+    """Return causes in their order, but the friction of drives last."""
+    drives = drive_friction(causes)
+    return [*(cause for cause in causes if cause not in drives), *drives]
+
+
+def _friction_sentence(drives: Sequence[Cause]) -> str:
+    """Return the friction of drives in words, as ranges over the joints."""
+    ranges = []
+    for effect in reversed(PLAIN):
+        sizes = [one for cause in drives if cause.effect == effect for one in _sizes_in(cause)]
+        for unit in dict.fromkeys(unit for _, unit in sizes):
+            values = sorted(value for value, own in sizes if own == unit)
+            ends = dict.fromkeys(_digits(end) for end in (values[0], values[-1]))
+            ranges.append(f"{effect.replace('_', ' ')} of {' to '.join(ends)} {unit}")
+    joints = list(dict.fromkeys(cause.joint or "the arm" for cause in drives))
+    subject = f"{listed(joints)} {'has' if len(joints) == 1 else 'have'}"
+    return f"{subject} friction that the description does not state: {listed(ranges)}."
+
+
+def _sizes_in(cause: Cause) -> list[tuple[float, str]]:
+    """Return the sizes of a cause with their units."""
+    return [(float(one.value), one.unit) for one in cause.parameters.values()]
 
 
 def _verdict_sentence(found: Diagnosis, beside: str) -> str:

@@ -28,6 +28,7 @@ from elastic_arm.diagnosis.words import (
     scale_sentence,
     share_at,
     sides_text,
+    specific_first,
     summary,
     trust_text,
     unknown_sentences,
@@ -96,8 +97,8 @@ def sections(found: Diagnosis) -> list[Section]:
     shown = [Section("Verdict", _verdict(found)), Section("Location of the gap", _where(found))]
     if context is not None:
         shown += [
-            Section(figures.title(c), _cause(found, c, k, context))
-            for k, c in enumerate(found.causes[:SHOWN])
+            Section(figures.title(c), _cause(found, c, found.causes.index(c), context))
+            for c in specific_first(found.causes)[:SHOWN]
         ]
         if places := figures.places_with_friction(context):
             shown.append(Section("Friction curves", _friction(found, context, places)))
@@ -138,7 +139,7 @@ def _verdict(found: Diagnosis) -> list[Block]:
         rows: list[list[object]] = [
             [cause_name(c), c.joint or "whole arm", sides_text(c), cause_size(c),
              Written(alone_text(c)), Written(probability_text(c.confidence))]
-            for c in found.causes
+            for c in specific_first(found.causes)
         ]  # fmt: skip
         header = ["cause", "where", "visible on", "size", "share of the gap", "probability"]
         blocks.append(Table(header, rows))

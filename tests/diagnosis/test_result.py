@@ -37,6 +37,7 @@ from elastic_arm.diagnosis.words import (
     probability_text,
     ringing_notes,
     scale_sentence,
+    specific_first,
     summary,
     trust_text,
     unknown_sentences,
@@ -566,3 +567,21 @@ def test_notes_of_several_recordings_are_one() -> None:
         "a note: with a colon",
         "run_3: other.",
     ]
+
+
+def test_friction_that_no_description_states_is_one_statement() -> None:
+    """Every drive has friction: what a description lacks of it is one sentence, after what is the
+    arm's own; what it states differently is a sentence each."""
+    first = cause()
+    sizes = {"torque": replace(first.parameters["torque"], value=2.0)}
+    drives = [first, replace(first, joint="joint_3", parameters=sizes)]
+    stated = replace(first, joint="joint_1", stated={"torque": 1.0})
+    found = replace(diagnosis(first), causes=(*drives, stated))
+    assert specific_first(found.causes) == [stated, *drives]
+    opening, more, *_ = summary(found)
+    assert "joint 1 has dry friction" in opening.lower()
+    assert more == (
+        "joint_2 and joint_3 have friction that the description does not state: coulomb friction"
+        " of 2 to 6 Nm."
+    )
+    assert specific_first((first, stated)) == [first, stated]
