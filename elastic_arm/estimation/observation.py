@@ -106,8 +106,6 @@ class Observation:
     read: Array | None = None  # s at which torques were read, where they are held between
     # "tau_J", "tau_m" -> (n,), by which torques were divided
     gains: Mapping[str, Array] = field(default_factory=dict)
-    # channel -> (n,) s, by which it was moved back
-    late: Mapping[str, Array] = field(default_factory=dict)
     # (n,) rad/s within which dry friction turns over; as sharply as the velocity's noise lets it be
     # seen when None
     turning: Array | None = None
@@ -151,7 +149,7 @@ class Observation:
         both = list(zip(self.pieces, self.quiet, strict=True))
         pieces = tuple(self._moved(piece, still, lags, gains, now) for piece, still in both)
         quiet = tuple(self._moved(still, still, lags, gains, now) for _, still in both)
-        found = replace(self, pieces=pieces, quiet=quiet, gains=gains, late=lags, driven_by=now)
+        found = replace(self, pieces=pieces, quiet=quiet, gains=gains, driven_by=now)
         noise: dict[str, Array] = {}
         for name, gain in gains.items():
             std = getattr(self.noise, name)

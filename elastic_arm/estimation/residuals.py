@@ -28,7 +28,6 @@ from elastic_arm.estimation.motion import (
     Loads,
     completed,
     drive_constants,
-    moved_in_time,
 )
 from elastic_arm.estimation.observation import Observation
 from elastic_arm.estimation.resampling import read_at
@@ -43,8 +42,6 @@ STICKING = 0.01  # s; a reversal without sticking is shorter but for acceleratio
 # fails there. Convention: where the law holds, few rows that are noise give up to 2.4; true
 # sticking gave 6.
 FAILS = 4.0
-# Torque channels that the rows of link, drive and motor contain.
-OF_ROWS = ("joint_torque", "joint_torque", "motor_torque")
 NO_HOLES = np.empty((0, 2))
 BESIDE = 16  # rows beside a time without a law that tell the noise within
 JITTER = 1e-9  # share of that noise, numerical
@@ -107,27 +104,20 @@ class Stretch:
         return np.asarray(self.band.apply(values)[self.kept])
 
 
-def motion_noise(described: Model, recorded: Observation, moved: Observation) -> list[Array]:
+def motion_noise(described: Model, recorded: Observation) -> list[Array]:
     """Return what the noise of the encoders, beyond the quiet motion, leaves in the residuals
     (N, 3 n) Nm of each stretch.
 
         d = y(described, motion) - y(described, quiet motion)
 
-    described: the arm that makes it for all arms that are compared; recorded, moved: the recording,
-    and the recording with its channels moved in time: the noise moves with the torque of its row,
-    so that a delay meets the same noise.
+    described: the arm that makes it for all arms that are compared; recorded: the recording, with
+    no channel moved in time.
     """
-    n = described.n
-    late = [moved.late.get(channel, np.zeros(n)) for channel in OF_ROWS]
-    later = np.concatenate(late)
     found = []
     for piece, calm in zip(recorded.pieces, recorded.quiet, strict=True):
         motion = replace(piece, tau_J=calm.tau_J, tau_m=calm.tau_m)
         both = (raw_residuals(described, completed(one, described)) for one in (motion, calm))
-        noise = np.subtract(*both)
-        for k in np.flatnonzero(later):
-            noise[:, k] = moved_in_time(CubicSpline(piece.t, noise[:, k]), later[k])
-        found.append(noise)
+        found.append(np.subtract(*both))
     return found
 
 

@@ -44,7 +44,6 @@ from elastic_arm.estimation.residuals import (
     SLOWEST,
     FreeTorques,
     Stretch,
-    motion_noise,
     residuals,
     standing_speed,
 )
@@ -302,7 +301,7 @@ class WhitenedData:
     effects take the torques that the model predicts instead of the measured ones; sticking_removed:
     whether what a joint's friction may be while it sticks is removed; acting: effects that are part
     of the predicted torques; described: the arm whose noise the residuals have, for all arms that
-    are compared (:func:`.motion_noise`), and the observations as they were recorded; None where
+    are compared, and that noise by observation and stretch (:func:`.motion_noise`); None where
     nothing is compared; near: the same stretches beside other numbers of the arm.
     """
 
@@ -316,7 +315,7 @@ class WhitenedData:
         predicted: bool = False,
         sticking_removed: bool = False,
         acting: Sequence[ActingEffect] = (),
-        described: tuple[Model, Sequence[Observation]] | None = None,
+        described: tuple[Model, Sequence[Sequence[Array]]] | None = None,
         near: Sequence[NearStretch] = (),
     ) -> None:
         self.layout = layout
@@ -337,9 +336,9 @@ class WhitenedData:
             if described is None:
                 noise, pure = noise_models(model, observation, layout, in_band, floors, acting)
             else:
-                first, recorded = described
+                first, left = described
                 noise, pure = noise_models(first, observation, layout, in_band, floors)
-                of_motion = motion_noise(first, recorded[number], observation)
+                of_motion = left[number]
             untold = _velocity_noise(observation, noise.f, model.n)
             standstill = _standstill(observation, untold)
             standing = np.where(moves, standing_speed(fastest, untold[1]), 0.0)

@@ -119,7 +119,7 @@ class Linearisation:
             predicted=True,
             sticking_removed=True,
             acting=self.acting,
-            described=(build_model(p.robot, p.model), p.part(self.which)),
+            described=(p.described, p.motion_noise(self.which)),
             near=() if near is None else near.stretches,
         )
 

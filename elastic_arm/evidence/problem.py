@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from elastic_arm.arrays import Array
+from elastic_arm.dynamics import Model, build_model
 from elastic_arm.dynamics.bodies import inertial_parameters
 from elastic_arm.effects import Effect, EffectInstance
 from elastic_arm.effects.arm_equations import ArmEquations
@@ -18,6 +19,7 @@ from elastic_arm.estimation.band import Band
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.equation_sets import EquationSet
 from elastic_arm.estimation.observation import Observation
+from elastic_arm.estimation.residuals import motion_noise
 from elastic_arm.evidence.body import Body
 from elastic_arm.evidence.keys import Key
 from elastic_arm.evidence.numbers import (
@@ -70,6 +72,21 @@ class Problem:
     def part(self, which: int) -> Observations:
         """Return the recordings of a part: fitted, validation, or both in this order."""
         return sum(self.observed, ()) if which == ALL else self.observed[which]
+
+    @cached_property
+    def described(self) -> Model:
+        """The arm as it is described."""
+        return build_model(self.robot, self.model)
+
+    def motion_noise(self, which: int) -> list[list[Array]]:
+        """Return what the noise of the encoders leaves in the residuals of the described arm, by
+        recording of a part and stretch."""
+        noise = self._motion_noise
+        return [*noise[FITTED], *noise[JUDGING]] if which == ALL else noise[which]
+
+    @cached_property
+    def _motion_noise(self) -> list[list[list[Array]]]:
+        return [[motion_noise(self.described, one) for one in part] for part in self.observed]
 
     def numbered(self, which: int) -> list[int]:
         """Return the number of the recording of each observation in a part."""

@@ -124,7 +124,7 @@ def test_an_arm_that_is_compared_makes_the_noise_of_the_described_one() -> None:
     for arm, is_compared in ((MODEL, False), (light, False), (light, True)):
         both = []
         for seen in (exact, noisy):
-            noise = motion_noise(MODEL, seen, seen) if is_compared else None
+            noise = motion_noise(MODEL, seen) if is_compared else None
             both += residuals(arm, seen, layout, band, noise=noise)
         length = min(len(one.t) for one in both)
         noise = both[1].values[-length:, :N] - both[0].values[-length:, :N]
