@@ -32,7 +32,6 @@ from elastic_arm.estimation.effect_columns import Feature, starting_state
 from elastic_arm.estimation.equation_sets import EquationSet
 from elastic_arm.estimation.known_torques import (
     ActingEffect,
-    inertia_of,
     known_torques,
     loads_of,
     true_load,
@@ -58,9 +57,8 @@ NOISE_FREQUENCIES = 400
 FLOOR = 0.1
 LEAST = 1e-8  # Nm², of a row without noise; numerical
 COLUMNS_KEPT = 400  # of features that follow from the motion alone, of a stretch; memory
-OF_SIGN = np.sqrt(
-    np.pi / 2
-)  # speed within which a sign is uncertain, in deviations of the velocity
+# speed within which a sign is uncertain, over the standard deviation of the velocity's noise
+OF_SIGN = np.sqrt(np.pi / 2)
 
 
 @dataclass(frozen=True)
@@ -143,7 +141,6 @@ def noise_models(
     equations: EquationSet,
     band: Band,
     floors: Sequence[float],
-    acting: Sequence[ActingEffect] = (),
 ) -> list[NoiseModel]:
     """Propagate the channels' noise into the usable residuals, for several floors.
 
@@ -153,8 +150,7 @@ def noise_models(
         r = (A + w² I) z        C = mean over poses of (A + w² I) diag(s) (A + w² I)^H
 
     equations, band: usable equations, and where they are looked at; floors: shares of the torque
-    noise that each equation gets besides, 0 for the noise itself; acting: effects of which loads
-    have inertia, too.
+    noise that each equation gets besides, 0 for the noise itself.
     """
     n = equations.n
     f = np.linspace(0.0, band.kept_rate / 2, NOISE_FREQUENCIES)
@@ -166,7 +162,7 @@ def noise_models(
     # What a joint lacks is made of its other encoder, with whose noise.
     made = block_diag(np.eye(2 * n), observation.pieces[0].encoders)
     way = equations.transform @ _torques_and_springs(model, observation, f) @ made
-    poses = _inertias(model, observation, acting)
+    poses = _inertias(model, observation)
     inertial = equations.transform @ _accelerations(poses) @ made
     covariance = _covariance(way, inertial, spectrum, speed2)
     level = _torque_levels(torque.mean(axis=0).reshape(2, n).max(axis=0))
@@ -233,9 +229,7 @@ def _torque_levels(noise: Array) -> Array:
     return np.asarray(largest * 2.0 ** np.ceil(np.log2(np.maximum(noise / largest, 1e-9))))
 
 
-def _inertias(
-    model: Model, observation: Observation, acting: Sequence[ActingEffect] = ()
-) -> list[tuple[Array, Array, Array]]:
+def _inertias(model: Model, observation: Observation) -> list[tuple[Array, Array, Array]]:
     """Return M, S, B at poses along the motion: the way of the encoders' noise changes with the
     pose."""
     n = model.n
@@ -244,12 +238,11 @@ def _inertias(
     assert position is not None
     # 12 poses at which the inertia is looked up for the way of encoder noise into the residuals
     poses = position[:: max(1, len(motion) // 12)]
-    more = inertia_of(model, poses, acting)
     if not model.robot.elastic:
         none = np.zeros((n, n))
-        return [(M, none, none) for M in model.mass_matrix(poses) + more]
+        return [(M, none, none) for M in model.mass_matrix(poses)]
     whole = model.mass_matrix(np.hstack([poses, poses]))
-    return [(m[:n, :n] + M, m[:n, n:], m[n:, n:]) for m, M in zip(whole, more, strict=True)]
+    return [(M[:n, :n], M[:n, n:], M[n:, n:]) for M in whole]
 
 
 @dataclass(frozen=True)
@@ -332,14 +325,12 @@ class WhitenedData:
         moves, fastest = _moving(observations)
         for number, observation in enumerate(observations):
             in_band = band.at(observation.rate)
-            floors = (FLOOR, 0.0)
+            first = model
             of_motion = None
-            if described is None:
-                noise, pure = noise_models(model, observation, layout, in_band, floors, acting)
-            else:
+            if described is not None:
                 first, recorded = described
-                noise, pure = noise_models(first, observation, layout, in_band, floors)
                 of_motion = motion_noise(first, recorded[number], observation)
+            noise, pure = noise_models(first, observation, layout, in_band, (FLOOR, 0.0))
             untold = _velocity_noise(observation, noise.f, model.n)
             standstill = _standstill(observation, untold)
             standing = np.where(moves, standing_speed(fastest, untold[1]), 0.0)
