@@ -331,7 +331,7 @@ class WhitenedData:
                 first, recorded = described
                 of_motion = motion_noise(first, recorded[number], observation)
             noise, pure = noise_models(first, observation, layout, in_band, (FLOOR, 0.0))
-            untold = _velocity_noise(observation, noise.f, model.n)
+            untold = observation.velocity_noise()
             standstill = _standstill(observation, untold)
             standing = np.where(moves, standing_speed(fastest, untold[1]), 0.0)
             steps = {side: np.where(moves, step, 0.0) for side, step in observation.steps.items()}
@@ -556,19 +556,11 @@ def _moving(observations: Sequence[Observation]) -> tuple[NDArray[np.bool_], Arr
     return high.max(axis=0) - low.min(axis=0) >= STILL, fastest.max(axis=0)
 
 
-def _velocity_noise(observation: Observation, f: Array, n: int) -> tuple[Array, Array]:
-    """Return the standard deviations (n,) of the noise of links' and motors' velocities, rad/s."""
-    speed2 = (2 * np.pi * f[:, None]) ** 2
-    found = []
-    for spectrum in observation.angle_spectra(f):
-        power = (speed2 * spectrum).sum(axis=0) * (f[1] - f[0]) * 2 / observation.rate
-        found.append(np.sqrt(power) * np.ones(n))
-    return found[0], found[1]
-
-
 def _standstill(observation: Observation, noise: tuple[Array, Array]) -> tuple[Array, Array]:
     """Return the speeds s (n,) of links and motors within which the sign of a velocity is
     uncertain, rad/s.
+
+    noise: standard deviations (n,) of the quiet velocities of links and motors, rad/s.
 
     The mean sign of a velocity w with Gaussian noise sigma is erf(w / (sqrt(2) sigma)); tanh(w / s)
     has the same slope at zero where s = sqrt(pi / 2) sigma. A larger s underestimates the friction
