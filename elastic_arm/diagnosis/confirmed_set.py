@@ -4,9 +4,10 @@
             drop the unconfirmed cause that loses most likelihood
     until all remaining causes are confirmed
 
-A dropped cause is removed from all sets that share the probability. A parameter that can replace it
-would otherwise keep the low probability that it has beside the cause. The comparison of a cause is
-reused if the dropped cause hardly correlates with it.
+A dropped cause is removed from all sets that share the probability, and the most probable of the
+sets that remain is the next one to be confirmed. A parameter that can replace the cause would
+otherwise keep the low probability that it has beside it. The comparison of a cause is reused if the
+dropped cause hardly correlates with it.
 """
 
 from __future__ import annotations
@@ -108,7 +109,11 @@ def confirmed(parts: Decomposition) -> Confirmed:
         # Keep the confirmations of all terms that are not correlated with the removed one.
         alike = {t.key for t in best.optional if best.correlation(worst, t) >= RELATED}
         kept = {key: one for key, one in found.items() if key not in alike}
-        now = Confirmed(_taken_out(now.parts, worst), refused, kept)
+        parts = _taken_out(now.parts, worst)
+        # Terms that another set has in its place change the confirmations of all others.
+        rest = parts.explanation.best
+        is_rest = rest.keys <= best.keys and rest.model.assumed == best.model.assumed
+        now = Confirmed(parts, refused, kept if is_rest else {})
 
 
 def _less(parts: Decomposition, term: Term) -> Decomposition:
@@ -118,14 +123,22 @@ def _less(parts: Decomposition, term: Term) -> Decomposition:
 
 
 def _taken_out(parts: Decomposition, term: Term) -> Decomposition:
-    """Return the decomposition without a term in any of the sets that share the probability."""
-    best = _less(parts, term).explanation.best
-    fits = {(best.keys, best.model.assumed): best}
-    for _, fit in parts.explanation.sets:
+    """Return the decomposition by the most probable set after a term was removed from all sets that
+    share the probability.
+
+    A set that contains another term in its place may be more probable than the rest of the best
+    one; that term then has to be confirmed as well. A refitted set keeps the correction of its
+    score.
+    """
+    fits: dict[object, Fit] = {}
+    # Sets without the term come first: they have been scored, perhaps at their own linearisation.
+    for _, fit in sorted(parts.explanation.sets, key=lambda one: term.key in one[1].keys):
         own = [other for other in fit.optional if other.key == term.key]
         less = fit.model.fit(without(fit, *own), fit) if own else fit
+        less = replace(less, correction=fit.correction)
         fits.setdefault((less.keys, less.model.assumed), less)
-    explanation = replace(parts.explanation, best=best, sets=weighted(list(fits.values())))
+    sets = weighted(list(fits.values()))
+    explanation = replace(parts.explanation, best=sets[0][1], sets=sets)
     return replace(parts, explanation=explanation)
 
 

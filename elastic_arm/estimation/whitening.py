@@ -32,7 +32,6 @@ from elastic_arm.estimation.effect_columns import Feature, starting_state
 from elastic_arm.estimation.equation_sets import EquationSet
 from elastic_arm.estimation.known_torques import (
     ActingEffect,
-    inertia_of,
     known_torques,
     loads_of,
     true_load,
@@ -57,9 +56,8 @@ NOISE_FREQUENCIES = 400
 FLOOR = 0.1
 LEAST = 1e-8  # Nm², of a row without noise; numerical
 COLUMNS_KEPT = 400  # of features that follow from the motion alone, of a stretch; memory
-OF_SIGN = np.sqrt(
-    np.pi / 2
-)  # speed within which a sign is uncertain, in deviations of the velocity
+# speed within which a sign is uncertain, over the standard deviation of the velocity's noise
+OF_SIGN = np.sqrt(np.pi / 2)
 
 
 @dataclass(frozen=True)
@@ -142,7 +140,6 @@ def noise_models(
     equations: EquationSet,
     band: Band,
     floors: Sequence[float],
-    acting: Sequence[ActingEffect] = (),
 ) -> list[NoiseModel]:
     """Propagate the channels' noise into the usable residuals, for several floors.
 
@@ -152,8 +149,7 @@ def noise_models(
         r = (A + w² I) z        C = mean over poses of (A + w² I) diag(s) (A + w² I)^H
 
     equations, band: usable equations, and where they are looked at; floors: shares of the torque
-    noise that each equation gets besides, 0 for the noise itself; acting: effects of which loads
-    have inertia, too.
+    noise that each equation gets besides, 0 for the noise itself.
     """
     n = equations.n
     f = np.linspace(0.0, band.kept_rate / 2, NOISE_FREQUENCIES)
@@ -165,7 +161,7 @@ def noise_models(
     # What a joint lacks is made of its other encoder, with whose noise.
     made = block_diag(np.eye(2 * n), observation.pieces[0].encoders)
     way = equations.transform @ _torques_and_springs(model, observation, f) @ made
-    poses = _inertias(model, observation, acting)
+    poses = _inertias(model, observation)
     inertial = equations.transform @ _accelerations(poses) @ made
     covariance = _covariance(way, inertial, spectrum, speed2)
     level = _torque_levels(torque.mean(axis=0).reshape(2, n).max(axis=0))
@@ -232,9 +228,7 @@ def _torque_levels(noise: Array) -> Array:
     return np.asarray(largest * 2.0 ** np.ceil(np.log2(np.maximum(noise / largest, 1e-9))))
 
 
-def _inertias(
-    model: Model, observation: Observation, acting: Sequence[ActingEffect] = ()
-) -> list[tuple[Array, Array, Array]]:
+def _inertias(model: Model, observation: Observation) -> list[tuple[Array, Array, Array]]:
     """Return M, S, B at poses along the motion: the way of the encoders' noise changes with the
     pose."""
     n = model.n
@@ -243,12 +237,11 @@ def _inertias(
     assert position is not None
     # 12 poses at which the inertia is looked up for the way of encoder noise into the residuals
     poses = position[:: max(1, len(motion) // 12)]
-    more = inertia_of(model, poses, acting)
     if not model.robot.elastic:
         none = np.zeros((n, n))
-        return [(M, none, none) for M in model.mass_matrix(poses) + more]
+        return [(M, none, none) for M in model.mass_matrix(poses)]
     whole = model.mass_matrix(np.hstack([poses, poses]))
-    return [(m[:n, :n] + M, m[:n, n:], m[n:, n:]) for m, M in zip(whole, more, strict=True)]
+    return [(M[:n, :n], M[:n, n:], M[n:, n:]) for M in whole]
 
 
 @dataclass(frozen=True)
@@ -331,15 +324,13 @@ class WhitenedData:
         moves, fastest = _moving(observations)
         for number, observation in enumerate(observations):
             in_band = band.at(observation.rate)
-            floors = (FLOOR, 0.0)
+            first = model
             of_motion = None
-            if described is None:
-                noise, pure = noise_models(model, observation, layout, in_band, floors, acting)
-            else:
+            if described is not None:
                 first, left = described
-                noise, pure = noise_models(first, observation, layout, in_band, floors)
                 of_motion = left[number]
-            untold = _velocity_noise(observation, noise.f, model.n)
+            noise, pure = noise_models(first, observation, layout, in_band, (FLOOR, 0.0))
+            untold = observation.velocity_noise()
             standstill = _standstill(observation, untold)
             standing = np.where(moves, standing_speed(fastest, untold[1]), 0.0)
             steps = {side: np.where(moves, step, 0.0) for side, step in observation.steps.items()}
@@ -564,19 +555,11 @@ def _moving(observations: Sequence[Observation]) -> tuple[NDArray[np.bool_], Arr
     return high.max(axis=0) - low.min(axis=0) >= STILL, fastest.max(axis=0)
 
 
-def _velocity_noise(observation: Observation, f: Array, n: int) -> tuple[Array, Array]:
-    """Return the standard deviations (n,) of the noise of links' and motors' velocities, rad/s."""
-    speed2 = (2 * np.pi * f[:, None]) ** 2
-    found = []
-    for spectrum in observation.angle_spectra(f):
-        power = (speed2 * spectrum).sum(axis=0) * (f[1] - f[0]) * 2 / observation.rate
-        found.append(np.sqrt(power) * np.ones(n))
-    return found[0], found[1]
-
-
 def _standstill(observation: Observation, noise: tuple[Array, Array]) -> tuple[Array, Array]:
     """Return the speeds s (n,) of links and motors within which the sign of a velocity is
     uncertain, rad/s.
+
+    noise: standard deviations (n,) of the quiet velocities of links and motors, rad/s.
 
     The mean sign of a velocity w with Gaussian noise sigma is erf(w / (sqrt(2) sigma)); tanh(w / s)
     has the same slope at zero where s = sqrt(pi / 2) sigma. A larger s underestimates the friction

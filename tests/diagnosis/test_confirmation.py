@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 
@@ -13,6 +14,9 @@ from elastic_arm.diagnosis.confirmation import (
     held_out,
     taking_over,
 )
+from elastic_arm.diagnosis.confirmed_set import _taken_out
+from elastic_arm.diagnosis.decomposition import Decomposition
+from elastic_arm.evidence.explanation import Explanation, weighted
 from elastic_arm.evidence.fit import Fit
 from tests.evidence.made_up import HARMONICS, model, term
 
@@ -117,3 +121,24 @@ def test_what_is_not_confirmed_is_no_alternative() -> None:
         confirmed = SimpleNamespace(accepts=lambda name, known=accepted: known)
         causes = SimpleNamespace(beliefs=beliefs, confirmed=confirmed)
         assert list(Causes._sets_without(causes, kd)) == wanted  # type: ignore[arg-type]
+
+
+def test_what_stands_for_a_refused_cause_in_another_set_is_confirmed_next() -> None:
+    """Of the sets that remain, the one with the other effect explains the recordings, and it keeps
+    the correction of its score. The rest of the best set is another one of them."""
+    rng = np.random.default_rng(6)
+    columns = rng.standard_normal((ROWS, 2))
+    alike = columns[:, 0] + 0.1 * rng.standard_normal(ROWS)
+    y = 0.5 * rng.standard_normal(ROWS) + columns @ [3.0, 3.0]
+    data = model(y)
+    refused, other = term("refused", columns[:, 0], 3.0), term("other", alike, 3.0)
+    beside = term("beside", columns[:, 1], 3.0)
+    best = data.fit([refused, beside])
+    second = replace(data.fit([other, beside]), correction=2.0)
+    nothing: Any = None
+    explanation = Explanation(nothing, nothing, best, [best], weighted([best, second]))
+    left = _taken_out(Decomposition(nothing, explanation, nothing), refused).explanation
+    assert left.best.keys == second.keys
+    assert left.best.score == second.score
+    assert [fit.keys for _, fit in left.sets] == [second.keys, data.fit([beside]).keys]
+    assert left.sets[0][0] > 0.99
