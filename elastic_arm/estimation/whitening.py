@@ -331,8 +331,8 @@ class WhitenedData:
                 first, recorded = described
                 of_motion = motion_noise(first, recorded[number], observation)
             noise, pure = noise_models(first, observation, layout, in_band, (FLOOR, 0.0))
+            standstill = _standstill(observation)
             untold = _velocity_noise(observation, noise.f, model.n)
-            standstill = _standstill(observation, untold)
             standing = np.where(moves, standing_speed(fastest, untold[1]), 0.0)
             steps = {side: np.where(moves, step, 0.0) for side, step in observation.steps.items()}
             loads = loads_of(model, acting, standstill)
@@ -557,7 +557,8 @@ def _moving(observations: Sequence[Observation]) -> tuple[NDArray[np.bool_], Arr
 
 
 def _velocity_noise(observation: Observation, f: Array, n: int) -> tuple[Array, Array]:
-    """Return the standard deviations (n,) of the noise of links' and motors' velocities, rad/s."""
+    """Return the standard deviations (n,) of the noise of links' and motors' velocities up to half
+    the kept rate, rad/s."""
     speed2 = (2 * np.pi * f[:, None]) ** 2
     found = []
     for spectrum in observation.angle_spectra(f):
@@ -566,14 +567,15 @@ def _velocity_noise(observation: Observation, f: Array, n: int) -> tuple[Array, 
     return found[0], found[1]
 
 
-def _standstill(observation: Observation, noise: tuple[Array, Array]) -> tuple[Array, Array]:
-    """Return the speeds s (n,) of links and motors within which the sign of a velocity is
-    uncertain, rad/s.
+def _standstill(observation: Observation) -> tuple[Array, Array]:
+    """Return the speeds s (n,) of links and motors within which the sign of a velocity of the quiet
+    motion is uncertain, rad/s.
 
     The mean sign of a velocity w with Gaussian noise sigma is erf(w / (sqrt(2) sigma)); tanh(w / s)
     has the same slope at zero where s = sqrt(pi / 2) sigma. A larger s underestimates the friction
     of slow motion, which then looks like Stribeck friction.
     """
     turning = SLOWEST if observation.turning is None else observation.turning
+    noise = observation.velocity_noise()
     link, motor = (np.maximum(np.maximum(OF_SIGN * std, SLOWEST), turning) for std in noise)
     return link, motor
