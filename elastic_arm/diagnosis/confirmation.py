@@ -1,18 +1,19 @@
-"""What the recordings that judge lose where a cause is taken out and the rest is refitted.
+"""The loss on the validation recordings if a cause is removed and the other terms are refitted.
 
     nats = ln p(y' | y, S) - ln p(y' | y, S without it)
     share = sum over its places of (e(S without it) - e(S)) / max(e(S without it), e(described))
 
-with y the rows that are fitted, y' those that judge, and e the power over the sensors' noise, in
-that noise, that a residual keeps on the recordings that judge with sizes of the fitted ones. A
-cause that gains no likelihood there is none: its law fits one recording. What ordinary numbers can
-take over, at the price of their priors, leaves as small a gap: a share of none decides only where
-the cause alone removes none of the gap either. Such a cause explains what is left by chance. Where
-numbers beyond their ordinary deviations take over, they predict as well as the cause: the
-description is wrong in either case, and the prior has weighed both. The cause is then compared with
-these numbers at their bounds, too, the rest refitted, and stays unless it loses to both. Where a
-friction curve bends beyond its ordinary deviations, the scores by all recordings decide: they have
-the price of these bends.
+y are the fitted rows, y' the validation rows, and e is the power over the noise of the sensors, in
+units of that noise, that a residual keeps on the validation recordings with the sizes of the fitted
+ones. A cause without a gain of likelihood is refused: its law fits one recording only.
+
+Ordinary numbers may take over at the price of their priors and leave as small a gap. A share of
+zero is therefore decisive only if the cause alone does not reduce the gap either; such a cause
+explains residuals by chance. Numbers beyond their ordinary deviations predict as well as the cause:
+the description is wrong in either case, and the prior has weighed both. The cause is then also
+compared with these numbers at their bounds, the others refitted, and stays unless it loses to both.
+If a friction curve takes over with more than ordinary bends, the scores by all recordings decide,
+because they include the price of these bends.
 """
 
 from collections.abc import Sequence
@@ -48,7 +49,7 @@ class Share(NamedTuple):
 
 @dataclass(frozen=True)
 class Confirmation:
-    """What a cause gains on the recordings that judge."""
+    """The gain of a cause on the validation recordings."""
 
     nats: float  # of log-likelihood
     # of the gap at its places, that comes back without it; None where no place has a gap
@@ -94,9 +95,9 @@ class Confirmation:
 
 @dataclass(frozen=True)
 class NumberConfirmation:
-    """What a number beyond its ordinary deviations gains where no term makes it wide."""
+    """The gain of a number without a term that is beyond its ordinary deviations."""
 
-    nats: float  # of log-likelihood on the recordings that judge
+    nats: float  # of log-likelihood on the validation recordings
     share: float | None  # of the gap that comes back where it is ordinary; None without a gap
 
     @property

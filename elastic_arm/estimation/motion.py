@@ -59,8 +59,8 @@ class Motion:
     # channels with the index of a joint that lacks them while others have them; there the angle is
     # that of the joint's other side, and the torque is zero
     lacking: Lacking = frozenset()
-    # (N, n) rad, what controllers follow that made tau_m, passed through the same filter; None
-    # where it was measured
+    # (N, n) what controllers follow that made tau_m, rad or share of full duty, passed through the
+    # same filter; None where it was measured
     r: Array | None = None
 
     def __len__(self) -> int:
@@ -72,7 +72,7 @@ class Motion:
 
     @property
     def recorded(self) -> frozenset[str]:
-        """Names of the channels that are there, among q, theta, tau_J, tau_m."""
+        """Names of the channels that are there, among q, theta, tau_J, tau_m, r."""
         return frozenset(self.channels()) & frozenset(_CHANNELS)
 
     def recorded_at(self, joint: int) -> frozenset[str]:
@@ -88,7 +88,7 @@ class Motion:
 
         That is for an equation of its own beside torque sensors.
         """
-        return self.recorded_at(joint) == {"q", "tau_J", "tau_m"}
+        return self.recorded_at(joint) - {"r"} == {"q", "tau_J", "tau_m"}
 
     @property
     def encoders(self) -> Array:

@@ -331,7 +331,7 @@ class WhitenedData:
                 of_motion = left[number]
             noise, pure = noise_models(first, observation, layout, in_band, (FLOOR, 0.0))
             untold = observation.velocity_noise()
-            standstill = _standstill(observation, untold)
+            standstill = _standstill(observation)
             standing = np.where(moves, standing_speed(fastest, untold[1]), 0.0)
             steps = {side: np.where(moves, step, 0.0) for side, step in observation.steps.items()}
             loads = loads_of(model, acting, standstill)
@@ -555,9 +555,9 @@ def _moving(observations: Sequence[Observation]) -> tuple[NDArray[np.bool_], Arr
     return high.max(axis=0) - low.min(axis=0) >= STILL, fastest.max(axis=0)
 
 
-def _standstill(observation: Observation, noise: tuple[Array, Array]) -> tuple[Array, Array]:
-    """Return the speeds s (n,) of links and motors within which the sign of a velocity is
-    uncertain, rad/s.
+def _standstill(observation: Observation) -> tuple[Array, Array]:
+    """Return the speeds s (n,) of links and motors within which the sign of a velocity of the quiet
+    motion is uncertain, rad/s.
 
     noise: standard deviations (n,) of the quiet velocities of links and motors, rad/s.
 
@@ -566,5 +566,6 @@ def _standstill(observation: Observation, noise: tuple[Array, Array]) -> tuple[A
     of slow motion, which then looks like Stribeck friction.
     """
     turning = SLOWEST if observation.turning is None else observation.turning
+    noise = observation.velocity_noise()
     link, motor = (np.maximum(np.maximum(OF_SIGN * std, SLOWEST), turning) for std in noise)
     return link, motor

@@ -35,6 +35,15 @@ def test_parts_joined_are_the_whole() -> None:
     assert replace(whole, theta=None).recorded == {"q", "tau_J", "tau_m"}
 
 
+def test_a_motor_without_an_encoder_is_wound_by_its_load_whatever_made_its_torque() -> None:
+    """A motor torque that was made of a duty leaves the angle of the motor as a measured one."""
+    measured = replace(smooth_motion(MODEL, samples=50), theta=None, dtheta=None, ddtheta=None)
+    of_duty = replace(measured, r=np.zeros((50, MODEL.n)))
+    first, second = (completed(one, MODEL).theta for one in (measured, of_duty))
+    assert np.any(first != measured.q)
+    np.testing.assert_array_equal(second, first)
+
+
 @pytest.mark.parametrize("missing", ["tau_J", "tau_m"])
 def test_what_stands_in_for_a_torque_cancels_from_the_usable_rows(missing: str) -> None:
     """The usable residuals of a completed motion are those that the missing torque has no part

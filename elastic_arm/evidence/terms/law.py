@@ -1,4 +1,4 @@
-"""Laws without a form: smooth functions of speed, angle, load or time at one place."""
+"""Nonparametric laws: smooth functions of speed, angle, load or time at one place."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -20,7 +20,7 @@ from elastic_arm.evidence.terms.term import Coefficients, Term, odds_among
 
 @dataclass(frozen=True, eq=False)
 class LawTerm(Term):
-    """A law without a form; its size is one of :data:`.priors.SIZES`, averaged over."""
+    """A nonparametric law; its size is one of :data:`.priors.SIZES`, averaged over."""
 
     law: Any = None  # GeneralLaw
     # Whitened shapes (rows, m) of which its columns are combinations: these are made when they are
@@ -84,7 +84,7 @@ class LawTerm(Term):
 
 
 def law_terms(linear: Linearisation) -> Iterator[LawTerm]:
-    """Yield the laws without a form, their size open, one after the other: together they are
+    """Yield the nonparametric laws, their size open, one after the other: together they are
     large."""
     data = linear.data
     joints = linear.problem.robot.joints
@@ -115,5 +115,5 @@ def law_terms(linear: Linearisation) -> Iterator[LawTerm]:
 
 
 def law_key(law: GeneralLaw) -> Key:
-    """Return the key of a law without a form."""
+    """Return the key of a nonparametric law."""
     return "law", str(law.joint), (law.side, law.argument, law.smoothness)

@@ -1,6 +1,6 @@
 """Numbers far from their description that no cause of the catalogue names.
 
-A gain whose effect is not in the catalogue is to the search what a law without a form is: without
+A gain whose effect is not in the catalogue is to the search what a nonparametric law is: without
 it, the effect of the catalogue that is most like it would be named instead.
 """
 
