@@ -308,18 +308,6 @@ class Observation:
         link, motor = self.angle_spectra(f)
         return np.where(self._finer_motors, motor, link) * self.quiet_gain(f)[:, None] ** 2
 
-    def velocity_noise(self) -> tuple[Array, Array]:
-        """Return the standard deviations (n,) of the noise of the quiet motion's velocities of
-        links and of motors, rad/s."""
-        # At twice its cutoff nothing is left of the quiet motion.
-        f = np.linspace(0.0, min(2.0 * self._quiet_cutoff, self.rate / 2), 800)
-        response = (2 * np.pi * f * self.quiet_gain(f))[:, None] ** 2
-        link, motor = (
-            np.sqrt((response * spectrum).sum(axis=0) * (f[1] - f[0]) * 2 / self.rate)
-            for spectrum in self.angle_spectra(f)
-        )
-        return link, motor
-
     @cached_property
     def _finer_motors(self) -> NDArray[np.bool_]:
         """Whether the motor's encoder is finer than the link's, where a joint (n,) has both."""

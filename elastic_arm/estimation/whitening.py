@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
+from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -140,6 +141,7 @@ def noise_models(
     equations: EquationSet,
     band: Band,
     floors: Sequence[float],
+    described: Model | None = None,
 ) -> list[NoiseModel]:
     """Propagate the channels' noise into the usable residuals, for several floors.
 
@@ -148,8 +150,14 @@ def noise_models(
 
         r = (A + w² I) z        C = mean over poses of (A + w² I) diag(s) (A + w² I)^H
 
+    Where arms are compared, A and I are those of the arm as far as the noise is in the quiet
+    motion, whose response is H, and beyond it those of the described arm (:func:`.motion_noise`)::
+
+        A = H A_arm + (1 - H) A_described,   I likewise
+
     equations, band: usable equations, and where they are looked at; floors: shares of the torque
-    noise that each equation gets besides, 0 for the noise itself.
+    noise that each equation gets besides, 0 for the noise itself; described: None where nothing is
+    compared.
     """
     n = equations.n
     f = np.linspace(0.0, band.kept_rate / 2, NOISE_FREQUENCIES)
@@ -160,13 +168,23 @@ def noise_models(
     spectrum = np.hstack([torque, link, motor])
     # What a joint lacks is made of its other encoder, with whose noise.
     made = block_diag(np.eye(2 * n), observation.pieces[0].encoders)
-    way = equations.transform @ _torques_and_springs(model, observation, f) @ made
-    poses = _inertias(model, observation)
-    inertial = equations.transform @ _accelerations(poses) @ made
+    quiet = observation.quiet_gain(f)
+    shares = (
+        [(model, np.ones_like(f))]
+        if described is None
+        else [(model, quiet), (described, 1.0 - quiet)]
+    )
+    way = np.zeros((len(f), equations.rows, 4 * n), np.complex128)
+    inertial = []
+    for arm, share in shares:
+        own = equations.transform @ _torques_and_springs(arm, observation, f) @ made
+        way += share[:, None, None] * own
+        poses = _inertias(arm, observation)
+        inertial.append((share, equations.transform @ _accelerations(poses) @ made))
     covariance = _covariance(way, inertial, spectrum, speed2)
     level = _torque_levels(torque.mean(axis=0).reshape(2, n).max(axis=0))
     accelerations = (2 * np.pi * f[:, None]) ** 4 * observation.quiet_link_spectrum(f)
-    load = accelerations @ np.mean([M**2 for M, _, _ in poses], axis=0)
+    load = accelerations @ np.mean([M**2 for M, _, _ in _inertias(model, observation)], axis=0)
     measure = np.linalg.slogdet(covariance + LEAST * np.eye(equations.rows))[1]
     found = []
     for floor in floors:
@@ -208,14 +226,24 @@ def _accelerations(poses: Sequence[tuple[Array, Array, Array]]) -> Array:
 
 
 def _covariance(
-    way: NDArray[np.complex128], inertial: Array, spectrum: Array, speed2: Array
+    way: NDArray[np.complex128],
+    inertial: Sequence[tuple[Array, Array]],
+    spectrum: Array,
+    speed2: Array,
 ) -> NDArray[np.complex128]:
-    """Return the covariance (F, R, R) of the residuals, the mean over poses."""
+    """Return the covariance (F, R, R) of the residuals, the mean over poses.
+
+    inertial: shares (F,), and the parts I (poses, R, 4 n) of which they are.
+    """
     weighted = way * spectrum[:, None, :]
-    mixed = speed2 * (weighted @ inertial.mean(axis=0).T)
-    covariance = weighted @ way.conj().transpose(0, 2, 1) + mixed + mixed.conj().transpose(0, 2, 1)
-    squares = np.einsum("prc,psc->crs", inertial, inertial) / len(inertial)
-    covariance += speed2**2 * np.tensordot(spectrum, squares, 1)
+    covariance = weighted @ way.conj().transpose(0, 2, 1)
+    for share, part in inertial:
+        mixed = share[:, None, None] * speed2 * (weighted @ part.mean(axis=0).T)
+        covariance += mixed + mixed.conj().transpose(0, 2, 1)
+    for (share, part), (other_share, other) in product(inertial, repeat=2):
+        squares = np.einsum("prc,psc->crs", part, other) / len(part)
+        both = (share * other_share)[:, None, None] * speed2**2
+        covariance += both * np.tensordot(spectrum, squares, 1)
     return covariance
 
 
@@ -324,14 +352,13 @@ class WhitenedData:
         moves, fastest = _moving(observations)
         for number, observation in enumerate(observations):
             in_band = band.at(observation.rate)
-            first = model
-            of_motion = None
+            first = of_motion = None
             if described is not None:
                 first, left = described
                 of_motion = left[number]
-            noise, pure = noise_models(first, observation, layout, in_band, (FLOOR, 0.0))
-            untold = observation.velocity_noise()
-            standstill = _standstill(observation)
+            noise, pure = noise_models(model, observation, layout, in_band, (FLOOR, 0.0), first)
+            untold = _velocity_noise(observation, noise.f, model.n)
+            standstill = _standstill(observation, untold)
             standing = np.where(moves, standing_speed(fastest, untold[1]), 0.0)
             steps = {side: np.where(moves, step, 0.0) for side, step in observation.steps.items()}
             loads = loads_of(model, acting, standstill)
@@ -555,17 +582,29 @@ def _moving(observations: Sequence[Observation]) -> tuple[NDArray[np.bool_], Arr
     return high.max(axis=0) - low.min(axis=0) >= STILL, fastest.max(axis=0)
 
 
-def _standstill(observation: Observation) -> tuple[Array, Array]:
-    """Return the speeds s (n,) of links and motors within which the sign of a velocity of the quiet
-    motion is uncertain, rad/s.
+def _velocity_noise(observation: Observation, f: Array, n: int) -> tuple[Array, Array]:
+    """Return the standard deviations (n,) of the noise of links' and motors' velocities up to half
+    the kept rate, rad/s."""
+    speed2 = (2 * np.pi * f[:, None]) ** 2
+    found = []
+    for spectrum in observation.angle_spectra(f):
+        power = (speed2 * spectrum).sum(axis=0) * (f[1] - f[0]) * 2 / observation.rate
+        found.append(np.sqrt(power) * np.ones(n))
+    return found[0], found[1]
 
-    noise: standard deviations (n,) of the quiet velocities of links and motors, rad/s.
+
+def _standstill(observation: Observation, noise: tuple[Array, Array]) -> tuple[Array, Array]:
+    """Return the speeds s (n,) of links and motors within which the sign of a velocity is
+    uncertain, rad/s.
+
+    noise: standard deviations (n,) of the velocities of links and motors in the compared band,
+    rad/s. Those of the quiet motion are smaller; friction of real joints reverses less sharply than
+    they would show.
 
     The mean sign of a velocity w with Gaussian noise sigma is erf(w / (sqrt(2) sigma)); tanh(w / s)
     has the same slope at zero where s = sqrt(pi / 2) sigma. A larger s underestimates the friction
     of slow motion, which then looks like Stribeck friction.
     """
     turning = SLOWEST if observation.turning is None else observation.turning
-    noise = observation.velocity_noise()
     link, motor = (np.maximum(np.maximum(OF_SIGN * std, SLOWEST), turning) for std in noise)
     return link, motor

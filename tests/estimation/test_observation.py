@@ -15,7 +15,7 @@ from elastic_arm.estimation.torque_noise import torque_noise
 from elastic_arm.recording import Recording
 from elastic_arm.recording.made_torque import with_made_torque
 from elastic_arm.robot.mjcf import MjcfArm
-from elastic_arm.sensors import Encoder, Sensors
+from elastic_arm.sensors import Sensors
 from tests.helpers.gap_recordings import motions, record
 from tests.helpers.servo_arms import recorded, servo_arm
 
@@ -53,30 +53,6 @@ def test_the_noise_of_every_channel_is_what_the_sensors_have() -> None:
     for found, stated in pairs:
         assert found is not None
         np.testing.assert_allclose(found, stated, rtol=0.15)
-
-
-def test_the_noise_of_quiet_velocities_is_what_the_encoders_leave_in_them() -> None:
-    """Without channels of velocities, little of the encoders' noise is left in the quiet motion:
-    its velocities are within 30 % of that noise from those of exact sensors, smoothed alike."""
-
-    def positions(encoder: Encoder) -> Recording:
-        """Return the arm's motion by these encoders, without velocities."""
-        sensors = replace(Sensors.exact(), link_encoder=encoder, motor_encoder=encoder)
-        one = record(motions()[0], sensors=sensors)
-        assert one.link is not None and one.motor is not None
-        link, motor = (replace(side, velocity=None) for side in (one.link, one.motor))
-        return replace(one, link=link, motor=motor)
-
-    seen = observe(positions(Encoder(noise=1e-4)))
-    exact = positions(Encoder()).samples()
-    assert exact.theta is not None
-    (calm,) = seen.quiet
-    assert calm.dtheta is not None
-    spline = scipy.interpolate.CubicSpline(exact.t, exact.theta)
-    # The motion itself is slower than the cutoff.
-    away = (calm.dtheta - spline(calm.t, 1))[500:-500]
-    _, motor = seen.velocity_noise()
-    np.testing.assert_allclose(np.std(away, axis=0), motor, rtol=0.3)
 
 
 def test_columns_are_made_of_motion_smoothed_at_least_as_far_as_residuals() -> None:
