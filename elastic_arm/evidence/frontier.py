@@ -127,6 +127,20 @@ class Frontier:
             last //= 2
         return False
 
+    def retry(self, fits: Sequence[Scored]) -> bool:
+        """Linearise sets about themselves again, from the best set; return whether one is better.
+
+        From the linearisation of another set, a set may have settled at other numbers.
+        """
+        before = self.best
+        for fit in fits:
+            if self.is_over():
+                break
+            self.take(fit, before)
+            if self.best is not before:
+                return True
+        return False
+
     def take(self, fit: Scored, near: Node | None = None) -> None:
         """Linearise a set about itself, and make it the best one if it is better there.
 

@@ -33,12 +33,13 @@ from elastic_arm.evidence.priors import (
     MOST,
     SUMMED,
     TRUST,
+    WORTH,
     ZEROS,
     Assumed,
 )
 from elastic_arm.evidence.problem import Problem
 from elastic_arm.evidence.screen import Screen
-from elastic_arm.evidence.search import ADDED, ALL, SIMPLE, Search, Thetas, words_of
+from elastic_arm.evidence.search import ADDED, ALL, SIMPLE, Search, Thetas, without, words_of
 from elastic_arm.evidence.terms.dry_friction import dry_friction_terms
 from elastic_arm.evidence.terms.effect import effect_terms
 from elastic_arm.evidence.terms.known import coefficients_of, known_terms, theta_of
@@ -132,6 +133,8 @@ class _Exploration:
                 break
             tried.add(distant.keys)
             self.frontier.take(distant)
+            best = self.frontier.run()
+        while not self.shared.watch.is_over() and self.frontier.retry(_simpler(best.fit)):
             best = self.frontier.run()
         if best.found is None:  # the search ended before this set was expanded
             best.found = self._search(best, moves=0)
@@ -261,6 +264,15 @@ def _stated(problem: Problem) -> tuple[ActingEffect, ...]:
         for feature, instance in problem.known[: len(problem.stated)]
         if not feature.fixed and not isinstance(feature.effect, (SensorEffect, ControllerEffect))
     )
+
+
+def _simpler(fit: Fit) -> list[Fit]:
+    """Return the sets with one term less that are better at the linearisation of a set, the best
+    first."""
+    without_one = [fit.model.fit(without(fit, term), fit) for term in fit.optional]
+    least = fit.score - fit.correction + WORTH
+    better = [one for one in without_one if one.score > least]
+    return sorted(better, key=lambda one: -one.score)
 
 
 def _likeliest_distant(found: Explanation, tried: Set[frozenset[Key]]) -> Fit | None:

@@ -74,6 +74,19 @@ def test_a_set_is_linearised_about_itself_once() -> None:
     assert frontier.scores[frozenset("b")] == -20.0
 
 
+def test_a_set_that_settled_badly_is_tried_again_from_the_best_one() -> None:
+    """From another linearisation it has another score; one that is no better there changes
+    nothing."""
+    own = {"": 0.0, "a": -3.0, "ab": 5.0}
+    problem = Problem(own, {("", 0): ["a"], ("", 1): ["ab"]})
+    frontier = problem.frontier()
+    assert letters(frontier.run().fit.keys) == "ab"
+    assert not frontier.retry([made("a", 7.0)])
+    problem.own[frozenset("a")] = 9.0
+    assert frontier.retry([made("a", 7.0)])
+    assert letters(frontier.run().fit.keys) == "a"
+
+
 def test_expensive_moves_come_where_cheap_ones_lead_nowhere() -> None:
     problem = Problem({"": 0.0, "a": 5.0, "ab": 8.0}, {("", 0): ["a"], ("a", 1): ["ab"]})
     assert letters(problem.frontier().run().fit.keys) == "ab"
