@@ -112,7 +112,9 @@ def _number_values(term: NumberTerm, parameters: Sequence[Number], x: Array) -> 
     found[effect.parameters[0].name] = first.value(x[0])
     by_name = {p.what: float(v) * p.prior_std for p, v in zip(parameters, x, strict=True)}
     if "com" in found and "link_com_x" in by_name:
-        found["com"] = tuple(by_name[f"link_com_{axis}"] for axis in "xyz")
+        # The numbers shift the described mass (`equations.robot_at`), the effect shifts the whole.
+        mass = found[effect.parameters[0].name]
+        found["com"] = tuple(by_name[f"link_com_{axis}"] / mass for axis in "xyz")
         found["inertia"] = 1.0 + float(
             np.mean([by_name[f"link_inertia_{axis}"] for axis in ("xx", "yy", "zz")])
         )
