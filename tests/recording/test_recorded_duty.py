@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from elastic_arm.effects.arm_equations import ArmEquations
 from elastic_arm.errors import RecordingError, RobotError
 from elastic_arm.recording import Recording, Side, load_channels, read_recording, write_recording
 from elastic_arm.recording.foreign.array_export import export_arrays
@@ -157,6 +158,45 @@ def test_a_bag_and_arrays_keep_the_duty_apart_from_torques(tmp_path: Path) -> No
     sensed = replace(recorded(), link=replace(recorded().link, effort=np.ones((400, 3))))
     both = read_recording(write_recording(tmp_path / "both", sensed))
     assert both.link.effort is not None and both.motor.effort is None
+
+
+STRONG = 1e4  # times the torque, which this arm needs to lift itself
+
+
+def lifted(arm: Robot, scale: float) -> Recording:
+    """A motion under gravity with `scale` times the duty that strong electrics need."""
+    t = np.arange(1200) / RATE
+    phases = W * np.outer(t, [0.31, 0.47, 0.61])
+    angle = 0.6 * np.sin(phases)
+    slope = 0.6 * W * np.array([0.31, 0.47, 0.61])
+    speed = slope * np.cos(phases)
+    bend = -slope * W * np.array([0.31, 0.47, 0.61]) * np.sin(phases)
+    moved, pull = ArmEquations(arm).moved_and_pulled(angle, speed, bend, motors=True)
+    torque = moved + pull @ arm.gravity
+    duty = scale * (torque / PER_VOLT / STRONG + BACK_EMF * speed) / SUPPLY
+    stamps = np.round(1e9 * t).astype(np.int64)
+    link = Side(stamps, position=angle)
+    return Recording(JOINTS, link=link, motor=Side(stamps, pwm=duty), source="run")
+
+
+def test_a_wrong_full_scale_shows_in_the_weight_of_the_arm(arm: Robot, tmp_path: Path) -> None:
+    """Ten times too large, the duty carries a tenth of the described weight."""
+    drive = replace(ELECTRICS, stall=STRONG * SUPPLY * PER_VOLT, kd=STRONG * PER_VOLT * BACK_EMF)
+    arm = arm.with_(joints=tuple(replace(joint, controller=drive) for joint in arm.joints))
+    for scale, told in ((1.0, False), (0.1, True)):
+        bag = write_recording(tmp_path / f"bag_{scale}", lifted(arm, scale))
+        found = check_bag(bag, robot=arm).findings
+        words = [one.message for one in found if one.severity != "note"]
+        assert any("0.1 times as large" in w and "full_scale of pwm" in w for w in words) == told
+        assert told or not words
+
+
+def test_a_check_tells_what_the_duty_needs(arm: Robot, tmp_path: Path) -> None:
+    """A description without electrics makes no torque of it, as `diagnose` says."""
+    bag = write_recording(tmp_path / "bag", recorded())
+    bare = arm.with_joint("joint_2", controller=replace(ELECTRICS, stall=None))
+    words = [one.message for one in check_bag(bag, robot=bare).findings if one.severity == "error"]
+    assert len(words) == 1 and "no electrics of its motor" in words[0]
 
 
 PWM = {"key": "load", "full_scale": 885}

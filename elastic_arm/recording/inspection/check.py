@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from elastic_arm.errors import RecordingError
+from elastic_arm.errors import RecordingError, RobotError
 from elastic_arm.recording.foreign.channels import ChannelMap
 from elastic_arm.recording.inspection.commands import followed
 from elastic_arm.recording.inspection.described_gravity import (
@@ -110,7 +110,7 @@ def _checked(
                 _check_stamps(what, side.stamp_ns, report)
         try:
             report.findings += looked_through(recording, robot, motions)
-        except RecordingError as error:
+        except (RecordingError, RobotError) as error:
             report.add("error", "unusable", str(error))
     return report
 

@@ -47,6 +47,7 @@ from elastic_arm.effects.arm_equations import ArmEquations
 from elastic_arm.formatting import rounded, short_numbers
 from elastic_arm.recording.inspection.plausibility import is_motion
 from elastic_arm.recording.inspection.report import FEWEST, Finding, warning
+from elastic_arm.recording.made_torque import joints_with_duty, with_made_torque
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Array, Samples
 from elastic_arm.robot import Robot
@@ -138,6 +139,7 @@ class SideMotion(NamedTuple):
     torque: Array
     measured: list[int]
     window: float
+    of_duty: bool = False  # whether described electrics make the torques of a recorded duty
 
     def moved(self, turn: Callable[[Array], Array]) -> Self:
         """Return the motion with other angles."""
@@ -224,13 +226,15 @@ class _Comparison:
     samples: tuple[bytes, ...]  # q, dq, ddq and torque of the motion: float64, (N, n)
     measured: tuple[int, ...]
     window: float  # s
+    of_duty: bool
 
     @classmethod
     def of(cls, motion: SideMotion, side: str, robot: Robot) -> Self:
         """Return the comparison of a motion with the torques of one side."""
         arrays = (motion.q, motion.dq, motion.ddq, motion.torque)
         samples = tuple(np.asarray(array, dtype=np.float64).tobytes() for array in arrays)
-        return cls(robot, side, samples, tuple(motion.measured), motion.window)
+        measured = tuple(motion.measured)
+        return cls(robot, side, samples, measured, motion.window, motion.of_duty)
 
     @property
     def motion(self) -> SideMotion:
@@ -238,7 +242,8 @@ class _Comparison:
         q, dq, ddq, torque = (
             np.frombuffer(content).reshape(-1, self.robot.n) for content in self.samples
         )
-        return SideMotion(q, dq, ddq, torque, list(self.measured), self.window)
+        measured = list(self.measured)
+        return SideMotion(q, dq, ddq, torque, measured, self.window, self.of_duty)
 
 
 def _comparisons(motions: Motions, robot: Robot) -> Iterator[_Comparison]:
@@ -252,14 +257,24 @@ def _comparisons(motions: Motions, robot: Robot) -> Iterator[_Comparison]:
             np.concatenate(parts)[::every] for parts in list(zip(*own, strict=True))[:4]
         )
         measured = sorted(set.intersection(*(set(motion.measured) for motion in own)))
-        whole = SideMotion(q, dq, ddq, torque, measured, own[0].window)
+        of_duty = any(motion.of_duty for motion in own)
+        whole = SideMotion(q, dq, ddq, torque, measured, own[0].window, of_duty)
         if len(whole.q) >= FEWEST:  # fewer are left if there are holes everywhere
             yield _Comparison.of(whole, side, robot)
 
 
 def side_motions(recording: Recording, robot: Robot) -> Iterator[tuple[str, SideMotion]]:
-    """Yield the sides with torques and their motion; nothing if the arm does not move."""
-    samples = recording.select(robot.joint_names).samples()
+    """Yield the sides with torques and their motion; nothing if the arm does not move.
+
+    The described electrics make the torques of a recorded duty.
+
+    Raises a RobotError if the description states no electrics of a joint whose duty was recorded.
+    """
+    recording = recording.select(robot.joint_names)
+    of_duty = bool(joints_with_duty(recording))
+    if of_duty:
+        recording = with_made_torque(replace(recording, reference=None), robot)
+    samples = recording.samples()
     position = samples.q if samples.q is not None else samples.theta
     # 1.0 s; the ends that differentiation spoils take 0.2 s
     if (
@@ -271,7 +286,8 @@ def side_motions(recording: Recording, robot: Robot) -> Iterator[tuple[str, Side
         return
     for channel, side in SIDES.items():
         if getattr(samples, channel) is not None:
-            yield side, _motion(samples, position, channel)
+            motion = _motion(samples, position, channel)
+            yield side, motion._replace(of_duty=of_duty and side == "motor")
 
 
 def _motion(samples: Samples, position: Array, channel: str) -> SideMotion:
@@ -411,9 +427,11 @@ def _findings(comparison: _Comparison) -> tuple[Findings, Findings]:
     # Of joints that creep friction is of either sign, by the encoders' steps, and its error
     # outweighs what is compared.
     several = len(motion.measured) > 1 and float(np.sqrt(np.mean(motion.dq**2))) > CREEP
-    confused = _size(fit, side)
+    confused = _size(fit, side, of_duty=motion.of_duty)
     arm = _arm(robot, side)
-    load = _load_alone(few, arm) if several and not robot.elastic else None
+    # No gravity was subtracted from a duty: it is what the motor received.
+    may_lack_gravity = several and not robot.elastic and not motion.of_duty
+    load = _load_alone(few, arm) if may_lack_gravity else None
     # What weighs more than the arm is no load: torques of another unit do.
     if load is not None and load > sum(joint.link.mass for joint in robot.joints):
         load = None
@@ -910,16 +928,27 @@ def _arrangements(
     yield same, alone
 
 
-def _size(fit: GravityFit, side: str) -> list[Finding]:
+def _size(fit: GravityFit, side: str, *, of_duty: bool) -> list[Finding]:
     """Return whether torques that certainly follow gravity are far larger or smaller than
-    described."""
+    described.
+
+    of_duty: whether described electrics make them of a recorded duty.
+    """
     factor = fit.factor
     if not fit.certain or factor < 0.0 or FAR[0] <= factor <= FAR[1]:
         return []
+    what = "the torque of the recorded duty (pwm)" if of_duty else f"{side} effort"
     message = (
-        f"{side} effort follows the predicted gravity (correlation"
+        f"{what} follows the predicted gravity (correlation"
         f" {fit.correlation:.3g}), but is {factor:.3g} times as large as described"
     )
+    if of_duty:
+        remedy = (
+            "check the full_scale of pwm (a wrong one is kept in the bag: import the recording"
+            " again), the supply and torque_per_volt of the description, the unit of the angles,"
+            " and the masses of the description"
+        )
+        return [warning("gravity_size", message, remedy)]
     remedy = (
         "check its unit (Nm, Nm_motor with its ratio, A), the unit of the angles, and"
         " the masses of the description"
