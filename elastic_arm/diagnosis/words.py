@@ -509,14 +509,17 @@ def _verdict_sentence(found: Diagnosis, beside: str) -> str:
     after = found.after.rmse[place]
     noise = found.noise.get(place)
     unit = found.units.at(joint, "Nm")
-    verb = "falls" if after < before else "rises"
+    sizes = f"{before:.3g}", f"{after:.3g}"
+    change = f"{'falls' if after < before else 'rises'} from {sizes[0]} to {sizes[1]}"
+    if sizes[0] == sizes[1]:
+        change = f"stays at {sizes[0]}"
     where = f"at {joint} ({side} side{f', noise {noise:.3g} {unit}' if noise else ''})"
     added = f"{causes} and {beside}" if beside else causes
     share = percent(found.shrink)
     larger = share.startswith("-")
     gone = "the correction increases the total gap" if larger else f"the gap shrinks by {share}"
     sentence = (
-        f"With {added}, the model's error {motion} {verb} from {before:.3g} to {after:.3g} {unit}"
+        f"With {added}, the model's error {motion} {change} {unit}"
         f" {where}, where it exceeds the noise most; {gone}"
     )
     return (

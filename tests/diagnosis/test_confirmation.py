@@ -47,6 +47,25 @@ def test_a_law_that_fits_one_recording_loses_on_the_other() -> None:
     assert not Confirmation(gain, None).confirms
 
 
+def test_another_set_may_be_the_most_probable_one_without_a_refused_cause() -> None:
+    """A law that is probable only beside the refused cause leaves together with it: otherwise it
+    and the law that replaces it are both causes, and the corrected arm has twice the friction."""
+    rng = np.random.default_rng(4)
+    law, other, rest = rng.standard_normal((3, ROWS))
+    rest *= 0.3
+    data = model(law + rest + 0.1 * rng.standard_normal(ROWS), fitted_rows=np.ones(ROWS, bool))
+    true = term("true", law, 10.0)
+    similar = term("similar", law + other, 10.0)
+    refused = term("refused", rest - other, 10.0)
+    best = data.fit([similar, refused])
+    sets = weighted([best, data.fit([true])])
+    assert sets[0][1] is best
+    explanation = Explanation(None, None, best, (), sets)
+    less = _taken_out(Decomposition(None, explanation, None), refused).explanation
+    assert less.best.keys == {true.key}
+    assert less.best is less.sets[0][1]
+
+
 def test_a_cause_removes_some_of_the_gap() -> None:
     """A law that gains likelihood and leaves the gap as it is, alone and beside others, explains
     what is left by chance; one that others can replace removes it alone."""
