@@ -116,6 +116,33 @@ def loads_of(
     return loads
 
 
+def inertia_of(model: Model, poses: Array, acting: Sequence[ActingEffect]) -> Array:
+    """Return what effects that act add to the links' mass matrix (P, n, n) at poses (P, n)."""
+    n = model.n
+    # A regressor of its own, or states, take the motion as a whole.
+    laws = [e for e in acting if e.feature.effect.regressor is None and not e.feature.effect.states]
+    if not laws:
+        return np.zeros((len(poses), n, n))
+    q = np.repeat(poses, n + 1, axis=0)
+    ddq = np.tile(np.vstack([np.zeros(n), np.eye(n)]), (len(poses), 1))
+    zero = np.zeros_like(q)
+    samples = CompletedMotion(
+        np.arange(len(q), dtype=float),
+        q=q,
+        dq=zero,
+        ddq=ddq,
+        theta=q,
+        dtheta=zero,
+        ddtheta=ddq,
+        tau_J=zero,
+        tau_m=zero,
+    )
+    signals = Signals.of_samples(samples, (np.ones(n), np.ones(n)), elastic=model.robot.elastic)
+    load = np.sum([effect.torques(signals)[0] for effect in laws], axis=0)
+    own = load.reshape(len(poses), n + 1, n)
+    return (own[:, 1:] - own[:, :1]).transpose(0, 2, 1)
+
+
 def wound_under(torque: Array, t: Array, model: Model) -> Array:
     """Return deflections (N, n) rad of drives under torques (N, n) Nm at times t (N,) s.
 

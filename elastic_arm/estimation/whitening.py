@@ -33,6 +33,7 @@ from elastic_arm.estimation.effect_columns import Feature, starting_state
 from elastic_arm.estimation.equation_sets import EquationSet
 from elastic_arm.estimation.known_torques import (
     ActingEffect,
+    inertia_of,
     known_torques,
     loads_of,
     true_load,
@@ -141,6 +142,7 @@ def noise_models(
     equations: EquationSet,
     band: Band,
     floors: Sequence[float],
+    acting: Sequence[ActingEffect] = (),
     described: Model | None = None,
 ) -> list[NoiseModel]:
     """Propagate the channels' noise into the usable residuals, for several floors.
@@ -156,8 +158,8 @@ def noise_models(
         A = H A_arm + (1 - H) A_described,   I likewise
 
     equations, band: usable equations, and where they are looked at; floors: shares of the torque
-    noise that each equation gets besides, 0 for the noise itself; described: None where nothing is
-    compared.
+    noise that each equation gets besides, 0 for the noise itself; acting: effects of which loads
+    have inertia, too; described: None where nothing is compared.
     """
     n = equations.n
     f = np.linspace(0.0, band.kept_rate / 2, NOISE_FREQUENCIES)
@@ -168,23 +170,22 @@ def noise_models(
     spectrum = np.hstack([torque, link, motor])
     # What a joint lacks is made of its other encoder, with whose noise.
     made = block_diag(np.eye(2 * n), observation.pieces[0].encoders)
-    quiet = observation.quiet_gain(f)
-    shares = (
-        [(model, np.ones_like(f))]
-        if described is None
-        else [(model, quiet), (described, 1.0 - quiet)]
-    )
+    arms: list[tuple[Model, Sequence[ActingEffect], Array]] = [(model, acting, np.ones_like(f))]
+    if described is not None:
+        quiet = observation.quiet_gain(f)
+        arms = [(model, acting, quiet), (described, (), 1.0 - quiet)]
     way = np.zeros((len(f), equations.rows, 4 * n), np.complex128)
     inertial = []
-    for arm, share in shares:
+    poses = []
+    for arm, effects, share in arms:
         own = equations.transform @ _torques_and_springs(arm, observation, f) @ made
         way += share[:, None, None] * own
-        poses = _inertias(arm, observation)
-        inertial.append((share, equations.transform @ _accelerations(poses) @ made))
+        poses.append(_inertias(arm, observation, effects))
+        inertial.append((share, equations.transform @ _accelerations(poses[-1]) @ made))
     covariance = _covariance(way, inertial, spectrum, speed2)
     level = _torque_levels(torque.mean(axis=0).reshape(2, n).max(axis=0))
     accelerations = (2 * np.pi * f[:, None]) ** 4 * observation.quiet_link_spectrum(f)
-    load = accelerations @ np.mean([M**2 for M, _, _ in _inertias(model, observation)], axis=0)
+    load = accelerations @ np.mean([M**2 for M, _, _ in poses[0]], axis=0)
     measure = np.linalg.slogdet(covariance + LEAST * np.eye(equations.rows))[1]
     found = []
     for floor in floors:
@@ -256,7 +257,9 @@ def _torque_levels(noise: Array) -> Array:
     return np.asarray(largest * 2.0 ** np.ceil(np.log2(np.maximum(noise / largest, 1e-9))))
 
 
-def _inertias(model: Model, observation: Observation) -> list[tuple[Array, Array, Array]]:
+def _inertias(
+    model: Model, observation: Observation, acting: Sequence[ActingEffect] = ()
+) -> list[tuple[Array, Array, Array]]:
     """Return M, S, B at poses along the motion: the way of the encoders' noise changes with the
     pose."""
     n = model.n
@@ -265,11 +268,12 @@ def _inertias(model: Model, observation: Observation) -> list[tuple[Array, Array
     assert position is not None
     # 12 poses at which the inertia is looked up for the way of encoder noise into the residuals
     poses = position[:: max(1, len(motion) // 12)]
+    more = inertia_of(model, poses, acting)
     if not model.robot.elastic:
         none = np.zeros((n, n))
-        return [(M, none, none) for M in model.mass_matrix(poses)]
+        return [(M, none, none) for M in model.mass_matrix(poses) + more]
     whole = model.mass_matrix(np.hstack([poses, poses]))
-    return [(M[:n, :n], M[:n, n:], M[n:, n:]) for M in whole]
+    return [(m[:n, :n] + M, m[:n, n:], m[n:, n:]) for m, M in zip(whole, more, strict=True)]
 
 
 @dataclass(frozen=True)
@@ -356,7 +360,9 @@ class WhitenedData:
             if described is not None:
                 first, left = described
                 of_motion = left[number]
-            noise, pure = noise_models(model, observation, layout, in_band, (FLOOR, 0.0), first)
+            noise, pure = noise_models(
+                model, observation, layout, in_band, (FLOOR, 0.0), acting, first
+            )
             untold = _velocity_noise(observation, noise.f, model.n)
             standstill = _standstill(observation, untold)
             standing = np.where(moves, standing_speed(fastest, untold[1]), 0.0)
