@@ -23,12 +23,7 @@ from elastic_arm.arrays import Array
 from elastic_arm.dynamics import Model
 from elastic_arm.estimation.band import Band
 from elastic_arm.estimation.equation_sets import DRIVE, LINK, MOTOR, EquationSet
-from elastic_arm.estimation.motion import (
-    CompletedMotion,
-    Loads,
-    completed,
-    drive_constants,
-)
+from elastic_arm.estimation.motion import CompletedMotion, Loads, completed, drive_constants
 from elastic_arm.estimation.observation import Observation
 from elastic_arm.estimation.resampling import read_at
 from elastic_arm.recording.standstill import STANDS
