@@ -13,6 +13,7 @@ from elastic_arm.evidence.priors import STATED
 from elastic_arm.robot import Robot
 
 MOST_SAG = 0.99  # numerical; a supply of nothing drives nothing
+MOST_LOST = 0.9  # share of a mass or gain that one step takes; numerical
 TOLD = 0.98  # of the prior's deviation, beyond which a recording does not tell of a number
 # Effects that are numbers of a joint, and the parameter that is one.
 DELAY = "command_delay"
@@ -72,6 +73,31 @@ class Refinable:
         description."""
         return Refinable(what, joint, std, least, stated, abs(stated) or np.inf, is_cause=True)
 
+    @property
+    def is_ratio(self) -> bool:
+        """Whether it is the logarithm of a ratio."""
+        return self.what in RATIOS.values()
+
+    @property
+    def mass(self) -> str | None:
+        """The number that is the mass of the body whose centre this one moves, if it moves one."""
+        if self.what.startswith("com_"):
+            return "mass"
+        body, _, coordinate = self.what.partition(".")
+        return f"{body}.mass" if coordinate.startswith("position_") else None
+
+    def size(self, by: float) -> float:
+        """Return the number at a deviation: a ratio, or from its least value."""
+        return float(np.exp(by)) if self.is_ratio else by - self.least
+
+    def room(self, by: float) -> float:
+        """Return how far below a deviation a step may end: a mass or a gain stays positive."""
+        if self.is_ratio:
+            return MOST_LOST
+        if self.what.endswith(".mass"):
+            return MOST_LOST * self.size(by)
+        return by - self.least
+
 
 @dataclass(frozen=True)
 class Moved:
@@ -83,7 +109,7 @@ class Moved:
 
     def of(self, value: float) -> tuple[float, float]:
         """Return what a value becomes, and its deviation."""
-        if self.number.what in RATIOS.values():
+        if self.number.is_ratio:
             value *= float(np.exp(self.by))
             return value, value * self.std
         return value + self.by, self.std
@@ -187,7 +213,7 @@ def by_words(one: Moved) -> str:
     what = {"scale": "kp and kd", "limit": "limit of torque"}.get(
         number.what, number.what.replace("_", " ")
     )
-    ratio = number.what in RATIOS.values()
+    ratio = number.is_ratio
     size = f"{100.0 * np.expm1(by):+.2g} %" if ratio else f"{by:+.2g}"
     return f"{what} of {number.joint or 'all joints'} by {size}"
 

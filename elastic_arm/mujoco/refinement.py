@@ -9,7 +9,8 @@ its encoder. d is the described value and p the ordinary deviation (with the tai
 because the diagnosis may have missed causes), or the size of a cause and its standard deviation.
 
 The search starts at the diagnosis, or at the description with its causes if that is nearer, with
-steps of Levenberg and Marquardt; :mod:`.sensitivity` provides the derivatives. If only a few
+steps of Levenberg and Marquardt; :mod:`.sensitivity` provides the derivatives. A step is linear in
+gains, armatures, masses and first moments of mass, as the dynamics are. If only a few
 numbers are fitted and the model lacks something, a joint that sticks at another angle makes one
 error and not one per sample. N_j, otherwise N, is then N over the integrated autocorrelation time
 of the errors (Sokal, 1997) after a first search.
@@ -137,6 +138,26 @@ def _correlated(errors: Array) -> Array:
     return np.asarray(1.0 + 2.0 * np.sum(correlation[1:] * positive, axis=0))
 
 
+def after_step(numbers: Sequence[Refinable], x: Array, step: Array) -> Array:
+    """Return the numbers x (k,) after a step (k,) that is linear in what the dynamics are linear
+    in: gains, armatures, masses and first moments of mass.
+
+    Many steps change these, but hardly the motion. If logarithms of masses and centres of mass went
+    straight instead, their terms of second order would move the arm further than the step.
+    """
+    ratios = np.array([one.is_ratio for one in numbers])
+    places = {(one.what, one.joint): k for k, one in enumerate(numbers)}
+    found = x + np.where(ratios, np.log1p(np.where(ratios, step, 0.0)), step)
+    for k, number in enumerate(numbers):
+        if number.mass is None or (number.mass, number.joint) not in places:
+            continue
+        mass = places[number.mass, number.joint]
+        before = numbers[mass].size(x[mass])
+        after = numbers[mass].size(found[mass])
+        found[k] = x[k] + step[k] * before / after
+    return found
+
+
 Slopes = Callable[[_Point], Array]
 
 
@@ -203,7 +224,8 @@ class _Search:
                 break
             gained = 0.0
             while damping < FIRMEST:
-                there = self.at(here.x + self.step(here.x, normal, gradient, damping))
+                step = self.step(here.x, normal, gradient, damping)
+                there = self.at(after_step(self.numbers, here.x, step))
                 gained = here.value - there.value if there is not None else 0.0
                 if there is not None and gained > 0.0:
                     here = there
@@ -217,7 +239,8 @@ class _Search:
     def step(self, x: Array, normal: Array, gradient: Array, damping: float) -> Array:
         """Return a change of x (k,) within what simulators take."""
         firm = normal + damping * np.eye(len(x))
-        low = np.minimum((self.least - x) / self.stds, -1e-9)
+        room = [one.room(value) for one, value in zip(self.numbers, x, strict=True)]
+        low = np.minimum(-np.array(room) / self.stds, -1e-9)
         factor = np.linalg.cholesky(firm)
         wanted = -np.linalg.solve(factor, gradient)
         return np.asarray(self.stds * lsq_linear(factor.T, wanted, (low, np.inf)).x)
