@@ -15,6 +15,7 @@ from elastic_arm.evidence.terms.effect import EffectTerm
 from elastic_arm.evidence.terms.known import KnownTerm, StatedTerm, least_of
 from elastic_arm.evidence.terms.number import NumberTerm
 from elastic_arm.evidence.terms.term import Term
+from elastic_arm.robot import Inertia
 
 STEP = 1e-4  # standard deviations, step of the derivatives of parameters by coefficients; numerical
 
@@ -112,13 +113,30 @@ def _number_values(term: NumberTerm, parameters: Sequence[Number], x: Array) -> 
     found[effect.parameters[0].name] = first.value(x[0])
     by_name = {p.what: float(v) * p.prior_std for p, v in zip(parameters, x, strict=True)}
     if "com" in found and "link_com_x" in by_name:
-        # The numbers shift the described mass (`equations.robot_at`), the effect shifts the whole.
-        mass = found[effect.parameters[0].name]
-        found["com"] = tuple(by_name[f"link_com_{axis}"] / mass for axis in "xyz")
-        found["inertia"] = 1.0 + float(
-            np.mean([by_name[f"link_inertia_{axis}"] for axis in ("xx", "yy", "zz")])
-        )
+        robot = term.feature.equations.robot
+        link = robot.joints[robot.joint_names.index(first.joint)].link
+        ratio = found[effect.parameters[0].name]
+        found["com"], found["inertia"] = link_values(link, ratio, by_name)
     return found
+
+
+def link_values(
+    link: Inertia, ratio: float, numbers: Mapping[str, float]
+) -> tuple[tuple[float, float, float], float]:
+    """Return the shift s (3,) m of a link's centre of mass and the ratio of its moments of inertia
+    beyond that of its mass, r, from the numbers of :func:`.changed_link`.
+
+    The numbers shift the described mass, the effect shifts the whole. The moments about the centre
+    of mass are linear in the numbers but for what two centres leave:
+
+        trace I' = r trace I + sum(E) trace(I) / 3 - 2 m / r |r s|²
+    """
+    shift = np.array([numbers[f"link_com_{axis}"] for axis in "xyz"]) / ratio
+    described = float(np.trace(np.asarray(link.inertia)))
+    further = sum(numbers[f"link_inertia_{axis}"] for axis in ("xx", "yy", "zz")) / 3.0
+    x, y, z = shift.tolist()
+    away = 2.0 * link.mass * ratio * float(shift @ shift)
+    return (x, y, z), 1.0 + (further * described - away) / (ratio * described)
 
 
 def _of(

@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 
 from elastic_arm.diagnosis.causes import Causes
-from elastic_arm.diagnosis.estimates import within
+from elastic_arm.diagnosis.estimates import link_values, within
 from elastic_arm.diagnosis.result import ParameterEstimate
+from elastic_arm.equations.robot_at import changed_link
 from elastic_arm.evidence.terms.known import least_of
 from elastic_arm.evidence.terms.term import Term
+from elastic_arm.robot import Inertia
 
 
 def test_a_size_stays_within_its_bounds_and_takes_others_along() -> None:
@@ -60,3 +62,16 @@ def test_stated_friction_is_not_less_than_none() -> None:
     large, _ = within(np.array([1.0]), np.array([[0.02**2]]), low, none)
     assert 0.0 < small[0] < 0.02
     assert large[0] == pytest.approx(1.0)
+
+
+def test_a_wrong_link_has_the_sizes_of_the_link_that_is_written() -> None:
+    """Numbers of a link are linear about the frame's origin, sizes of the cause are not."""
+    link = Inertia(2.0, np.array([0.02, -0.01, 0.1]), np.diag([0.05, 0.06, 0.03]))
+    numbers = {f"link_{name}": 0.0 for name in ("com_x", "inertia_xy", "inertia_xz", "inertia_yz")}
+    numbers |= {"link_mass": 1.4, "link_com_y": -0.02, "link_com_z": 0.12}
+    numbers |= {"link_inertia_xx": 0.9, "link_inertia_yy": 0.8, "link_inertia_zz": 0.2}
+    written = changed_link(link, numbers)
+    shift, inertia = link_values(link, 2.4, numbers)
+    assert link.com + shift == pytest.approx(written.com)
+    moments = np.trace(written.inertia) / np.trace(link.inertia)
+    assert inertia == pytest.approx(moments / 2.4)

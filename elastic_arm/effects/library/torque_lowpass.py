@@ -62,7 +62,7 @@ EFFECT: Effect = SensorEffect(
             "cutoff",
             "Hz",
             0.5,
-            50.0,
+            500.0,
             default=REFERENCE,
             above=0.0,
             # The law's derivative by the cutoff at the reference is y' / (2 pi reference²).
