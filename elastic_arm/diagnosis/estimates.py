@@ -10,6 +10,7 @@ from scipy.stats import truncnorm
 from elastic_arm.arrays import Array
 from elastic_arm.effects.effect import ControllerEffect, EffectInstance
 from elastic_arm.equations.numbers import SCALE, Number
+from elastic_arm.equations.robot_at import changed_link
 from elastic_arm.evidence.fit import Fit
 from elastic_arm.evidence.terms.effect import EffectTerm
 from elastic_arm.evidence.terms.known import KnownTerm, StatedTerm, least_of
@@ -115,28 +116,18 @@ def _number_values(term: NumberTerm, parameters: Sequence[Number], x: Array) -> 
     if "com" in found and "link_com_x" in by_name:
         robot = term.feature.equations.robot
         link = robot.joints[robot.joint_names.index(first.joint)].link
-        ratio = found[effect.parameters[0].name]
-        found["com"], found["inertia"] = link_values(link, ratio, by_name)
+        found["com"], found["inertia"] = link_values(link, by_name)
     return found
 
 
-def link_values(
-    link: Inertia, ratio: float, numbers: Mapping[str, float]
-) -> tuple[tuple[float, float, float], float]:
-    """Return the shift s (3,) m of a link's centre of mass and the ratio of its moments of inertia
-    beyond that of its mass, r, from the numbers of :func:`.changed_link`.
-
-    The numbers shift the described mass, the effect shifts the whole. The moments about the centre
-    of mass are linear in the numbers but for what two centres leave:
-
-        trace I' = r trace I + sum(E) trace(I) / 3 - 2 m / r |r s|²
-    """
-    shift = np.array([numbers[f"link_com_{axis}"] for axis in "xyz"]) / ratio
-    described = float(np.trace(np.asarray(link.inertia)))
-    further = sum(numbers[f"link_inertia_{axis}"] for axis in ("xx", "yy", "zz")) / 3.0
-    x, y, z = shift.tolist()
-    away = 2.0 * link.mass * ratio * float(shift @ shift)
-    return (x, y, z), 1.0 + (further * described - away) / (ratio * described)
+def link_values(link: Inertia, numbers: Mapping[str, float]) -> tuple[tuple[float, ...], float]:
+    """Return the shift (3,) m of a link's centre of mass, and the ratio of its moments of inertia
+    beyond that of its mass, from the deviations of its ten numbers: those of the link that is
+    written (:func:`.changed_link`)."""
+    there = changed_link(link, numbers, nearest=True)
+    shift = np.asarray(there.com) - np.asarray(link.com)
+    moments = np.trace(there.inertia) / np.trace(np.asarray(link.inertia))
+    return tuple(shift.tolist()), float(moments * link.mass / there.mass)
 
 
 def _of(

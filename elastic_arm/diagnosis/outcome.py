@@ -15,6 +15,7 @@ import numpy as np
 
 from elastic_arm.diagnosis.causes import Causes
 from elastic_arm.diagnosis.changes import changes_between
+from elastic_arm.diagnosis.confirmation import TWO
 from elastic_arm.diagnosis.confirmed_set import Confirmed
 from elastic_arm.diagnosis.context import DiagnosisContext
 from elastic_arm.diagnosis.decomposition import Decomposition, Unknown
@@ -35,6 +36,7 @@ from elastic_arm.diagnosis.words import (
     UNFINISHED,
     event_notes,
     law_note,
+    mounted_note,
     ringing_notes,
     shape_note,
     unnamed_note,
@@ -195,6 +197,7 @@ class _Outcome:
         yield from (shape_note(*self.parts.places[row]) for row in unknown.open_rows)
         yield from event_notes(prepared.all_events)
         yield from self._ringing_notes()
+        yield from self._mounted_notes()
         yield from prepared.notes
         if not prepared.independent_motion:
             yield REPEATED_MOTION
@@ -218,6 +221,22 @@ class _Outcome:
         driven = {joint.name for joint in problem.robot.joints if joint.follows_duty}
         commanded = [name for name in self.parts.prepared.made if name not in driven]
         yield from ringing_notes(of_left, commanded)
+
+    def _mounted_notes(self) -> Iterator[str]:
+        """Yield the body that a last link heavier than described may carry.
+
+        (r - 1) m,   at ((r m) (c + s) - m c) / ((r - 1) m)
+        """
+        last = self.parts.problem.robot.joints[-1]
+        for cause, _ in self.causes.found:
+            if cause.effect != "link_inertia_mismatch" or cause.joint != last.name:
+                continue
+            ratio = cause.parameters["mass"]
+            com = np.asarray(last.link.com, dtype=float)
+            moment = ratio.value * (com + np.array(cause.parameters["com"].value)) - com
+            if ratio.value - 1.0 > TWO * ratio.std:
+                mass = (ratio.value - 1.0) * last.link.mass
+                yield mounted_note(last.name, mass, moment / (ratio.value - 1.0))
 
     def _joints_left(self) -> Set[str]:
         """Return the joints with residuals well above their noise after the correction."""

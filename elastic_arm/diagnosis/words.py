@@ -254,6 +254,16 @@ def ringing_notes(found: Mapping[str, float], made: Collection[str]) -> list[str
     ]
 
 
+def mounted_note(joint: str, mass: float, position: Sequence[float]) -> str:
+    """Return that a body on the last link, kg and m in the link's frame, changes its weight as much
+    as a wrong link does."""
+    place = ", ".join(f"{value:.3f}" for value in position)
+    return (
+        f"{joint}: a body of {mass:.3g} kg at ({place}) m in the frame of the last link, such as a"
+        " tool or a workpiece, changes the weight as the wrong link does."
+    )
+
+
 def no_separation(effect: str, other: str) -> str:
     """Return that no motion is known that separates two effects."""
     return f"a motion in which {effect} and {other} act differently"

@@ -65,13 +65,14 @@ def test_stated_friction_is_not_less_than_none() -> None:
 
 
 def test_a_wrong_link_has_the_sizes_of_the_link_that_is_written() -> None:
-    """Numbers of a link are linear about the frame's origin, sizes of the cause are not."""
+    """Numbers of a link are linear about the frame's origin, sizes of the cause are not; moments
+    that no body has are the nearest ones."""
     link = Inertia(2.0, np.array([0.02, -0.01, 0.1]), np.diag([0.05, 0.06, 0.03]))
     numbers = {f"link_{name}": 0.0 for name in ("com_x", "inertia_xy", "inertia_xz", "inertia_yz")}
     numbers |= {"link_mass": 1.4, "link_com_y": -0.02, "link_com_z": 0.12}
     numbers |= {"link_inertia_xx": 0.9, "link_inertia_yy": 0.8, "link_inertia_zz": 0.2}
-    written = changed_link(link, numbers)
-    shift, inertia = link_values(link, 2.4, numbers)
+    written = changed_link(link, numbers, nearest=True)
+    shift, inertia = link_values(link, numbers)
     assert link.com + shift == pytest.approx(written.com)
     moments = np.trace(written.inertia) / np.trace(link.inertia)
     assert inertia == pytest.approx(moments / 2.4)
