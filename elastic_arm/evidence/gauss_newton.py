@@ -29,6 +29,7 @@ from elastic_arm.evidence.terms.term import Term
 
 STEPS = 8  # largest number of steps; numerical
 SHORTER = 0.3  # share of a step that is tried after it was too long; numerical
+QUARTER = 0.25  # of the shortest period in the band: step between lags that are tried
 SETTLED = 0.02  # standard deviations: steps below this count as zero; numerical
 
 
@@ -76,6 +77,34 @@ def about_itself(
         # The noise of the start belongs to other numbers, and may be far too large.
         found = replace(found, correction=found.correction + lowest - found.score)
     return linear, found
+
+
+def at_lags(linear: Linearisation, fit: Fit, frame: Frame) -> tuple[Linearisation, Fit]:
+    """Return a set at those lags of whole channels, in equal steps, at which it is most probable.
+
+    A torque that reverses with its friction is linear in a lag only as far as the band resolves.
+    From further away, Gauss–Newton steps end at lags that differ from joint to joint.
+
+    frame: in which scores compare.
+    """
+    step = QUARTER / linear.problem.band.cutoff
+    numbers = linear.problem.numbers
+    stds = np.array([number.prior_std for number in numbers])
+    channels = {number.channel or "" for number in numbers if number.is_lag}
+    for channel in sorted(channels):
+        own = [number.is_lag and number.channel == channel for number in numbers]
+        for by in (step, -step):
+            before = fit
+            while True:
+                there = linear.moved(linear.values + np.where(own, by / stds, 0.0), linear.acting)
+                model = linear_model(there, fit.model.assumed)
+                later = model.fit(fit.optional, fit).compared_in(frame)  # their columns have no lag
+                if later.score < fit.score:
+                    break
+                linear, fit = there, later
+            if fit is not before:
+                break
+    return linear, fit
 
 
 def _has_settled(linear: Linearisation, fit: Fit, none: float) -> bool:

@@ -23,6 +23,7 @@ from elastic_arm.evidence.frontier import Frontier, Node
 from elastic_arm.evidence.gauss_newton import (
     about_itself,
     again,
+    at_lags,
     is_far,
     linear_model,
     moved,
@@ -57,7 +58,6 @@ from elastic_arm.evidence.terms.unnamed import unnamed_terms
 from elastic_arm.evidence.watch import Stage, Watch
 
 # Numbers of moves that expand a set: first these, then more if they find no better set.
-QUARTER = 0.25  # of the shortest period in the band: step between lags that are tried first
 STAGES = (SIMPLE, ALL)
 # Typical remaining share of a search after each set that was linearised about itself.
 EACH = 0.8
@@ -243,7 +243,7 @@ def _begun(problem: Problem, refit: bool, shared: Shared) -> list[Explanation]:
     # The search drops each of them that the recordings do not show.
     terms = [*again(usual, first), *dry_friction_terms(first)]
     begun = linear_model(first, AS_BUILT).fit(terms).compared_in(usual.frame)
-    late, begun = _at_lags(first, begun, usual.frame)
+    late, begun = at_lags(first, begun, usual.frame)
     begun = begun.model.fit(again(begun, late), begun).compared_in(usual.frame)
     built, fitted = about_itself(late, begun, usual.frame, settled=1.0)
     terms = list(fitted.optional)
@@ -259,34 +259,6 @@ def _begun(problem: Problem, refit: bool, shared: Shared) -> list[Explanation]:
         # The fit may have spread one large deviation over many small ones.
         starts.append(_explained(built, terms, AS_MEASURED, refit, shared, moves=ADDED, most=FIRST))
     return starts
-
-
-def _at_lags(linear: Linearisation, fit: Fit, frame: Frame) -> tuple[Linearisation, Fit]:
-    """Return a set at those lags of whole channels, in equal steps, at which it is most probable.
-
-    A torque that reverses with its friction is linear in a lag only as far as the band resolves.
-    From further away, Gauss–Newton steps end at lags that differ from joint to joint.
-
-    frame: in which scores compare.
-    """
-    step = QUARTER / linear.problem.band.cutoff
-    numbers = linear.problem.numbers
-    stds = np.array([number.prior_std for number in numbers])
-    channels = {number.channel or "" for number in numbers if number.is_lag}
-    for channel in sorted(channels):
-        own = [number.is_lag and number.channel == channel for number in numbers]
-        for by in (step, -step):
-            before = fit
-            while True:
-                there = linear.moved(linear.values + np.where(own, by / stds, 0.0), linear.acting)
-                model = linear_model(there, fit.model.assumed)
-                later = model.fit(fit.optional, fit).compared_in(frame)  # their columns have no lag
-                if later.score < fit.score:
-                    break
-                linear, fit = there, later
-            if fit is not before:
-                break
-    return linear, fit
 
 
 def _usual_terms(linear: Linearisation) -> list[Term]:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from elastic_arm.evidence.fit import Fit, LinearModel
-from elastic_arm.evidence.gauss_newton import about_itself, is_far
+from elastic_arm.evidence.gauss_newton import QUARTER, about_itself, at_lags, is_far
 from tests.evidence.made_up import HARMONICS, Array, model, quiet
 
 SIGNAL = 3.0  # of the column, in deviations of the noise of a row
@@ -34,8 +34,9 @@ class Curve:
 
     @property
     def problem(self) -> Any:
-        """The number's limit."""
-        return SimpleNamespace(numbers=[SimpleNamespace(limit=10.0)])
+        """The number, as the lag of a channel in units of its prior, and the band."""
+        lag = SimpleNamespace(limit=10.0, is_lag=True, channel="motor_torque", prior_std=1.0)
+        return SimpleNamespace(numbers=[lag], band=SimpleNamespace(cutoff=QUARTER / 0.5))
 
     @property
     def cache(self) -> dict[str, LinearModel]:
@@ -93,3 +94,16 @@ def test_a_set_that_does_not_settle_counts_by_its_lowest_score() -> None:
     there = found.fit().compared_in(fit.frame)
     assert is_far(own)
     assert own.score < there.score - 1.0
+
+
+@pytest.mark.parametrize("true", [-3.1, 0.2, 2.2])
+def test_a_lag_is_found_in_steps_where_its_tangent_says_nothing(true: float) -> None:
+    """The tangent far from a steep step is too flat to lead there."""
+    start = curve(lambda nu: np.tanh(2.0 * (nu - true)), true, start=true - 2.5)
+    fit = start.fit()
+    lost, alone = about_itself(start, fit, fit.frame)
+    assert lost.at + alone.numbers[0] != pytest.approx(true, abs=0.5)
+    near, begun = at_lags(start, fit, fit.frame)
+    found, own = about_itself(near, begun, fit.frame)
+    assert not is_far(own)
+    assert found.at + own.numbers[0] == pytest.approx(true, abs=0.1)
