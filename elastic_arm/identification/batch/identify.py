@@ -50,6 +50,7 @@ from elastic_arm.identification.result import Identification
 from elastic_arm.identification.stream import Identifier
 from elastic_arm.identification.validation import HeldOut, validated
 from elastic_arm.recording import Recording, Samples
+from elastic_arm.recording.inspection.dead_torques import without_dead_torques
 from elastic_arm.recording.inspection.outliers import without_outliers
 from elastic_arm.recording.inspection.two_encoders import by_motor_encoders
 from elastic_arm.recording.made_torque import at_common_gain, with_made_torque
@@ -217,6 +218,7 @@ def as_followed(recording: Recording, robot: Robot, model: str) -> Recording:
 def _in_motion(recording: Recording, robot: Robot) -> Recording:
     """Return the joints of the arm in motion, without outliers, and with torques that are made."""
     moving = without_outliers(without_standstill(recording.select(robot.joint_names)))
+    moving, _ = without_dead_torques(moving)
     return with_made_torque(by_motor_encoders(moving, robot), robot)
 
 

@@ -16,6 +16,8 @@ from elastic_arm.recording.sides import Array, Side, joints_with, span_of
 
 # An arm whose joints all travel less than this, rad, stands still.
 STILL = 1e-3
+# rad (m) that a joint has moved for certain: beyond play, wind-up and the steps of encoders.
+MOVED = 0.05
 NO_MOTION = "Record an excitation from `elastic-arm excite`"
 _ENOUGH = 50_000  # samples of a channel that show how it is updated; bounds the time
 _NOTHING = {"effort": 1e-9}  # Nm within which a torque does not change: no sensor resolves it
@@ -39,6 +41,14 @@ _SAID = {
         "stuck",
         "is constant while the joint moves",
         "the channel is not connected, or not read: results that depend on it are unreliable",
+    ),
+    "stuck torque": (
+        "stuck",
+        "is constant while the joint moves",
+        (
+            "the channel is not connected, or not read: identify and diagnose treat it as not"
+            " recorded"
+        ),
     ),
     "zeros": (
         "zeros_between",
@@ -87,9 +97,7 @@ def channel_findings(recording: Recording) -> list[Finding]:
         position = position_at(recording, side)
         for channel, values in side.channels().items():
             if channel != "acceleration":
-                # 0.05 rad that a joint has moved for certain: beyond play, wind-up and the steps of
-                # encoders
-                others = [far > 0.05 for what, far in travel.items() if what != (name, channel)]
+                others = [far > MOVED for what, far in travel.items() if what != (name, channel)]
                 moving = np.any(others, axis=0) if others else np.zeros(recording.n, np.bool_)
                 findings += _of_channel(
                     recording, f"{name} {channel}", side, values, position, moving
@@ -117,7 +125,8 @@ def _of_channel(
         column = values[:, j]
         if np.ptp(column) <= _NOTHING.get(channel, 0.0):
             if moving[j]:
-                said["stuck"].append(f"{joint} at {float(column[0]) + 0.0:.3g}")
+                kind = "stuck torque" if channel == "effort" else "stuck"
+                said[kind].append(f"{joint} at {float(column[0]) + 0.0:.3g}")
             continue
         turning = np.ones(len(side), np.bool_) if position is None else _changing(position[:, j])
         unlike = turning if position is None else _going(position[:, j])
