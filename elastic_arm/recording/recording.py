@@ -84,10 +84,12 @@ class Recording:
                         f"{side_name} {channel} has {values.shape[1]} columns for {self.n} joints",
                         "Give one column per joint.",
                     )
-            if side.pwm is not None and side_name != "motor":
-                raise RecordingError(
-                    f"{side_name} has a pwm", "It is the duty of motors: give it to the motor side."
-                )
+            for channel in sorted({"pwm", "supply"} & set(side.channels())):
+                if side_name != "motor":
+                    raise RecordingError(
+                        f"{side_name} has a {channel}",
+                        "It is of motors: give it to the motor side.",
+                    )
         self._check_duty()
 
     def _check_duty(self) -> None:

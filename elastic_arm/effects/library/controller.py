@@ -67,7 +67,7 @@ def made(
             wanted = _supplied(motion, i, joint.controller)
             wanted += _of_rate(motion, i, joint.controller)
             more = ca.if_else(ca.fabs(wanted) < limit, more, 0.0)
-        if joint.controller.stall is not None and asked:
+        if joint.controller.stall is not None and asked and not joint.follows_duty:
             assert motion.stall is not None
             more = ca.if_else(ca.fabs(asked_for(motion, i)) < motion.stall[i], more, 0.0)
         return motion.at(i, motor=more)
@@ -125,7 +125,9 @@ def within_duty(motion: SymbolicMotion, i: int) -> tuple[Any, Any]:
     The torque of full duty is the present one, as kp is: a scale of both changes no duty.
     """
     assert motion.stall is not None
-    limited = _within(asked_for(motion, i), motion.stall[i])
+    limited = asked_for(motion, i)
+    if not motion.robot.joints[i].follows_duty:  # of which the recorded one is within its limit
+        limited = _within(limited, motion.stall[i])
     return limited, limited / ca.fmax(motion.stall[i], LEAST)
 
 

@@ -60,9 +60,9 @@ class DriverSide:
                 " joints unchanged.",
             )
         joints = [getattr(channels.joints[name], side) for name in names]
-        if any(joint.pwm is not None for joint in joints):
+        if any(joint.pwm is not None or joint.supply is not None for joint in joints):
             raise RecordingError(
-                "the channel map has pwm, which live nodes do not convert to torques",
+                "the channel map has pwm or supply, which live nodes do not convert to torques",
                 "Record a bag, and diagnose it with --channels.",
             )
         present = [dict(one.present()) for one in joints]

@@ -18,6 +18,8 @@ from elastic_arm.recording.sides import Array, Side, joints_with, span_of
 STILL = 1e-3
 # rad (m) that a joint has moved for certain: beyond play, wind-up and the steps of encoders.
 MOVED = 0.05
+# Channels that need not follow the motion of an arm.
+NOT_OF_MOTION = ("acceleration", "supply")
 NO_MOTION = "Record an excitation from `elastic-arm excite`"
 _ENOUGH = 50_000  # samples of a channel that show how it is updated; bounds the time
 _NOTHING = {"effort": 1e-9}  # Nm within which a torque does not change: no sensor resolves it
@@ -96,7 +98,7 @@ def channel_findings(recording: Recording) -> list[Finding]:
             continue
         position = position_at(recording, side)
         for channel, values in side.channels().items():
-            if channel != "acceleration":
+            if channel not in NOT_OF_MOTION:
                 others = [far > MOVED for what, far in travel.items() if what != (name, channel)]
                 moving = np.any(others, axis=0) if others else np.zeros(recording.n, np.bool_)
                 findings += _of_channel(
@@ -173,6 +175,8 @@ def at_updates(recording: Recording, found: list[Finding]) -> Recording:
         first = 0
         last = len(side)
         for channel, values in side.channels().items():
+            if channel in NOT_OF_MOTION:
+                continue
             periods = _periods(values[middle], position)
             held = (periods > 1.0) & np.isfinite(values).all(axis=0)
             if not held.any():
