@@ -26,7 +26,6 @@ from elastic_arm.recording.inspection.one_clock import by_one_clock
 from elastic_arm.recording.inspection.report import Finding, about, moment, note, warning
 from elastic_arm.recording.inspection.stuck_channels import (
     HELD,
-    NOT_OF_MOTION,
     at_updates,
     filled_in,
     position_at,
@@ -429,7 +428,7 @@ def find_outliers(recording: Recording) -> list[Outliers]:
         for name, side in recording.measured().items()
         if len(side) >= _FEWEST
         for channel in side.channels()
-        if channel not in NOT_OF_MOTION
+        if channel != "supply"
     ]
     return [
         found

@@ -175,7 +175,7 @@ def at_updates(recording: Recording, found: list[Finding]) -> Recording:
         first = 0
         last = len(side)
         for channel, values in side.channels().items():
-            if channel in NOT_OF_MOTION:
+            if channel == "supply":
                 continue
             periods = _periods(values[middle], position)
             held = (periods > 1.0) & np.isfinite(values).all(axis=0)
