@@ -287,7 +287,8 @@ def _with_correction(found: Diagnosis, corrected: Written, *, cut_short: bool) -
     choice = corrected.choice
     if choice is None:
         return found
-    found = with_refined(found, corrected.refined)
+    compared = corrected.compared_scales(found)
+    found = replace(with_refined(found, corrected.refined), compared_scales=compared)
     found = found.with_closed_loop(choice.errors, choice.taken_back)
     ended = (CUT_SHORT,) if cut_short else ()
     return replace(found, notes=(*found.notes, *corrected.notes(), *ended))

@@ -23,6 +23,7 @@ from elastic_arm.identification import (
     Estimate,
     Identification,
     IdentificationSettings,
+    as_followed,
     identify_with,
     parse_laws,
 )
@@ -152,11 +153,12 @@ def _corrected(
     selected = [one.select(robot.joint_names) for one in judges]
     if identified is None or not all(is_commanded(one) for one in selected):
         return Written(correction.write(identified, folder), identified)
+    followed = [as_followed(one, robot, result.model) for one in judges]
     return correction.judged(
         robot,
         lambda back: with_joints_of(identified, robot, back),
         robot.joint_names,
-        [Judging(one) for one in selected],
+        [Judging(one) for one in followed],
         folder,
         caused=True,
     )

@@ -306,9 +306,15 @@ def read_by_clock(
 
 def _by_clock(recording: Recording, path: Path, robot: Robot, clock: ClockChoice) -> Recording:
     from elastic_arm.recording.inspection.check import doubts
+    from elastic_arm.recording.inspection.dead_torques import without_dead_torques
+    from elastic_arm.recording.made_torque import is_commanded
 
     wrong = tuple(f"{path}: {words}." for words in doubts(recording, robot))
     recording = replace(recording, notes=(*recording.notes, *wrong))
+    # Drivers without a torque may send zeros, beside which commands would count for nothing.
+    kept, _ = without_dead_torques(recording)
+    if is_commanded(kept) and any(joint.controller is not None for joint in robot.joints):
+        recording = kept
     if clock is ClockChoice.auto:
         return recording
     return replace(recording, clock="regular" if clock is ClockChoice.regular else "stamps")

@@ -14,9 +14,9 @@ from elastic_arm.arrays import Array
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.recording import Recording, Samples, Side
+from elastic_arm.recording.inspection.dead_torques import without_dead_torques
 from elastic_arm.recording.inspection.outliers import without_outliers
 from elastic_arm.recording.inspection.stuck_channels import NO_MOTION, STILL, moves
-from elastic_arm.recording.sides import joints_with
 
 AVERAGING = 0.02  # s, length of the means on which clocks are compared
 SHIFT = 1e-5  # s over the recording; a smaller drift has no measurable effect
@@ -29,10 +29,6 @@ DIFFERENCE = (
 # Fewest means over a recording that show a drift of clocks: several times the number of fitted
 # coefficients.
 FEWEST_MEANS = 50
-TORQUES = {
-    "link": "joint torque (effort of the link side)",
-    "motor": "motor torque (effort of the motor side)",
-}
 
 
 def usable(recording: Recording) -> Recording:
@@ -65,34 +61,14 @@ def needs_motion(feature: Feature) -> bool:
 
 def _live(recording: Recording) -> Recording:
     """Leave out torque channels that are constant."""
-    where = recording.source or "the recording"
-    sides: dict[str, Side | None] = {"link": recording.link, "motor": recording.motor}
-    notes = []
-    dead = []
-    for name, side in sides.items():
-        if side is None or side.effort is None or not len(side):
-            continue
-        there = joints_with(side.effort)
-        constant = there & (np.ptp(side.effort, axis=0) == 0.0)
-        if constant[there].all():
-            dead.append(TORQUES[name])
-            sides[name] = replace(side, effort=None)
-        elif constant.any():
-            joints = ", ".join(j for j, c in zip(recording.joints, constant, strict=True) if c)
-            notes.append(
-                f"{where}: {TORQUES[name]} of {joints} is constant: results for them are"
-                " unreliable."
-            )
-    if dead and all(side is None or side.effort is None for side in sides.values()):
+    kept, dead = without_dead_torques(recording)
+    if dead and all(side.effort is None for side in kept.measured().values()):
         raise DiagnosisError(
-            f"every torque channel of {where} is empty: {' and '.join(dead)} hold one number"
-            " throughout",
+            f"every torque channel of {recording.source or 'the recording'} is empty:"
+            f" {' and '.join(dead)} hold one number throughout",
             "Record the effort of /motor_states, of /joint_states, or both",
         )
-    notes += [f"{where}: {channel} is constant and treated as not recorded." for channel in dead]
-    return replace(
-        recording, link=sides["link"], motor=sides["motor"], notes=(*recording.notes, *notes)
-    )
+    return kept
 
 
 def _without_differences(recording: Recording) -> Recording:

@@ -166,6 +166,29 @@ class Imperfection:
 
 
 @dataclass(frozen=True)
+class ComparedScale:
+    """The scale of a joint's torques, true / described, from two measures of the same motion."""
+
+    of_torques: ParameterEstimate  # by the residuals of the torques
+    in_closed_loop: ParameterEstimate  # by the simulated angles; the written arm contains it
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as in `diagnosis.json`."""
+        measures = ("of_torques", self.of_torques), ("in_closed_loop", self.in_closed_loop)
+        return {name: {"value": plain(one.value), "std": plain(one.std)} for name, one in measures}
+
+    @staticmethod
+    def from_dict(data: Mapping[str, Any]) -> ComparedScale | None:
+        """Return what :meth:`to_dict` gave; None where a scale was not compared."""
+        if "in_closed_loop" not in data:
+            return None
+        return ComparedScale(
+            ParameterEstimate(**data["of_torques"], unit="1"),
+            ParameterEstimate(**data["in_closed_loop"], unit="1"),
+        )
+
+
+@dataclass(frozen=True)
 class Change:
     """A cause whose size differs between recordings."""
 
@@ -328,6 +351,8 @@ class Diagnosis(Result):
         and for the written correction.
     taken_back
         Joints, and effects of the whole arm, whose corrections are not written.
+    compared_scales
+        Joint -> scale of its torques as diagnosed and as refined in closed loop.
     context
         Data for the figures; not saved.
     """
@@ -365,6 +390,7 @@ class Diagnosis(Result):
     proposal: Proposal | None = None
     closed_loop: Mapping[str, ClosedLoopError] = field(default_factory=dict)
     taken_back: tuple[str, ...] = ()
+    compared_scales: Mapping[str, ComparedScale] = field(default_factory=dict)
     context: DiagnosisContext | None = field(default=None, repr=False, compare=False)
 
     @property
@@ -516,10 +542,11 @@ class Diagnosis(Result):
         """Return the fields of arms with torques that are computed from commands or duties."""
         if not self.made:
             return {}
-        scales = {
-            name: {"value": plain(e.value), "std": plain(e.std)}
-            for name, e in self.torque_scale.items()
-        }
+        scales = {}
+        for name, e in self.torque_scale.items():
+            scales[name] = {"value": plain(e.value), "std": plain(e.std)}
+            if name in self.compared_scales:
+                scales[name] |= self.compared_scales[name].to_dict()
         found: dict[str, Any] = {"torque_scale": scales}
         if self.of_duty:
             found["torque_of_duty"] = list(self.of_duty)
@@ -608,6 +635,8 @@ def from_dict(data: Mapping[str, Any], folder: Path, catalogue: Catalogue) -> Di
     noise = {place: v for place, v in places(data["noise"]).items() if v is not None}
     recordings = data["recordings"]
     interval = data["shrink_interval"]
+    scales = data.get("torque_scale", {})
+    compared = {name: ComparedScale.from_dict(one) for name, one in scales.items()}
     prediction = data["prediction"]
     changes = [
         {**one, "values": tuple(map(_change_value, one["values"]))} for one in data["changes"]
@@ -634,13 +663,14 @@ def from_dict(data: Mapping[str, Any], folder: Path, catalogue: Catalogue) -> Di
         imperfections=tuple(
             Imperfection(**one, neutral=float(one["unit"] == "1")) for one in data["imperfections"]
         ),
-        made=tuple(data.get("torque_scale", ())),
+        made=tuple(scales),
         of_duty=tuple(data.get("torque_of_duty", ())),
         closed_loop={
             name: ClosedLoopError.from_dict(one)
             for name, one in data.get("closed_loop", {}).items()
         },
         taken_back=tuple(data.get("taken_back", ())),
+        compared_scales={name: one for name, one in compared.items() if one is not None},
         changes=tuple(Change(**one) for one in changes),
         known=tuple(data["known"]),
         events=tuple(Event(**one) for one in data.get("events", ())),

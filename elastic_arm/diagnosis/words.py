@@ -380,6 +380,26 @@ def scale_sentence(found: Diagnosis) -> str:
     return (
         f"{lacking} was recorded; torques are computed from {made}. The standard deviation of"
         f" their scale is {known}; masses and friction inherit this uncertainty.{where}"
+        f"{_disagreement(found)}"
+    )
+
+
+def _disagreement(found: Diagnosis) -> str:
+    """Return where torques and simulated motion give scales that disagree, and what follows."""
+    apart = []
+    for joint, both in found.compared_scales.items():
+        torques = both.of_torques
+        motion = both.in_closed_loop
+        if abs(torques.value - motion.value) > OFF * np.hypot(torques.std, motion.std):
+            sizes = [" ± ".join(rounded(one.value, one.std)) for one in (torques, motion)]
+            apart.append(f"{' and '.join(sizes)} at {joint}")
+    if not apart:
+        return ""
+    return (
+        " The residuals of the torques and the simulated motion disagree about the scale:"
+        f" {'; '.join(apart)}. The written arm contains the second value. Something that the model"
+        " lacks acts like a scale there: the difference, not the standard deviation, is the"
+        " uncertainty of the scale, and of the masses and friction that inherit it."
     )
 
 

@@ -94,6 +94,7 @@ class SymbolicMotion:
     kp: SX | None = None
     kd: SX | None = None
     fed: SX | None = None
+    stall: SX | None = None  # (n, 1) Their torque of full duty, Nm; zero where none is stated
 
     @property
     def robot(self) -> Robot:

@@ -273,14 +273,16 @@ class Observation:
         return found
 
     def made(self, motion: Motion) -> dict[str, Array]:
-        """Return "kp", "kd" and the other torque, "fed", of controllers, (N, n) each."""
+        """Return "kp", "kd", the other torque "fed" and that of full duty, "stall", of controllers,
+        (N, n) each."""
         if motion.r is None or motion.tau_m is None:
             return {}
-        kp, kd, fed = np.zeros((3, *motion.r.shape))
+        kp, kd, fed, stall = np.zeros((4, *motion.r.shape))
         for i, controller in self.driven_by.items():
             kp[:, i], kd[:, i], _ = controller.gains
+            stall[:, i] = controller.stall or 0.0
             fed[:, i] = motion.tau_m[:, i] - _followed(replace(controller, torque=None), motion, i)
-        return {"kp": kp, "kd": kd, "fed": fed}
+        return {"kp": kp, "kd": kd, "fed": fed, "stall": stall}
 
     def torque_variances(self, n: int) -> dict[str, Array]:
         """Return the variances (n,) of a sample's white noise of tau_J and tau_m, Nm²."""

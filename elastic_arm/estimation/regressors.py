@@ -31,7 +31,8 @@ from elastic_arm.estimation.smoother import Smoother
 
 INPUTS = (
     "x", "dx", "ddx", "tau_J", "tau_m", "dtau_J", "dtau_m", "progress", "elapsed", "friction_link",
-    "friction_motor", "wound", "loaded", "r", "dr", "kp", "kd", "fed", "sign_link", "sign_motor",
+    "friction_motor", "wound", "loaded", "r", "dr", "kp", "kd", "fed", "stall", "sign_link",
+    "sign_motor",
 )  # fmt: skip
 SIGNS = ("sign_link", "sign_motor")
 # those that follow from the motion alone, whatever the numbers of the arm
@@ -65,9 +66,9 @@ class Signals(MotionSignals):
         whether the arm has transmissions; x is then [q, theta], otherwise [q]; cutoff: Hz up to
         which accelerations are motion rather than noise; predicted: whether torques are those that
         the model predicts; smoother: what the residuals have passed, where it takes a part of their
-        band: signs pass it, too; made: "kp", "kd", "fed" (N, n) of the controllers, where torques
-        are made of commands; near: those of the stretch with other numbers of the arm: where the
-        motion is the same, its signs are.
+        band: signs pass it, too; made: "kp", "kd", "fed", "stall" (N, n) of the controllers, where
+        torques are made of commands; near: those of the stretch with other numbers of the arm:
+        where the motion is the same, its signs are.
         """
         rates = [rates_of(motion.t, torque) for torque in (motion.tau_J, motion.tau_m)]
         before = None

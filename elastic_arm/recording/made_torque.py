@@ -1,7 +1,7 @@
 """Compute the motor torque of recordings without torques: from the recorded duty with the described
 electrics, or from recorded commands and states with the described controller.
 
-    tau_m = stall u (1 - sag |u|) - kd dq
+    tau_m = stall u (1 - sag |u|) - kd dq,   u the duty, times recorded over stated supply voltage
 
     tau_m = limit(kp (r(t - d) - q) + kd (dr(t - d) - dq) + ki int(r - q) + feed-forward)
 
@@ -161,20 +161,25 @@ def with_made_torque(recording: Recording, robot: Robot) -> Recording:
     motor = cut["motor"] if has_motor else Side(stamps)
     r = np.full(angles.shape, np.nan)
     torque = np.full(angles.shape, np.nan) if motor.effort is None else motor.effort.copy()
+    voltages = _voltages(motor, recording.joints, driven)
     for name, own in driven.items():
         i = recording.joints.index(name)
         assert motor.pwm is not None
         r[:, i] = motor.pwm[:, i]
+        if name in voltages:
+            r[:, i] *= voltages[name]
         speed = CubicSpline(t, angles[:, i])(t, 1)
         torque[:, i] = own.supplied(own.gains[0] * r[:, i]) - own.kd * speed
     if reference is not None:
         _add_commanded(recording, robot, commanded, (given, t, angles), (r, torque))
     where = recording.source or "the recording"
-    notes = [f"{where}: {words}" for words in _made_words(recording.joints, commanded, driven)]
+    notes = [
+        f"{where}: {words}" for words in _made_words(recording.joints, commanded, driven, voltages)
+    ]
     return replace(
         recording,
         link=cut.get("link"),
-        motor=replace(motor, effort=torque, pwm=None),
+        motor=replace(motor, effort=torque, pwm=None, supply=None),
         reference=Side(stamps, position=r),
         made_by=made,
         notes=(*recording.notes, *notes),
@@ -209,6 +214,21 @@ def _driven(recording: Recording, robot: Robot, side: Side) -> dict[str, JointCo
         for joint in robot.joints
         if joint.name in names and there[recording.joints.index(joint.name)]
     }
+
+
+def _voltages(
+    motor: Side, joints: Sequence[str], driven: Mapping[str, JointController]
+) -> dict[str, Array]:
+    """Return the recorded supply voltages over the stated ones (N,), of joints that have both."""
+    if motor.supply is None:
+        return {}
+    there = joints_with(motor.supply)
+    found = {}
+    for name, own in driven.items():
+        i = joints.index(name)
+        if there[i] and own.supply is not None:
+            found[name] = motor.supply[:, i] / own.supply
+    return found
 
 
 def _commanded(
@@ -266,7 +286,10 @@ def _add_commanded(
 
 
 def _made_words(
-    joints: Sequence[str], commanded: Collection[str], driven: Collection[str]
+    joints: Sequence[str],
+    commanded: Collection[str],
+    driven: Collection[str],
+    voltages: Collection[str],
 ) -> Iterator[str]:
     """Yield notes on whose torques were computed, and of what."""
     if driven:
@@ -276,6 +299,9 @@ def _made_words(
             " duty (pwm) and the speed: estimates of torques, masses and friction scale with the"
             " supply voltage and the torque per volt"
         )
+    if voltages:
+        whose = listed(joints, [name in voltages for name in joints])
+        yield f"the duty of {whose} is one of the recorded supply voltage, not of the stated one"
     if commanded:
         whose = listed(joints, [name in commanded for name in joints])
         yield (

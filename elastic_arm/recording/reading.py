@@ -27,13 +27,14 @@ from elastic_arm.recording.topics import (
     JOINT_TORQUES,
     MOTOR_PWM,
     MOTOR_STATES,
+    MOTOR_SUPPLY,
     REFERENCE,
     ROBOT_DESCRIPTION,
     TYPES,
 )
 
 PART = 400_000  # messages of a part of a long bag: three minutes of two topics at 1 kHz
-_CONTRACT = (JOINT_STATES, MOTOR_STATES, JOINT_TORQUES, MOTOR_PWM, REFERENCE)
+_CONTRACT = (JOINT_STATES, MOTOR_STATES, JOINT_TORQUES, MOTOR_PWM, MOTOR_SUPPLY, REFERENCE)
 _STATE = {name: name for name in ("position", "velocity", "effort")}
 _POINT = {
     "position": "points.0.positions",
@@ -323,8 +324,9 @@ def _contract_recording(
         for topic in (JOINT_STATES, MOTOR_STATES)
     }
     link, motor = _place_torques(sides[JOINT_STATES], sides[MOTOR_STATES], series, joints, found)
-    duty = _side(series.get(MOTOR_PWM), joints, {"pwm": "effort"}, found)
-    motor = _with_duty(motor, duty, found)
+    for topic, channel in ((MOTOR_PWM, "pwm"), (MOTOR_SUPPLY, "supply")):
+        own = _side(series.get(topic), joints, {channel: "effort"}, found)
+        motor = _with_own(motor, own, topic, found)
     reference = _reference(series.get(REFERENCE), joints, found)
     called = joints if wanted is None else tuple(wanted)
     if called != joints:
@@ -393,12 +395,14 @@ def _with_torque(side: Side, torques: Side, name: str, topic: str, found: list[F
     return replace(side, effort=torques.effort)
 
 
-def _with_duty(motor: Side | None, duty: Side | None, found: list[Finding]) -> Side | None:
-    """Return the motor side with the duty of its motors."""
-    if motor is None or duty is None:
-        return duty if motor is None else motor
-    motor, duty = pair(motor, duty, MOTOR_PWM, MOTOR_STATES, found)
-    return replace(motor, pwm=duty.pwm)
+def _with_own(
+    motor: Side | None, own: Side | None, topic: str, found: list[Finding]
+) -> Side | None:
+    """Return the motor side with a channel that has a topic of its own."""
+    if motor is None or own is None:
+        return own if motor is None else motor
+    motor, own = pair(motor, own, topic, MOTOR_STATES, found)
+    return motor.filled(own)
 
 
 def _joints(

@@ -84,10 +84,12 @@ class Recording:
                         f"{side_name} {channel} has {values.shape[1]} columns for {self.n} joints",
                         "Give one column per joint.",
                     )
-            if side.pwm is not None and side_name != "motor":
-                raise RecordingError(
-                    f"{side_name} has a pwm", "It is the duty of motors: give it to the motor side."
-                )
+            for channel in sorted({"pwm", "supply"} & set(side.channels())):
+                if side_name != "motor":
+                    raise RecordingError(
+                        f"{side_name} has a {channel}",
+                        "It is of motors: give it to the motor side.",
+                    )
         self._check_duty()
 
     def _check_duty(self) -> None:
@@ -146,6 +148,7 @@ class Recording:
                 if not (side.stamp_ns[1:] > side.stamp_ns[:-1]).all():
                     problem = f"the stamps of {side_name} do not increase"
                     raise RecordingError(problem, "Give every stamp once, in order.")
+            self._require_positions()
             samples = replace(join(self.link, self.motor, self.clock), clock=self.clock)
             if self.read_ns is not None:
                 samples = replace(
@@ -156,6 +159,18 @@ class Recording:
             raise RecordingError(
                 f"{self.source or 'the recording'}: {error.problem}", error.remedy
             ) from None
+
+    def _require_positions(self) -> None:
+        """Refuse joints without positions beside joints that have them."""
+        positions = [one.position for one in self.measured().values() if one.position is not None]
+        if not positions or not all(map(len, positions)):
+            return
+        there = np.any([joints_with(values) for values in positions], axis=0)
+        if not there.all():
+            raise RecordingError(
+                f"no positions of {listed(self.joints, ~there)} were recorded on either side",
+                "Record them, or give a description of only the recorded joints: --robot.",
+            )
 
     def moved(self, by_ns: int) -> Recording:
         """Return the recording shifted in time."""

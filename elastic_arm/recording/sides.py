@@ -16,7 +16,7 @@ from elastic_arm.errors import RecordingError
 
 Stamps = NDArray[np.int64]
 
-CHANNELS = ("position", "velocity", "effort", "acceleration", "pwm")
+CHANNELS = ("position", "velocity", "effort", "acceleration", "pwm", "supply")
 # Shares of full duty that a servo reports; a little more than 1 as registers round.
 MOST_DUTY = 1.05
 # Channels of :class:`Samples`, by the symbols of (1): side and channel of a recording.
@@ -48,6 +48,8 @@ class Side:
     pwm
         (N, n) share of full duty that a servo applied to its motor, -1 to 1; None where not
         recorded.
+    supply
+        (N, n) voltage of the supply at a servo, V; None where not recorded.
     """
 
     stamp_ns: Stamps
@@ -56,6 +58,7 @@ class Side:
     effort: Array | None = None
     acceleration: Array | None = None
     pwm: Array | None = None
+    supply: Array | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "stamp_ns", _checked_stamps(self.stamp_ns))

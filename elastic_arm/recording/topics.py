@@ -5,6 +5,7 @@ JOINT_STATES = "/joint_states"
 MOTOR_STATES = "/motor_states"
 JOINT_TORQUES = "/joint_torques"
 MOTOR_PWM = "/motor_pwm"
+MOTOR_SUPPLY = "/motor_supply"
 REFERENCE = "/reference"
 PARAMETER_ESTIMATE = "/parameter_estimate"
 GAP = "/gap"
@@ -18,6 +19,7 @@ TYPES = {
     MOTOR_STATES: "sensor_msgs/msg/JointState",
     JOINT_TORQUES: "elastic_arm_msgs/msg/JointTorques",
     MOTOR_PWM: "sensor_msgs/msg/JointState",
+    MOTOR_SUPPLY: "sensor_msgs/msg/JointState",
     REFERENCE: "trajectory_msgs/msg/JointTrajectory",
     PARAMETER_ESTIMATE: "elastic_arm_msgs/msg/ParameterEstimate",
     GAP: "elastic_arm_msgs/msg/GapDiagnosis",

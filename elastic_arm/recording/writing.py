@@ -23,6 +23,7 @@ from elastic_arm.recording.topics import (
     JOINT_TORQUES,
     MOTOR_PWM,
     MOTOR_STATES,
+    MOTOR_SUPPLY,
     REFERENCE,
     ROBOT_DESCRIPTION,
     TRANSFORMS,
@@ -36,7 +37,8 @@ if TYPE_CHECKING:
 _DRAWN = 50.0  # Hz, of what is looked at
 _ROWS = 10_000  # messages of a topic that are laid out at a time
 _STATE = ("position", "velocity", "effort")
-_NOT_STATES = ("acceleration", "pwm")
+_OF_MOTORS = {"pwm": MOTOR_PWM, "supply": MOTOR_SUPPLY}  # channels with a topic of their own
+_NOT_STATES = ("acceleration", *_OF_MOTORS)
 _TORQUES = ("joint_torque", "motor_torque", "joint_torque_std", "motor_torque_std")
 
 
@@ -172,11 +174,12 @@ def _streams(recording: Recording, further: Mapping[str, Side]) -> list[Stream]:
         channels = {
             name: values for name, values in side.channels().items() if name not in _NOT_STATES
         }
-        if channels or side.pwm is None:
+        others = {name: values for name, values in side.channels().items() if name in _OF_MOTORS}
+        if channels or not others:
             streams.append(_of_joints(topic, joints, side.stamp_ns, _STATE, channels))
-        if side.pwm is not None:
-            share = {"effort": side.pwm}
-            streams.append(_of_joints(MOTOR_PWM, joints, side.stamp_ns, _STATE, share))
+        for name, values in others.items():
+            own = _OF_MOTORS[name]
+            streams.append(_of_joints(own, joints, side.stamp_ns, _STATE, {"effort": values}))
     has_motor = any(stream.topic == MOTOR_STATES for stream in streams)
     if recording.link is not None and recording.link.effort is not None and not has_motor:
         # Without a motor side nothing else marks the effort as the joint torque sensor's.

@@ -19,6 +19,7 @@ from elastic_arm.diagnosis.result import (
     Alternative,
     Cause,
     Change,
+    ComparedScale,
     Imperfection,
     PairSeparation,
     Proposal,
@@ -484,6 +485,34 @@ def test_a_scale_that_is_off_is_said_with_its_value() -> None:
     words = scale_sentence(found)
     assert "1.15 ± 0.04 times the described one at joint_1" in words
     assert "times the described one at joint_2" not in words
+
+
+def test_scales_that_disagree_are_both_said(tmp_path: Path) -> None:
+    """A scale of the torques that the simulated motion contradicts is named with both values and
+    deviations; scales that agree are only in the file."""
+
+    def compared(motion: float) -> ComparedScale:
+        torques = ParameterEstimate(1.15, 0.02, "1")
+        return ComparedScale(torques, ParameterEstimate(motion, 0.01, "1"))
+
+    scales = [
+        Imperfection("torque_scale", joint, "1", 1.15, 0.02, 0.2, True, neutral=1.0)
+        for joint in ("joint_1", "joint_2")
+    ]
+    both = {"joint_1": compared(1.21), "joint_2": compared(1.17)}
+    found = replace(diagnosis(), made=("joint_1", "joint_2"), imperfections=tuple(scales))
+    assert "disagree" not in scale_sentence(found)
+    found = replace(found, compared_scales=both)
+    words = scale_sentence(found)
+    assert "disagree about the scale: 1.150 ± 0.020 and 1.210 ± 0.010 at joint_1. The" in words
+    assert found.to_dict()["torque_scale"]["joint_2"] == {
+        "value": 1.15,
+        "std": 0.02,
+        "of_torques": {"value": 1.15, "std": 0.02},
+        "in_closed_loop": {"value": 1.17, "std": 0.01},
+    }
+    read = Diagnosis.load(found.save(tmp_path / "diagnosis.json"))
+    assert read.compared_scales == both
 
 
 def test_errors_that_no_joint_has_are_no_reason() -> None:

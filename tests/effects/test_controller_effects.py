@@ -43,7 +43,7 @@ def law(robot: Robot, text: str) -> dict[str, float]:
     drive = robot.joints[1].controller
     assert drive is not None
     kp, kd, _ = drive.gains
-    known = {"r": 0.5, "dr": 0.4, "kp": kp, "kd": kd, "fed": 0.0}
+    known = {"r": 0.5, "dr": 0.4, "kp": kp, "kd": kd, "fed": 0.0, "stall": drive.stall or 0.0}
     torques = [ca.SX(v) for v in (zero, 5.0 * one, zero, zero)]
     motion = SymbolicMotion(
         equations,

@@ -50,10 +50,19 @@ def described(folder: Path) -> Robot:
 
 @cache
 def recorded(
-    seed: int, *, per_volt: float = PER_VOLT, sag: float = 0.0, seconds: float = 20.0
+    seed: int,
+    *,
+    per_volt: float = PER_VOLT,
+    sag: float = 0.0,
+    seconds: float = 20.0,
+    falls: float = 0.0,
 ) -> Recording:
     """Return positions and the duty of a servo with 2 kp, a dead band, and late commands, as by a
-    controller that nobody described."""
+    controller that nobody described.
+
+    falls: share of the supply's voltage that is lost until the end, steadily; the voltage is
+    recorded if it falls.
+    """
     rng = np.random.default_rng(seed)
     frequencies = np.array([0.15, 0.4, 0.9, 1.7])
     sizes = np.array([0.9, 0.5, 0.25, 0.1])
@@ -66,13 +75,14 @@ def recorded(
     w = 0.0
     angle, duty = np.empty((2, count))
     late = round(0.02 / STEP)
+    volts = SUPPLY * (1.0 - falls * np.arange(count) / count)
     for k in range(count):
         error = command[max(k - late, 0)] - q
         felt = error - min(max(error, -0.03), 0.03)
         u = min(max(1.8 * felt, -1.0), 1.0)
         angle[k] = q
         duty[k] = u
-        torque = per_volt * (SUPPLY * u * (1.0 - sag * abs(u)) - BACK_EMF * w)
+        torque = per_volt * (volts[k] * u * (1.0 - sag * abs(u)) - BACK_EMF * w)
         torque -= MASS * 9.81 * LENGTH * np.sin(q) + FRICTION * np.tanh(w / 2e-3)
         # Friction is stiff: its slope is taken along implicitly.
         slope = FRICTION / 2e-3 / np.cosh(min(abs(w) / 2e-3, 300.0)) ** 2
@@ -83,9 +93,10 @@ def recorded(
     stamps = np.round(1e9 * t[::every]).astype(np.int64)
     position = code * np.round(angle[::every] / code)
     share = np.round(FULL * duty[::every]) / FULL
+    supply = np.round(10.0 * volts[::every, None]) / 10.0 if falls else None
     return Recording(
         ("servo",),
         link=Side(stamps, position=position[:, None]),
-        motor=Side(stamps, pwm=share[:, None]),
+        motor=Side(stamps, pwm=share[:, None], supply=supply),
         source=f"run_{seed}",
     )

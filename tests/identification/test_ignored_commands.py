@@ -1,5 +1,9 @@
 """Drives that ignore their commands, as with torque switched off, are no property of the arm."""
 
+import json
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -7,10 +11,11 @@ from elastic_arm.diagnosis import Question, diagnose
 from elastic_arm.diagnosis.words import summary
 from elastic_arm.identification import identify
 from elastic_arm.identification.batch.ignored_commands import ignoring, without_ignored_commands
-from elastic_arm.recording import Recording
+from elastic_arm.recording import Recording, write_recording
 from elastic_arm.recording.made_torque import with_made_torque
 from elastic_arm.robot.mjcf import MjcfArm
-from tests.helpers.servo_arms import recorded, servo_arm, switched_off
+from tests.helpers.command_line import run
+from tests.helpers.servo_arms import EXAMPLE, recorded, servo_arm, switched_off
 
 pytestmark = pytest.mark.usefixtures("compiled_here")
 WEAK = {'joint="lift" forcerange="-4 4"': 'joint="lift" forcerange="-1.2 1.2"'}
@@ -85,3 +90,34 @@ def test_an_identification_leaves_the_stretch_out(arm: MjcfArm) -> None:
     """Friction comes out as without it, and a note says what is left out."""
     found = identify([switched_off(arm, 12.0, 15.0, seconds=16.0)], arm.robot)
     assert any("no joint follows its commands from 12.0 to 15.0 s" in note for note in found.notes)
+
+
+@pytest.mark.slow(10)
+def test_zeros_in_the_place_of_torques_do_not_hide_commands(arm: MjcfArm, tmp_path: Path) -> None:
+    """As drivers without a torque send: torques are computed from commands, and the closed loop is
+    judged."""
+    run_0 = recorded(arm, 100.0, 14)
+    assert run_0.link is not None and run_0.link.position is not None
+    zeros = np.zeros_like(run_0.link.position)
+    motor = replace(run_0.link, effort=zeros)
+    write_recording(tmp_path / "run", replace(run_0, link=None, motor=motor))
+    model = EXAMPLE / "arm.xml"
+    found = run("identify", tmp_path / "run", "--robot", model, "--out", tmp_path / "identified")
+    assert found.exit_code == 0, found.output
+    written = json.loads((tmp_path / "identified" / "identification.json").read_text())
+    assert max(one["described"] for one in written["closed_loop"].values()) < 1e-3
+    assert any("is constant and treated as not recorded" in note for note in written["notes"])
+
+
+@pytest.mark.slow(10)
+def test_the_closed_loop_of_an_identification_leaves_the_stretch_out(
+    arm: MjcfArm, tmp_path: Path
+) -> None:
+    """The described arm, which is the true one, moves as recorded: what it did not follow does not
+    count."""
+    write_recording(tmp_path / "run", switched_off(arm, 12.0, 15.0, seconds=15.0))
+    model = EXAMPLE / "arm.xml"
+    found = run("identify", tmp_path / "run", "--robot", model, "--out", tmp_path / "identified")
+    assert found.exit_code == 0, found.output
+    written = json.loads((tmp_path / "identified" / "identification.json").read_text())
+    assert max(one["described"] for one in written["closed_loop"].values()) < 1e-3

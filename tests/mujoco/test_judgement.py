@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from elastic_arm.cli.mujoco.corrected import Correction
+from elastic_arm.cli.mujoco.corrected import Correction, Written
 from elastic_arm.diagnosis.result import Imperfection
 from elastic_arm.effects import Catalogue
 from elastic_arm.evidence.watch import Watch
@@ -144,6 +144,22 @@ def test_a_diagnosis_holds_what_was_refined() -> None:
     refined = with_refined(found, [Moved(number, 0.02, 0.01)]).torque_scale["joint_1"]
     assert refined.value == pytest.approx(1.12 * np.exp(0.02))
     assert refined.std == pytest.approx(0.01 * refined.value)
+
+
+def test_the_scale_of_the_torques_stands_beside_that_of_the_motion() -> None:
+    """A refined scale starts from the diagnosis, one of the numbers of every servo from the
+    description; numbers that are no scale are not compared."""
+    scale = Imperfection("torque_scale", "joint_1", "1", 1.15, 0.01, 0.2, True, neutral=1.0)
+    found = replace(diagnosis(), imperfections=(scale,), made=("joint_1",))
+    gain = Moved(Refinable("scale", "joint_1", 0.01), float(np.log(1.1)), 0.02)
+    other = Moved(Refinable("kd", "joint_1", 0.01), 0.5, 0.02)
+    refined = Written(refined=(gain, other)).compared_scales(found)["joint_1"]
+    fitted = Written(fitted=(other, gain)).compared_scales(found)["joint_1"]
+    assert refined.of_torques == fitted.of_torques == found.torque_scale["joint_1"]
+    assert refined.in_closed_loop.value == pytest.approx(1.15 * 1.1)
+    assert fitted.in_closed_loop.value == pytest.approx(1.1)
+    assert fitted.in_closed_loop.std == pytest.approx(0.02 * 1.1)
+    assert not Written(refined=(other,)).compared_scales(found)
 
 
 def model_of(robot: Robot) -> MjcfArm:

@@ -74,6 +74,20 @@ def test_a_joint_of_several_is_named() -> None:
     assert found(position, command)["not_followed"].startswith("b did not follow")
 
 
+def test_a_command_that_never_changes_was_not_recorded() -> None:
+    """Of a joint that moves, it is named; one that is held, and gives way a little, is not
+    blamed."""
+    noise = 1e-3 * np.random.default_rng(1).normal(size=(600, 2))
+    position = motion(0.06) + noise
+    command = motion()
+    command[:, 1] = 0.3
+    seen = found(position, command)
+    assert seen.pop("constant_command").startswith("command of b is constant")
+    assert set(seen) == {"commands"}
+    position[:, 1] = 0.3 + 4.0 * noise[:, 1]
+    assert set(found(position, command)) == {"commands"}
+
+
 def test_recordings_without_commands_are_not_looked_at() -> None:
     """Nothing is said of commands that are not there."""
     alone = replace(recording(motion(), motion(0.1)), reference=None)

@@ -11,8 +11,11 @@ from rich.markup import escape
 
 from elastic_arm.cli.console import out
 from elastic_arm.cli.mujoco.export import print_export
+from elastic_arm.diagnosis.estimates import ParameterEstimate
+from elastic_arm.diagnosis.result import ComparedScale, Diagnosis
 from elastic_arm.diagnosis.words import listed
 from elastic_arm.effects import Catalogue
+from elastic_arm.equations.numbers import SCALE
 from elastic_arm.errors import MissingExtraError, RobotError
 from elastic_arm.evidence.priors import Priors
 from elastic_arm.evidence.watch import Watch
@@ -23,7 +26,14 @@ from elastic_arm.mujoco.file_alone import file_numbers, refined_words, unstated
 from elastic_arm.mujoco.judgement import Choice, Judging, chosen
 from elastic_arm.mujoco.left_out import Motion
 from elastic_arm.mujoco.new_model import playable
-from elastic_arm.mujoco.refinable import DELAY, Moved, Refinable, by_words, robot_at
+from elastic_arm.mujoco.refinable import (
+    DELAY,
+    RATIOS,
+    Moved,
+    Refinable,
+    by_words,
+    robot_at,
+)
 from elastic_arm.mujoco.refinement import refine
 from elastic_arm.mujoco.servo_numbers import servo_numbers
 from elastic_arm.results import ClosedLoopError
@@ -101,6 +111,19 @@ class Written:
             " recordings, starting from the posterior. These change by more than their standard"
             f" deviation: {listed(told[:NAMED], more)}."
         )
+
+    def compared_scales(self, found: Diagnosis) -> dict[str, ComparedScale]:
+        """Return, by joint, the scale of its torques as diagnosed and as refined in closed loop."""
+        # Numbers of every servo are fitted from the description, others from the diagnosis.
+        moved = self.fitted or self.refined
+        of_scale = {one.number.joint: one for one in moved if one.number.what == RATIOS[SCALE]}
+        compared = {}
+        for joint, torques in found.torque_scale.items():
+            if joint in of_scale:
+                before = 1.0 if self.fitted else torques.value
+                value, std = of_scale[joint].of(before)
+                compared[joint] = ComparedScale(torques, ParameterEstimate(value, std, "1"))
+        return compared
 
     def with_alone(self, errors: Mapping[str, ClosedLoopError]) -> Self:
         """Return it with the errors of the file alone, by joint."""

@@ -29,6 +29,8 @@ from elastic_arm.effects.law import (
 from elastic_arm.errors import EffectError
 from elastic_arm.robot import JointController
 
+LEAST = 1e-12  # Nm, numerical; of full duty, which samples without commands do not have
+
 
 def made(
     law: Callable[[SymbolicMotion, int, JointController, Numbers], Any],
@@ -62,12 +64,12 @@ def made(
         more = law(motion, i, joint.controller, p)
         limit = joint.most_torque
         if limited and limit is not None:
-            wanted = _supplied(joint.controller, asked_for(motion, i))
+            wanted = _supplied(motion, i, joint.controller)
             wanted += _of_rate(motion, i, joint.controller)
             more = ca.if_else(ca.fabs(wanted) < limit, more, 0.0)
-        stall = joint.controller.stall
-        if stall is not None and asked:
-            more = ca.if_else(ca.fabs(asked_for(motion, i)) < stall, more, 0.0)
+        if joint.controller.stall is not None and asked and not joint.follows_duty:
+            assert motion.stall is not None
+            more = ca.if_else(ca.fabs(asked_for(motion, i)) < motion.stall[i], more, 0.0)
         return motion.at(i, motor=more)
 
     return motor
@@ -117,12 +119,24 @@ def asked_for(motion: SymbolicMotion, i: int) -> Any:
     return motion.kp[i] * _error(motion, i)
 
 
-def _supplied(controller: JointController, asked: Any) -> Any:
+def within_duty(motion: SymbolicMotion, i: int) -> tuple[Any, Any]:
+    """Return what of it is within full duty, and the duty.
+
+    The torque of full duty is the present one, as kp is: a scale of both changes no duty.
+    """
+    assert motion.stall is not None
+    limited = asked_for(motion, i)
+    if not motion.robot.joints[i].follows_duty:  # of which the recorded one is within its limit
+        limited = _within(limited, motion.stall[i])
+    return limited, limited / ca.fmax(motion.stall[i], LEAST)
+
+
+def _supplied(motion: SymbolicMotion, i: int, controller: JointController) -> Any:
     """Return what the supply makes of it."""
     if controller.stall is None:
-        return asked
-    limited = _within(asked, controller.stall)
-    return limited * (1.0 - controller.sag * ca.fabs(limited) / controller.stall)
+        return asked_for(motion, i)
+    limited, duty = within_duty(motion, i)
+    return limited * (1.0 - controller.sag * ca.fabs(duty))
 
 
 def _within(value: Any, most: Any) -> Any:
@@ -136,7 +150,7 @@ def _beyond(motion: SymbolicMotion, i: int, controller: JointController, p: Numb
     It is made of angles: beyond its limit a torque is far above the noise that they make.
     """
     assert motion.fed is not None
-    own = _supplied(controller, asked_for(motion, i))
+    own = _supplied(motion, i, controller)
     whole = motion.fed[i] + own + _of_rate(motion, i, controller)
     return whole - _within(whole, p["torque"])
 

@@ -22,13 +22,13 @@ from elastic_arm.effects.law import (
     amount,
     ratio,
 )
-from elastic_arm.effects.library.controller import asked_for, made
+from elastic_arm.effects.library.controller import made, within_duty
 from elastic_arm.errors import EffectError
 from elastic_arm.robot import JointController
 
 
-def _of_electrics(law: Callable[[SymbolicMotion, int, float, Numbers], Any]) -> Law:
-    """Return the law of a drive whose torque of full duty (Nm) is stated."""
+def _of_electrics(law: Callable[[SymbolicMotion, int, Numbers], Any]) -> Law:
+    """Return the law of a drive whose torque of full duty is stated."""
 
     def more(motion: SymbolicMotion, i: int, stated: JointController, p: Numbers) -> Any:
         if stated.stall is None:
@@ -36,18 +36,18 @@ def _of_electrics(law: Callable[[SymbolicMotion, int, float, Numbers], Any]) -> 
                 f"the description states no electrics of {motion.robot.joints[i].name}",
                 "State its motor in the arm file, or as a <dcmotor> in the MJCF.",
             )
-        return law(motion, i, stated.stall, p)
+        return law(motion, i, p)
 
     return made(more, asked=False, commanded=False)
 
 
-def _sagging(motion: SymbolicMotion, i: int, stall: float, p: Numbers) -> Any:
+def _sagging(motion: SymbolicMotion, i: int, p: Numbers) -> Any:
     """Return what full supply makes more, stall u |u| sag."""
-    duty = ca.fmax(-1.0, ca.fmin(1.0, asked_for(motion, i) / stall))
-    return p["share"] * stall * duty * ca.fabs(duty)
+    limited, duty = within_duty(motion, i)
+    return p["share"] * limited * ca.fabs(duty)
 
 
-def _of_constant(motion: SymbolicMotion, i: int, _: float, p: Numbers) -> Any:
+def _of_constant(motion: SymbolicMotion, i: int, p: Numbers) -> Any:
     assert motion.fed is not None
     return (1.0 - p["gain"]) * (motion.tau_m[i] - motion.fed[i])
 

@@ -14,7 +14,10 @@ from elastic_arm.effects.text import parse_laws
 from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.identification.batch.derivatives import DerivativeStage
-from elastic_arm.identification.batch.ignored_commands import without_ignored_commands
+from elastic_arm.identification.batch.ignored_commands import (
+    without,
+    without_ignored_commands,
+)
 from elastic_arm.identification.batch.imperfections import nuisance_effects
 from elastic_arm.identification.batch.mounting import other_mounting
 from elastic_arm.identification.batch.selection import (
@@ -47,6 +50,7 @@ from elastic_arm.identification.result import Identification
 from elastic_arm.identification.stream import Identifier
 from elastic_arm.identification.validation import HeldOut, validated
 from elastic_arm.recording import Recording, Samples
+from elastic_arm.recording.inspection.dead_torques import without_dead_torques
 from elastic_arm.recording.inspection.outliers import without_outliers
 from elastic_arm.recording.inspection.two_encoders import by_motor_encoders
 from elastic_arm.recording.made_torque import at_common_gain, with_made_torque
@@ -193,12 +197,29 @@ def _channel_notes(
 def _cleared(recording: Recording, robot: Robot, model: str) -> Recording:
     """Return the joints of the arm in motion, without outliers, by the encoders that its equations
     take, and without stretches in which commands were ignored."""
-    moving = without_outliers(without_standstill(recording.select(robot.joint_names)))
-    made = with_made_torque(by_motor_encoders(moving, robot), robot)
-    followed, ignored = without_ignored_commands(made, robot, model)
+    followed, ignored = without_ignored_commands(_in_motion(recording, robot), robot, model)
     where = recording.source or "the recording"
     notes = [f"{where}: {one.words}" for one in ignored]
     return replace(followed, notes=(*followed.notes, *notes))
+
+
+def as_followed(recording: Recording, robot: Robot, model: str) -> Recording:
+    """Return the joints of the arm as they were recorded, without the stretches in which commands
+    were ignored, which an identification leaves out."""
+    selected = recording.select(robot.joint_names)
+    moving = _in_motion(recording, robot)
+    _, ignored = without_ignored_commands(moving, robot, model)
+    if not ignored:
+        return selected
+    first = (moving.start_ns - selected.start_ns) * 1e-9
+    return without(selected, [(first + one.begin, first + one.end) for one in ignored])
+
+
+def _in_motion(recording: Recording, robot: Robot) -> Recording:
+    """Return the joints of the arm in motion, without outliers, and with torques that are made."""
+    moving = without_outliers(without_standstill(recording.select(robot.joint_names)))
+    moving, _ = without_dead_torques(moving)
+    return with_made_torque(by_motor_encoders(moving, robot), robot)
 
 
 def _estimated(trials: Trials, choice: BatchChoice) -> tuple[Identification, BatchTrial, float]:

@@ -15,7 +15,12 @@ from elastic_arm.errors import RecordingError
 from elastic_arm.nodes.support.pairing import Losses, Pairing
 from elastic_arm.nodes.support.wire import Inbox
 from elastic_arm.recording import Samples, topics
-from elastic_arm.recording.foreign.channels import CHANNEL_NAMES, ChannelMap, SideChannels
+from elastic_arm.recording.foreign.channels import (
+    CHANNEL_NAMES,
+    OF_MOTOR,
+    ChannelMap,
+    SideChannels,
+)
 from elastic_arm.recording.sides import SAMPLED
 
 FIELDS = ("position", "velocity", "effort")
@@ -60,9 +65,10 @@ class DriverSide:
                 " joints unchanged.",
             )
         joints = [getattr(channels.joints[name], side) for name in names]
-        if any(joint.pwm is not None for joint in joints):
+        of_motors = [name for name in OF_MOTOR if any(name in one.present() for one in joints)]
+        if of_motors:
             raise RecordingError(
-                "the channel map has pwm, which live nodes do not convert to torques",
+                f"the channel map has {of_motors[0]}, which live nodes do not convert to torques",
                 "Record a bag, and diagnose it with --channels.",
             )
         present = [dict(one.present()) for one in joints]

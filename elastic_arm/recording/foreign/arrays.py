@@ -21,7 +21,6 @@ from elastic_arm.recording.foreign.channels import (
     DUTY_OF_COUPLED,
     MOST_JOINTS,
     NANOSECONDS,
-    NOT_OF_MOTOR,
     SIDE_NAMES,
     TO_SI,
     ChannelName,
@@ -32,6 +31,7 @@ from elastic_arm.recording.foreign.channels import (
     Sign,
     Strict,
     Unit,
+    check_sides,
     coupled,
     coupling_matrix,
     from_currents,
@@ -148,7 +148,9 @@ class SideArrays(Present):
     position: ArrayChannel | None = None
     velocity: ArrayChannel | None = None
     effort: ArrayChannel | None = None
-    pwm: ArrayChannel | None = None  # duty that servos applied, of the motor side alone
+    # duty that servos applied, and voltage of their supply, of the motor side alone
+    pwm: ArrayChannel | None = None
+    supply: ArrayChannel | None = None
 
 
 class CommandArrays(SideArrays):
@@ -210,9 +212,7 @@ class ArrayMap(Strict):
         return self
 
     def _check_duty(self) -> None:
-        for side in ("link", "command"):
-            if getattr(self, side).pwm is not None:
-                raise ValueError(NOT_OF_MOTOR.format(side))
+        check_sides({side: getattr(self, side).present() for side in ("link", "command")})
         duty = self.motor.pwm
         if duty is None:
             return

@@ -17,10 +17,10 @@ from elastic_arm.recording.storage.metadata import TORQUE_CHANNELS
 
 SideName = Literal["link", "motor", "command"]
 SIDE_NAMES: tuple[SideName, ...] = ("link", "motor", "command")
-ChannelName = Literal["position", "velocity", "effort", "acceleration", "pwm"]
+ChannelName = Literal["position", "velocity", "effort", "acceleration", "pwm", "supply"]
 Unit = Literal[
     "rad", "deg", "turns", "rad/s", "deg/s", "turns/s", "rpm", "Nm", "Nm_motor", "A", "m", "mm",
-    "m/s", "mm/s", "N", "rad/s^2", "deg/s^2", "m/s^2",
+    "m/s", "mm/s", "N", "rad/s^2", "deg/s^2", "m/s^2", "V",
 ]  # fmt: skip
 # Of motors that move several joints at once, as in a wrist: joint -> motor -> how much the joint
 # turns for one turn of the motor, both at the joint's output.
@@ -29,13 +29,14 @@ Sign = Annotated[Literal[1, -1], BeforeValidator(refuse_truth)]
 REMEDY = "See docs/channel_maps.md."
 REFERENCE = "docs/channel_maps.md shows every key"
 MOST_JOINTS = 1000
-NOT_OF_MOTOR = "pwm under {}: it is the duty of the motor, list it under motor"
+NOT_OF_MOTOR = "{0} under {1}: it is the {2} of the motor, list it under motor"
+OF_MOTOR = {"pwm": "duty", "supply": "voltage"}
 DUTY_AND_TORQUE = (
     "both effort and pwm of the motor: map the effort if it is a measured torque or current,"
     " otherwise pwm"
 )
 DUTY_OF_COUPLED = "pwm with coupling: the duties of coupled motors are not converted; leave pwm out"
-CHANNEL_NAMES: tuple[ChannelName, ...] = ("position", "velocity", "effort", "pwm")
+CHANNEL_NAMES: tuple[ChannelName, ...] = ("position", "velocity", "effort", "pwm", "supply")
 
 _SIZES = {"rad": 1.0, "deg": math.pi / 180, "turns": 2 * math.pi, "m": 1.0, "mm": 1e-3}
 # A position's unit on a velocity means that unit per second.
@@ -47,6 +48,7 @@ TO_SI: dict[ChannelName, dict[str, float]] = {
     "effort": dict.fromkeys(("Nm", "N", "Nm_motor", "A"), 1.0),
     "acceleration": {f"{unit}/s^2": size for unit, size in _SIZES.items()},
     "pwm": {},  # a share: `full_scale` is its unit
+    "supply": {"V": 1.0},
 }
 # How files call units beside their own names, without blanks and in small letters.
 _CALLED: dict[Unit, str] = {
@@ -82,6 +84,7 @@ DEFAULT_UNIT: dict[ChannelName, Unit] = {
     "velocity": "rad/s",
     "effort": "Nm",
     "acceleration": "rad/s^2",
+    "supply": "V",
 }
 
 
@@ -160,6 +163,8 @@ class ChannelScale(Strict):
             return
         if self.full_scale is not None:
             raise ValueError(f"full_scale is the number of full duty: {channel} has none, only pwm")
+        if channel == "supply" and self.ratio is not None:
+            raise ValueError("supply is a voltage and has no ratio")
         if self.unit is not None and self.unit not in TO_SI[channel]:
             raise ValueError(
                 f"{channel} cannot have unit {self.unit}; choose one of {', '.join(TO_SI[channel])}"
@@ -235,7 +240,9 @@ class SideChannels(Present):
     position: Channel | None = None
     velocity: Channel | None = None
     effort: Channel | None = None
-    pwm: Channel | None = None  # duty that a servo applied, of the motor side alone
+    # duty that a servo applied, and voltage of its supply, of the motor side alone
+    pwm: Channel | None = None
+    supply: Channel | None = None
 
     @model_validator(mode="after")
     def _units(self) -> Self:
@@ -252,6 +259,14 @@ def from_currents(link: Sequence[str | None], motor: Sequence[str | None]) -> tu
     )
 
 
+def check_sides(present: Mapping[str, Mapping[ChannelName, Any]]) -> None:
+    """Raise a ValueError if sides other than the motor's have a channel of motors."""
+    for side, channels in present.items():
+        for name, what in OF_MOTOR.items():
+            if name in channels:
+                raise ValueError(NOT_OF_MOTOR.format(name, side, what))
+
+
 class JointChannels(Strict):
     """The sides of a joint and its command; `name` is the joint's name in the bag, for channels
     without a name of their own."""
@@ -263,9 +278,7 @@ class JointChannels(Strict):
 
     @model_validator(mode="after")
     def _duty(self) -> Self:
-        for side in ("link", "command"):
-            if getattr(self, side).pwm is not None:
-                raise ValueError(NOT_OF_MOTOR.format(side))
+        check_sides({side: getattr(self, side).present() for side in ("link", "command")})
         if self.motor.pwm is not None and self.motor.effort is not None:
             raise ValueError(DUTY_AND_TORQUE)
         return self
@@ -403,7 +416,7 @@ def _filled(joint_name: str, joint: Any) -> Any:
     if not isinstance(joint, dict):
         return joint
     name = joint.get("name") or joint_name
-    fields = {"pwm": "effort"}  # where a JointState has room for it
+    fields = dict.fromkeys(OF_MOTOR, "effort")  # where a JointState has room for it
 
     def side(channels: Any) -> Any:
         if not isinstance(channels, dict):

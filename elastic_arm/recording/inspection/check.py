@@ -29,6 +29,7 @@ from elastic_arm.recording.inspection.report import (
     wrong_rate,
 )
 from elastic_arm.recording.inspection.stuck_channels import channel_findings, frozen
+from elastic_arm.recording.inspection.supply_voltage import other_supply
 from elastic_arm.recording.inspection.two_encoders import disagreeing
 from elastic_arm.recording.made_torque import is_commanded, joints_with_duty
 from elastic_arm.recording.reading import Content, contents, recording_of, urdf_joints
@@ -199,7 +200,9 @@ def _seen(whole: Recording, recording: Recording, robot: Robot | None) -> list[F
         *followed(whole),
     ]
     found += [*of_no_arm(whole), *in_percent(recording)]
-    return found if robot is None else [*found, *beyond_limits(whole, robot)]
+    if robot is None:
+        return found
+    return [*found, *beyond_limits(whole, robot), *other_supply(whole, robot)]
 
 
 def _read(

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from elastic_arm.recording.inspection.report import Finding, about, warning
-from elastic_arm.recording.inspection.stuck_channels import STILL
+from elastic_arm.recording.inspection.stuck_channels import MOVED, STILL
 from elastic_arm.recording.made_torque import FEWEST
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Array, joints_with, listed, span_of
@@ -39,15 +39,23 @@ def followed(recording: Recording) -> Iterator[Finding]:
     # digits.
     torques = any(side.effort is not None for side in recording.measured().values())
     within = np.abs(fit.lag) < (SHIFTED + 0.5) * fit.step
-    copied = fit.moves & (fit.left < (DIGITS if torques else COPIED)) & within
-    apart = fit.moves & ((fit.left > APART) | (fit.left > fit.least_other))
-    good = fit.moves & ~apart & ~(fit.left < COPIED)
+    copied = fit.told & (fit.left < (DIGITS if torques else COPIED)) & within
+    apart = fit.told & ((fit.left > APART) | (fit.left > fit.least_other))
+    good = fit.told & ~apart & ~(fit.left < COPIED)
     joints = recording.joints
     yield from _copied(joints, fit, copied)
     if apart.any():
         words = f"{listed(joints, apart)} did not follow the recorded commands"
         remedy = "check for exchanged joints, another controller or torque that was switched off"
         yield warning("not_followed", words, remedy)
+    told = (
+        "if it was not recorded, leave the command of this joint out of the channel map: the other"
+        " joints are used without it"
+    )
+    words = "is constant while the joint moves"
+    # A joint that is held in one place gives way to its load a little.
+    untold = fit.moves & ~fit.told & (fit.travel > MOVED)
+    yield from about(joints, untold, "constant_command", "command", words, told)
     late = f"lag the commands by {span_of(1e3 * fit.lag[good])} ms (delay and drive together)"
     error = f"deviations {span_of(1e2 * fit.left[good])} % of their spread"
     size = f"gain {span_of(fit.gain[good])}, {error}"
@@ -59,7 +67,8 @@ def followed(recording: Recording) -> Iterator[Finding]:
     early = near & (fit.lag < -0.5 * fit.step)
     clocks = "do they have different clocks, or are the commands those of the next step?"
     yield from about(joints, early, "early", "positions", "are ahead of the commands", clocks)
-    off_by = np.abs(np.log(np.abs(fit.gain)[:, None] / np.array(MISTAKEN))).min(axis=1)
+    gain = np.where(near, np.abs(fit.gain), 1.0)
+    off_by = np.abs(np.log(gain[:, None] / np.array(MISTAKEN))).min(axis=1)
     odd = near & ((fit.gain < 0.0) | (off_by < np.log(NEAR)))
     times = f"are {span_of(fit.gain[odd])} times the commands"
     units = "check unit and sign of both"
@@ -70,6 +79,8 @@ class _Fit(NamedTuple):
     """Angles compared with their commands, (n,) each: angle(t) = gain command(t - lag) + rest."""
 
     moves: NDArray[np.bool_]  # joints that do, and have a command
+    told: NDArray[np.bool_]  # those of them whose command changes
+    travel: Array  # rad, of the angle
     lag: Array  # s
     gain: Array
     left: Array  # the rest over the angle's spread
@@ -97,15 +108,16 @@ def _fitted(recording: Recording) -> _Fit | None:
     given = (reference.stamp_ns - reference.stamp_ns[0]) * 1e-9
     t = (side.stamp_ns - reference.stamp_ns[0]) * 1e-9
     lag, gain, left = np.full((3, recording.n), np.nan)
-    for j in np.flatnonzero(moves):
+    told = moves & (np.ptp(reference.position, axis=0) > 0.0)
+    for j in np.flatnonzero(told):
         lag[j], gain[j], left[j] = _lag(given, reference.position[:, j], t, side.position[:, j])
     least_other = np.full(recording.n, np.inf)
-    for j in np.flatnonzero(moves & (left > LOOSE)):
+    for j in np.flatnonzero(told & (left > LOOSE)):
         others = [k for k in np.flatnonzero(there) if k != j]
         rests = [_lag(given, reference.position[:, k], t, side.position[:, j])[2] for k in others]
         least_other[j] = min(rests, default=np.inf)
     steps = (float(np.median(np.diff(given))), float(np.median(np.diff(t))))
-    return _Fit(moves, lag, gain, left, least_other, *steps)
+    return _Fit(moves, told, np.ptp(side.position, axis=0), lag, gain, left, least_other, *steps)
 
 
 def _copied(joints: Sequence[str], fit: _Fit, copied: NDArray[np.bool_]) -> Iterator[Finding]:

@@ -24,20 +24,26 @@ from elastic_arm.codegen.parallel import share_out
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording.inspection.one_clock import by_one_clock
 from elastic_arm.recording.inspection.report import Finding, about, moment, note, warning
-from elastic_arm.recording.inspection.stuck_channels import HELD, at_updates, filled_in, position_at
+from elastic_arm.recording.inspection.stuck_channels import (
+    HELD,
+    at_updates,
+    filled_in,
+    position_at,
+)
 from elastic_arm.recording.inspection.two_encoders import with_one_zero
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import MOST_DUTY, Array, Side, joints_with, listed
 
-# rad (or m), rad/s, Nm, rad/s², share of full duty. Angles larger than that have lost the digits
+# rad (or m), rad/s, Nm, rad/s², share of full duty, V. Angles larger than that have lost the digits
 # that a motion is computed from; numbers of this size are counts of an encoder, or a channel that
 # holds something else.
 LARGEST = {
     "position": 1e6, "velocity": 1e6, "effort": 1e9, "acceleration": 1e9, "pwm": MOST_DUTY,
+    "supply": 1e4,
 }  # fmt: skip
 _UNITS = {
     "position": "rad", "velocity": "rad/s", "effort": "Nm", "acceleration": "rad/s²",
-    "pwm": "times the full duty",
+    "pwm": "times the full duty", "supply": "V",
 }  # fmt: skip
 # Nm; the squares of smaller torques are zero, whatever they measure.
 SMALLEST_TORQUE = 1e-150
@@ -422,6 +428,7 @@ def find_outliers(recording: Recording) -> list[Outliers]:
         for name, side in recording.measured().items()
         if len(side) >= _FEWEST
         for channel in side.channels()
+        if channel != "supply"
     ]
     return [
         found

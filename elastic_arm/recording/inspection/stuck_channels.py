@@ -16,6 +16,10 @@ from elastic_arm.recording.sides import Array, Side, joints_with, span_of
 
 # An arm whose joints all travel less than this, rad, stands still.
 STILL = 1e-3
+# rad (m) that a joint has moved for certain: beyond play, wind-up and the steps of encoders.
+MOVED = 0.05
+# Channels that need not follow the motion of an arm.
+NOT_OF_MOTION = ("acceleration", "supply")
 NO_MOTION = "Record an excitation from `elastic-arm excite`"
 _ENOUGH = 50_000  # samples of a channel that show how it is updated; bounds the time
 _NOTHING = {"effort": 1e-9}  # Nm within which a torque does not change: no sensor resolves it
@@ -39,6 +43,14 @@ _SAID = {
         "stuck",
         "is constant while the joint moves",
         "the channel is not connected, or not read: results that depend on it are unreliable",
+    ),
+    "stuck torque": (
+        "stuck",
+        "is constant while the joint moves",
+        (
+            "the channel is not connected, or not read: identify and diagnose treat it as not"
+            " recorded"
+        ),
     ),
     "zeros": (
         "zeros_between",
@@ -86,10 +98,8 @@ def channel_findings(recording: Recording) -> list[Finding]:
             continue
         position = position_at(recording, side)
         for channel, values in side.channels().items():
-            if channel != "acceleration":
-                # 0.05 rad that a joint has moved for certain: beyond play, wind-up and the steps of
-                # encoders
-                others = [far > 0.05 for what, far in travel.items() if what != (name, channel)]
+            if channel not in NOT_OF_MOTION:
+                others = [far > MOVED for what, far in travel.items() if what != (name, channel)]
                 moving = np.any(others, axis=0) if others else np.zeros(recording.n, np.bool_)
                 findings += _of_channel(
                     recording, f"{name} {channel}", side, values, position, moving
@@ -117,7 +127,8 @@ def _of_channel(
         column = values[:, j]
         if np.ptp(column) <= _NOTHING.get(channel, 0.0):
             if moving[j]:
-                said["stuck"].append(f"{joint} at {float(column[0]) + 0.0:.3g}")
+                kind = "stuck torque" if channel == "effort" else "stuck"
+                said[kind].append(f"{joint} at {float(column[0]) + 0.0:.3g}")
             continue
         turning = np.ones(len(side), np.bool_) if position is None else _changing(position[:, j])
         unlike = turning if position is None else _going(position[:, j])
@@ -164,6 +175,8 @@ def at_updates(recording: Recording, found: list[Finding]) -> Recording:
         first = 0
         last = len(side)
         for channel, values in side.channels().items():
+            if channel == "supply":
+                continue
             periods = _periods(values[middle], position)
             held = (periods > 1.0) & np.isfinite(values).all(axis=0)
             if not held.any():

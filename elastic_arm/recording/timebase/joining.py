@@ -166,12 +166,6 @@ def _filled_side(t: Array, side: Side, other: Side) -> Side:
     if angle is not None and other.position is not None:
         angle = np.where(joints_with(angle), angle, other.position)
     if side.position is not None and angle is not None:
-        if np.isnan(angle[:1]).any():
-            which = ", ".join(str(j + 1) for j in np.flatnonzero(np.isnan(angle[0])))
-            problem = f"joint {which} of {angle.shape[1]} has no positions on either side"
-            raise RecordingError(
-                problem, "Record them, or give a description of only the recorded joints: --robot."
-            )
         found["position"] = angle
     if side.velocity is not None and angle is not None:
         found["velocity"] = np.where(
