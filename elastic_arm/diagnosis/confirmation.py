@@ -54,7 +54,7 @@ class Confirmation:
     nats: float  # of log-likelihood
     # of the gap at its places, that comes back without it; None where no place has a gap
     returning: Share | None
-    alone: Share | None = None  # of the whole gap, that goes when it alone is added
+    alone: Share | None = None  # of the gap beside what every drive has, that goes when it is added
     has_size: bool = True  # whether its size is beyond two deviations of none
     taken_over: bool = (
         False  # whether numbers beyond their ordinary deviations stand for it where it is taken out
@@ -174,10 +174,9 @@ def share_without(before: Gap, after: Gap, without: Gap, own: Gap, between: Gap)
 
 
 def share_alone(before: Gap, alone: Gap, own: Gap) -> Share | None:
-    """Return the share of the whole gap that goes where one cause alone is added; None without a
-    gap.
+    """Return the share of a gap that goes where one cause alone is added; None without a gap.
 
-    before, alone: gaps as described, and with it; own: what it adds to the residuals.
+    before, alone: gaps without and with it; own: what it adds to the residuals.
     """
     share = shrink(before, alone).share
     if share is None:

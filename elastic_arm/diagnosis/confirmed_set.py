@@ -31,7 +31,7 @@ from elastic_arm.diagnosis.confirmation import (
     share_without,
     taking_over,
 )
-from elastic_arm.diagnosis.decomposition import Decomposition, without_parts
+from elastic_arm.diagnosis.decomposition import Decomposition, is_friction, without_parts
 from elastic_arm.diagnosis.far_numbers import Name, bounds_of, gain_beyond, gain_beyond_together
 from elastic_arm.evidence.explanation import weighted
 from elastic_arm.evidence.fit import Fit
@@ -215,10 +215,18 @@ def _share_without(parts: Decomposition, term: Term, less: Decomposition) -> Sha
 
 
 def _share_alone(parts: Decomposition, term: Term) -> Share | None:
-    """Return the share of the whole gap that one cause alone removes."""
+    """Return the share of the gap that one cause removes beside what every drive has.
+
+    Where the description states neither friction nor armatures, these are most of the gap and would
+    hide what a cause removes.
+    """
     own = parts.added_alone(term)
-    left = without_parts(parts.before, [own])
-    return share_alone(parts.gaps[0], parts.gap(left), parts.gap(own))
+    usual = [parts.friction_added, parts.armatures_added]
+    beside = without_parts(parts.before, usual)
+    if is_friction(term):
+        beside = [left + more for left, more in zip(beside, own, strict=True)]
+    left = without_parts(beside, [own])
+    return share_alone(parts.gap(beside), parts.gap(left), parts.gap(own))
 
 
 def _share_of_numbers(parts: Decomposition, which: list[int]) -> float | None:

@@ -219,16 +219,24 @@ class Decomposition:
         """The contribution of each optional term of the set, except nonparametric laws."""
         return [self.added[t.ident] for t in self.fit.optional if t.ident in self.added]
 
-    @property
+    @cached_property
     def friction_added(self) -> list[Array]:
         """The contribution of friction to the residuals (N', R) of each stretch, Nm."""
         total = [np.zeros_like(y) for y in self.linear.data.y]
         for t in self.fit.terms:
-            is_law = isinstance(t, EffectTerm) and t.feature.effect.friction
-            if is_law or isinstance(t, DryFrictionTerm):
+            if is_friction(t):
                 for y, more in zip(total, self.added[t.ident], strict=True):
                     y += more
         return total
+
+    @cached_property
+    def armatures_added(self) -> list[Array]:
+        """The contribution of armatures that the description does not state."""
+        unstated = [
+            number.what == "rotor_inertia" and number.neutral == 0.0
+            for number in self.problem.numbers
+        ]
+        return self.moved_by(np.where(unstated, self.numbers - self._numbers_before, 0.0))
 
     @cached_property
     def mounting_added(self) -> list[Array]:
@@ -285,6 +293,12 @@ class Decomposition:
         """The gap with the present numbers and without any term."""
         each = zip(self.after, *self.causes_added, strict=True)
         return self.gap([sum(parts) for parts in each])
+
+
+def is_friction(term: Term) -> bool:
+    """Whether a term is a law of friction, or how dry friction differs from its law."""
+    is_law = isinstance(term, EffectTerm) and bool(term.feature.effect.friction)
+    return is_law or isinstance(term, DryFrictionTerm)
 
 
 def without_parts(first: Sequence[Array], added: Sequence[Sequence[Array]]) -> list[Array]:
