@@ -20,9 +20,9 @@ from elastic_arm.recording.inspection.described_gravity import (
     _findings,
     contradicted,
     misread_channels,
-    side_motions,
 )
 from elastic_arm.recording.inspection.report import Finding
+from elastic_arm.recording.inspection.side_motion import side_motions
 from elastic_arm.robot import Robot, load_robot, parse_urdf, save_robot
 from tests.helpers import six_axes
 from tests.helpers.nightly import nightly

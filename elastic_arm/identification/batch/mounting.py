@@ -22,7 +22,6 @@ from elastic_arm.formatting import short_numbers
 from elastic_arm.identification.verdict import MotionStatistics
 from elastic_arm.recording.inspection.described_gravity import (
     LEFT,
-    OVERHEAD,
     SIZE,
     TURNED,
     angle_between,
@@ -39,6 +38,8 @@ CHANCE = 1e-5
 # degree to which a mounting is known: masses are off, and what is compiled for an arm serves the
 # next one
 STEP = 1.0
+# rad: nearer to upside down, which all signs together are, too, than to any side
+OVERHEAD = 0.75 * np.pi
 UNKNOWN_ANGLE = float(np.pi / np.sqrt(3.0))  # rad, of an angle that is uniform over a turn
 WORDS = (
     "the torques show gravity of {} m/s², but the description has {}: the arm is"

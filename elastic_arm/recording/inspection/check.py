@@ -10,12 +10,7 @@ import numpy as np
 from elastic_arm.errors import RecordingError, RobotError
 from elastic_arm.recording.foreign.channels import ChannelMap
 from elastic_arm.recording.inspection.commands import followed
-from elastic_arm.recording.inspection.described_gravity import (
-    Motions,
-    contradicted,
-    misread_channels,
-    side_motions,
-)
+from elastic_arm.recording.inspection.described_gravity import contradicted, misread_channels
 from elastic_arm.recording.inspection.magnitudes import beyond_limits, of_no_arm
 from elastic_arm.recording.inspection.outliers import cleared, without_zeros
 from elastic_arm.recording.inspection.percent import in_percent
@@ -28,6 +23,7 @@ from elastic_arm.recording.inspection.report import (
     note,
     wrong_rate,
 )
+from elastic_arm.recording.inspection.side_motion import Motions, side_motions
 from elastic_arm.recording.inspection.stuck_channels import channel_findings, frozen
 from elastic_arm.recording.inspection.two_encoders import disagreeing
 from elastic_arm.recording.made_torque import is_commanded, joints_with_duty
