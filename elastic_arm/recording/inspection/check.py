@@ -19,6 +19,7 @@ from elastic_arm.recording.inspection.report import (
     REPAIR,
     Finding,
     Report,
+    WrongMotion,
     moment,
     note,
     wrong_rate,
@@ -143,9 +144,10 @@ def looked_through(
     """
     whole, found = cleared(recording)
     found += [note(words) for words in whole.samples().notes if words not in recording.notes]
-    if robot is not None and motions is not None:
+    seen = _seen(whole, recording, robot)
+    if robot is not None and motions is not None and not _of_motion(seen):
         motions += side_motions(whole, robot)
-    return found + _seen(whole, recording, robot)
+    return found + seen
 
 
 def doubts(recording: Recording, robot: Robot) -> list[str]:
@@ -154,7 +156,9 @@ def doubts(recording: Recording, robot: Robot) -> list[str]:
     Fits look for the mounting themselves.
     """
     whole = cleared(recording)[0]
-    found = _seen(whole, recording, robot) + contradicted([*side_motions(whole, robot)], robot)
+    found = _seen(whole, recording, robot)
+    if not _of_motion(found):
+        found += contradicted([*side_motions(whole, robot)], robot)
     return [
         finding.message
         for finding in found
@@ -179,10 +183,10 @@ def misread(
         # Torques would be made of commands that no drive received.
         if of_commands and is_commanded(whole):
             words += [one.message for one in followed(whole) if one.code == "copied_command"]
-        if first := next(
-            filter(None, [*words, misread_channels(whole, robot, weight=not explained)]), None
-        ):
-            return f"{recording.source}: {first}"
+        if not words and (read := misread_channels(whole, robot, weight=not explained)):
+            words = [*_of_motion(_sizes(whole, recording, robot)), read]
+        if words:
+            return f"{recording.source}: {words[0]}"
     return None
 
 
@@ -194,8 +198,17 @@ def _seen(whole: Recording, recording: Recording, robot: Robot | None) -> list[F
         *disagreeing(whole),
         *followed(whole),
     ]
-    found += [*of_no_arm(whole), *in_percent(recording)]
+    return found + _sizes(whole, recording, robot)
+
+
+def _sizes(whole: Recording, recording: Recording, robot: Robot | None) -> list[Finding]:
+    found = [*of_no_arm(whole), *in_percent(recording)]
     return found if robot is None else [*found, *beyond_limits(whole, robot)]
+
+
+def _of_motion(findings: Sequence[Finding]) -> list[str]:
+    """Return in words which findings make a comparison of the torques at these angles moot."""
+    return [one.message for one in findings if isinstance(one, WrongMotion)]
 
 
 def _read(
