@@ -36,7 +36,6 @@ from elastic_arm.identification.law_columns import on_recorded_side, with_stated
 from elastic_arm.identification.least_squares import Prior
 from elastic_arm.identification.misfit import poor_fits, resonance
 from elastic_arm.identification.regularisation import (
-    DOUBT,
     chosen_width,
     described_width,
     description_error,
@@ -255,7 +254,7 @@ def _regularised(
     width = min(chosen or LOOSE, LOOSE) if equations.rigid else chosen
     if width is None:
         return None, None
-    return width if chosen else None, prior(width, description_error(plain, equations, DOUBT))
+    return width if chosen else None, prior(width, description_error(plain, equations))
 
 
 def _held_out(
@@ -295,7 +294,7 @@ def resonances(
 ) -> dict[str, float]:
     """Return the frequency, Hz, at which rigid joints answer their torque most, if any."""
     plain = robot.with_(effects=())
-    found = dict[str, float]()
+    found = {}
     friction = parse_laws(PLAIN, plain)
     for motions in recordings:
         longest = max(motions, key=len)

@@ -104,7 +104,7 @@ def mounted(robot: Robot, x: float, y: float) -> Robot:
 
 def turned(x: float, y: float) -> Array:
     """Return the rotation (3, 3) Rx(x) Ry(y)."""
-    return np.asarray(Rotation.from_euler("XY", [x, y]).as_matrix())
+    return Rotation.from_euler("XY", [x, y]).as_matrix()
 
 
 def _down_and_rates(x: float, y: float) -> Array:

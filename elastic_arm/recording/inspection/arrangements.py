@@ -89,7 +89,7 @@ def arranged(motion: SideMotion, side: str, robot: Robot, arm: Arm, shown: Array
 
 def _turned(matrix: Array, values: Array) -> Array:
     """Replace the columns of values (N, n) by sums of them, by a matrix (n, n)."""
-    return np.asarray(values @ matrix.T)
+    return values @ matrix.T
 
 
 def _mounted(motion: SideMotion, side: str, robot: Robot, gravity: Array) -> Products:

@@ -96,7 +96,7 @@ def contradicted(motions: Motions, robot: Robot) -> list[Finding]:
     and "gravity_size" for the sign, direction and size of gravity; and "gravity_missing" if the
     torques contain no gravity.
     """
-    found = list[Finding]()
+    found = []
     for comparison in _comparisons(motions, robot):
         confused, judged = _findings(comparison)
         found += [*confused, *judged]

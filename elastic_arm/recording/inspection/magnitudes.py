@@ -43,7 +43,7 @@ def hardly_usable(recording: Recording) -> list[str]:
 
 def of_no_arm(recording: Recording) -> list[Finding]:
     """Return speeds and torques that no arm has, because their unit is wrong."""
-    findings = list[Finding]()
+    findings = []
     joints = recording.joints
     for name, side in recording.measured().items():
         if len(side) < FEWEST:
@@ -91,7 +91,7 @@ def _advance(position: Array, stamp_ns: Stamps) -> Array:
     step = float(np.median(np.diff(stamp_ns))) * 1e-9
     width = min(max(round(0.1 / max(step, 1e-9)), 1), len(position) - 1)
     seconds = (stamp_ns[width:] - stamp_ns[:-width])[:, None] * 1e-9
-    return np.asarray((position[width:] - position[:-width]) / seconds)
+    return (position[width:] - position[:-width]) / seconds
 
 
 def _size(values: Array) -> Array:

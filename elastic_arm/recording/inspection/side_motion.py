@@ -59,7 +59,7 @@ class SideMotion(NamedTuple):
             [column / max(float(np.linalg.norm(column)), 1e-300) for column in columns]
         )
         basis, sizes, _ = np.linalg.svd(scaled, full_matrices=False)
-        return np.asarray(basis[:, sizes > RANK * sizes[0]])
+        return basis[:, sizes > RANK * sizes[0]]
 
 
 Motions = list[tuple[str, SideMotion]]  # with the sides whose torques they hold
@@ -116,7 +116,7 @@ def _motion(samples: Samples, position: Array, channel: str) -> SideMotion:
     def smooth(values: Array) -> Array:
         """Smooth as well as a derivative needs it, of motion and torques alike."""
         once = savgol_filter(values, width, 3, axis=0)
-        return np.asarray(savgol_filter(once, width, 3, axis=0))
+        return savgol_filter(once, width, 3, axis=0)
 
     # Over numbers of samples, and of the times at these: some may be missing.
     q = smooth(position)
