@@ -111,9 +111,9 @@ def description_errors(equations: BaseRegression) -> tuple[NDArray[np.intp], Arr
     return own, covariance + np.diag((PLACEHOLDER * scales[own]) ** 2)
 
 
-def description_error(fit: Fit, equations: BaseRegression) -> float:
-    """Return the largest likely relative error of the description according to the parameters that
-    the data determine.
+def description_error(fit: Fit, equations: BaseRegression, doubt: float = 0.0) -> float:
+    """Return the relative error of the description according to the parameters that the data
+    determine.
 
     It is the width of the prior of the estimate of `fit` minus the description, by maximum
     likelihood (empirical Bayes; B. Efron, Large-Scale Inference, 2010, 1), parameter by parameter.
@@ -128,7 +128,9 @@ def description_error(fit: Fit, equations: BaseRegression) -> float:
     variances = noise + np.square(ERRORS)[:, None] * described
     likelihoods = -0.5 * np.sum(np.log(variances) + off**2 / variances, axis=1)
     best = int(np.argmax(likelihoods))
-    unlikely = np.flatnonzero(likelihoods[best] - likelihoods > DOUBT)
+    if not doubt:
+        return ERRORS[best]
+    unlikely = np.flatnonzero(likelihoods[best] - likelihoods > doubt)
     return ERRORS[min(unlikely[unlikely > best].tolist(), default=-1)]
 
 
@@ -197,7 +199,9 @@ def solved(gram: Array, prior: Prior | None) -> Array:
     scale = np.sqrt(np.maximum(np.diag(total)[:-1], 0.0))
     scale = np.where(scale > 0, scale, 1.0)
     normal = total[:-1, :-1] / np.outer(scale, scale)
-    return np.linalg.pinv(normal, rcond=1e-13, hermitian=True) @ (total[:-1, -1] / scale) / scale
+    return np.asarray(
+        np.linalg.pinv(normal, rcond=1e-13, hermitian=True) @ (total[:-1, -1] / scale) / scale
+    )
 
 
 def described_width(width: float, judge: str) -> str:

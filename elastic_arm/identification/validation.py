@@ -17,6 +17,7 @@ from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.consistent import with_consistency
 from elastic_arm.identification.deviations import residual_norms
 from elastic_arm.identification.regularisation import (
+    DOUBT,
     WIDTHS,
     described_width,
     description_error,
@@ -215,7 +216,7 @@ def _tries(
     result: Identification, identifier: Identifier, held_out: HeldOut, correlated: float
 ) -> list[_Try]:
     """Fit with each width of the prior."""
-    error = description_error(identifier.fit(), held_out.equations)
+    error = description_error(identifier.fit(), held_out.equations, DOUBT)
     laws = law_sizes(identifier.linear_blocks(), held_out.equations)
     found = []
     for width in PULLED:

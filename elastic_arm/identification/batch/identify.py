@@ -36,6 +36,7 @@ from elastic_arm.identification.law_columns import on_recorded_side, with_stated
 from elastic_arm.identification.least_squares import Prior
 from elastic_arm.identification.misfit import poor_fits, resonance
 from elastic_arm.identification.regularisation import (
+    DOUBT,
     chosen_width,
     described_width,
     description_error,
@@ -254,7 +255,7 @@ def _regularised(
     width = min(chosen or LOOSE, LOOSE) if equations.rigid else chosen
     if width is None:
         return None, None
-    return width if chosen else None, prior(width, description_error(plain, equations))
+    return width if chosen else None, prior(width, description_error(plain, equations, DOUBT))
 
 
 def _held_out(
@@ -294,7 +295,7 @@ def resonances(
 ) -> dict[str, float]:
     """Return the frequency, Hz, at which rigid joints answer their torque most, if any."""
     plain = robot.with_(effects=())
-    found = {}
+    found = dict[str, float]()
     friction = parse_laws(PLAIN, plain)
     for motions in recordings:
         longest = max(motions, key=len)
