@@ -145,15 +145,14 @@ def test_findings_that_are_kept_cannot_be_changed() -> None:
 def test_another_unit_of_an_angle_is_the_only_finding(tmp_path: Path) -> None:
     """Degrees taken as radians at one joint: what its torques then resemble is a consequence. The
     torques at right angles stay compared where only the velocity has another unit."""
-    limits = Limits(-2.0, 2.0)
-    robot = random_arm(6, np.random.default_rng(1), elastic=False).with_(gravity=DOWN)
+    robot = random_arm(3, np.random.default_rng(0), elastic=False).with_(gravity=DOWN)
     for joint in robot.joints:
-        robot = robot.with_joint(joint.name, limits=limits)
-    right = recorded(robot, side="motor", speed=0.3, noise=1.0)
+        robot = robot.with_joint(joint.name, limits=Limits(-2.0, 2.0))
+    right = recorded(robot, side="motor", speed=0.3, noise=0.02)
     degrees = np.where(np.arange(robot.n) == 1, 180.0 / np.pi, 1.0)
     wrong = replace(right, link=replace(right.link, position=right.link.position * degrees))
     wrong = replace(wrong, link=replace(wrong.link, velocity=right.link.velocity * degrees))
-    assert len(contradicted_gravity(wrong, robot)) > 1
+    assert contradicted_gravity(wrong, robot)
     (words,) = doubts(wrong, robot)
     assert "check the unit (degrees taken as radians)" in words
     write_recording(tmp_path / "bag", wrong)
