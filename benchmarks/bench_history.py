@@ -19,9 +19,9 @@ from elastic_arm.effects import Catalogue, parse
 from elastic_arm.effects.text import known_effects
 from elastic_arm.excitation import MotionLimits, Shape, random_trajectories
 from elastic_arm.robot import load_robot
-from elastic_arm.robot.variation import varied
 from elastic_arm.sensors import Sensors
 from elastic_arm.simulation import SimulationSettings, simulate
+from examples.known_arm import varied
 
 LAW = "coulomb_friction"
 

@@ -13,8 +13,9 @@ from collections import Counter
 from pathlib import Path
 
 from elastic_arm.recording.inspection.check import check_bag, looked_through
-from elastic_arm.recording.inspection.described_gravity import Motions, contradicted
+from elastic_arm.recording.inspection.described_gravity import contradicted
 from elastic_arm.recording.inspection.report import Finding
+from elastic_arm.recording.inspection.side_motion import Motions
 from elastic_arm.recording.recording import Recording
 from elastic_arm.robot import Robot
 from tests.helpers.clean_recordings import clean_recordings

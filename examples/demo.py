@@ -45,10 +45,11 @@ from elastic_arm.excitation import (
     optimise,
     random_trajectories,
 )
-from elastic_arm.identification import Identification, chi_square, compare, identify
+from elastic_arm.identification import Identification, identify
 from elastic_arm.recording import read_recording, write_recording
-from elastic_arm.robot import Robot, load_robot, save_robot, varied
+from elastic_arm.robot import Robot, load_robot, save_robot
 from elastic_arm.simulation import SimulationSettings, simulate
+from examples.known_arm import chi_square, true_values, varied
 
 EVALUATIONS = 600
 SHAPE = Shape(harmonics=5, period=8.0, periods=2)
@@ -107,9 +108,7 @@ def demo(folder: Path, seed: int, speed: float) -> None:
     offline = identify(read_recording(folder / "bag"), nominal)
     out.print(f"{offline.samples} samples, derivatives by {', '.join(offline.derivatives)}")
     _heading("4  estimates and the truth")
-    _compare(
-        offline, online, np.array([parameter.true for parameter in compare(offline, true_arm)])
-    )
+    _compare(offline, online, true_values(offline, true_arm))
     report = _report(folder / "report.html", offline)
     _heading("5  another arm has an effect that the diagnosis is not told")
     _diagnose_withheld(folder / "withheld", nominal, search.trajectory, np.random.default_rng(seed))

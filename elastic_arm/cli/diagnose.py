@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from json import dumps as json_text
 from pathlib import Path
-from typing import Annotated, Self
+from typing import Annotated, NamedTuple, Self
 
 import numpy as np
 import typer
@@ -67,6 +67,34 @@ Propose = Annotated[
     bool,
     typer.Option(help="Propose a motion that separates causes from their alternatives."),
 ]
+Against = Annotated[
+    Path | None, typer.Option(metavar="BAG", help="Simulated recording of the same commands.")
+]
+Replayed = Annotated[
+    bool,
+    typer.Option(
+        "--replay", help="Replay the recording in MuJoCo before and after the correction (MJCF)."
+    ),
+]
+Mcap = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="BAG",
+        help="Write the validation recordings as a bag with their residuals before and after.",
+    ),
+]
+Seconds = Annotated[
+    float | None,
+    typer.Option(
+        min=1.0, metavar="N", help="Stop the search after N seconds with the best answer so far."
+    ),
+]
+Explain = Annotated[
+    bool,
+    typer.Option(
+        help="Also print the search: the sets that were scored, what the best one lacks, moves."
+    ),
+]
 
 
 @reports_errors
@@ -88,42 +116,16 @@ def diagnose_command(
     refit: options.Refit = False,
     priors_file: options.PriorsFile = None,
     propose: Propose = True,
-    against: Annotated[
-        Path | None, typer.Option(metavar="BAG", help="Simulated recording of the same commands.")
-    ] = None,
+    against: Against = None,
     out_dir: options.OutFolder = Path("diagnosis"),
-    replayed: Annotated[
-        bool,
-        typer.Option(
-            "--replay",
-            help="Replay the recording in MuJoCo before and after the correction (MJCF).",
-        ),
-    ] = False,
-    mcap: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="BAG",
-            help="Write the validation recordings as a bag with their residuals before and after.",
-        ),
-    ] = None,
+    replayed: Replayed = False,
+    mcap: Mcap = None,
     csv: Csv = False,
     force: Force = False,
     json: options.Json = False,
     quiet: options.Quiet = False,
-    seconds: Annotated[
-        float | None,
-        typer.Option(
-            min=1.0,
-            metavar="N",
-            help="Stop the search after N seconds with the best answer so far.",
-        ),
-    ] = None,
-    explain: Annotated[
-        bool,
-        typer.Option(
-            help="Also print the search: the sets that were scored, what the best one lacks, moves."
-        ),
-    ] = False,
+    seconds: Seconds = None,
+    explain: Explain = False,
     fail_on: FailOn = None,
 ) -> None:
     """Find where a recording and a model differ, which effect the model lacks, and by how much the
@@ -147,7 +149,8 @@ def diagnose_command(
     """
     check_gate(fail_on or ())
     options.require_bags([*bags, *(validate or [])])
-    claim_folder(out_dir, [*RESULTS, *(TABLES if csv else ())], force=force)
+    tables = TABLES if csv else ()
+    claim_folder(out_dir, [*RESULTS, *tables], force=force)
     residual_bags = _claimed_bags(mcap, len(validate or bags))
     catalogue = Catalogue.default().with_files(effects_files or ())
     robot = options.load_arm(robot_file, chain, at, catalogue)
@@ -176,35 +179,32 @@ def diagnose_command(
         priors=priors,
     )
     keep_memory()  # The parts of the recordings that were not kept would leave holes.
-    commanded = any(is_commanded(one) for one in recorded.fitted)
     with (
         working("diagnosing") as status,
-        watched(Progress(seconds), status, commanded=commanded, quiet=quiet) as watch,
+        watched(Progress(seconds), status, commanded=recorded.commanded, quiet=quiet) as watch,
     ):
-        found = _diagnosed(recorded, question, watch, propose=propose)
-        corrected = Written(misread_channels)
-        if misread_channels is None:
-            corrected = correct(
-                found, robot, out_dir, correction, recorded.judging, recorded.fitted, watch
-            )
-        found = _with_correction(found, corrected, cut_short=watch.is_over())
-        replays = replay_both(correction, out_dir, recorded.judging[0]) if replayed else []
-        comparison = recorded.comparison(found, question)
-        save_diagnosis(found, corrected.robot, out_dir, comparison)
+        found = diagnose(recorded.fitted, question, recorded.validation, watch=watch)
+        watch.say("prediction, and a motion to record next", Stage.FOLLOWED)
+        found = follow_up(found, rng=np.random.default_rng(0) if propose else None)
+        answer = recorded.answer(found, question, correction, misread_channels, out_dir, watch)
+        if replayed:
+            replays = replay_both(correction, out_dir, recorded.judging[0])
+            answer = answer._replace(replays=replays)
+        save_diagnosis(answer.found, answer.corrected.robot, out_dir, answer.comparison)
     if not json and not quiet:
-        _print_answer(found, corrected, replays, comparison, explain=explain)
+        answer.print(explain=explain)
     # The answer is printed before the figures, which take seconds.
     with working("drawing the report"):
-        draw_report(found, out_dir, replays, comparison)
+        draw_report(answer.found, out_dir, answer.replays, answer.comparison)
         if csv:
-            found.to_csv(out_dir)
-        _write_residuals(residual_bags, recorded.judging, found, robot)
+            answer.found.to_csv(out_dir)
+        _write_residuals(residual_bags, recorded.judging, answer.found, robot)
     if json:
-        print_json(found.to_dict())
+        print_json(answer.found.to_dict())
     elif not quiet:
         print_written(out_dir)
-        print_also_written([*(TABLES if csv else ()), *map(str, residual_bags)])
-    pass_gate(found, fail_on or ())
+        print_also_written([*tables, *map(str, residual_bags)])
+    pass_gate(answer.found, fail_on or ())
 
 
 @dataclass(frozen=True)
@@ -239,39 +239,50 @@ class _Recorded:
         """The validation recordings, whole or the last third of each."""
         return self.validation or self.fitted
 
-    def comparison(self, found: Diagnosis, question: Question) -> SimulationComparison | None:
-        """Compare the real with the simulated recording, if there is one."""
-        if self.simulated is None or self.difference is None:
-            return None
-        return compare(found, self.simulated, question, self.difference)
+    @property
+    def commanded(self) -> bool:
+        """Whether a fitted recording has commands and no torques."""
+        return any(is_commanded(one) for one in self.fitted)
+
+    def answer(
+        self,
+        found: Diagnosis,
+        question: Question,
+        correction: Correction,
+        misread_channels: str | None,
+        folder: Path,
+        watch: Watch,
+    ) -> "_Answer":
+        """Correct the arm unless channels are misread, and compare with a simulated recording."""
+        corrected = Written(misread_channels)
+        if misread_channels is None:
+            arm = question.robot
+            corrected = correct(found, arm, folder, correction, self.judging, self.fitted, watch)
+        found = _with_correction(found, corrected, cut_short=watch.is_over())
+        comparison = None
+        if self.simulated is not None and self.difference is not None:
+            comparison = compare(found, self.simulated, question, self.difference)
+        return _Answer(found, corrected, [], comparison)
 
 
-def _diagnosed(
-    recorded: _Recorded, question: Question, watch: Watch, *, propose: bool
-) -> Diagnosis:
-    """Diagnose, predict, and propose a motion if asked."""
-    found = diagnose(recorded.fitted, question, recorded.validation, watch=watch)
-    watch.say("prediction, and a motion to record next", Stage.FOLLOWED)
-    return follow_up(found, rng=np.random.default_rng(0) if propose else None)
+class _Answer(NamedTuple):
+    """What a diagnosis found, wrote, replayed and compared."""
 
+    found: Diagnosis
+    corrected: Written
+    replays: list[Replay]
+    comparison: SimulationComparison | None
 
-def _print_answer(
-    found: Diagnosis,
-    corrected: Written,
-    replays: list[Replay],
-    comparison: SimulationComparison | None,
-    *,
-    explain: bool,
-) -> None:
-    """Print a diagnosis, the search if asked, the correction and the comparisons."""
-    print_diagnosis(found)
-    if explain:
-        print_search(found)
-    print_correction(corrected.file)
-    print_closed_loop(found.closed_loop, "robot.yaml")
-    print_replays(replays)
-    print_comparison(comparison)
-    out.file.flush()
+    def print(self, *, explain: bool) -> None:
+        """Print the diagnosis, the search if asked, the correction and the comparisons."""
+        print_diagnosis(self.found)
+        if explain:
+            print_search(self.found)
+        print_correction(self.corrected.file)
+        print_closed_loop(self.found.closed_loop, "robot.yaml")
+        print_replays(self.replays)
+        print_comparison(self.comparison)
+        out.file.flush()
 
 
 def _priors(file: Path | None, catalogue: Catalogue) -> Priors:

@@ -219,7 +219,7 @@ def bags_in(paths: Sequence[Path]) -> list[Path]:
     """Return bags; of a folder of bags those in it."""
     from elastic_arm.recording.storage.bag import METADATA
 
-    found: list[Path] = []
+    found = []
     for path in paths:
         # Path.glob raises for names that are too long.
         a_bag = os.path.exists(path / METADATA) or not os.path.isdir(path)

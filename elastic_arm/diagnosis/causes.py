@@ -27,8 +27,7 @@ from elastic_arm.diagnosis.gap import shrink
 from elastic_arm.diagnosis.result import Alternative, Cause, UnconfirmedCause
 from elastic_arm.diagnosis.unknown_effects import UnknownEffects
 from elastic_arm.diagnosis.words import no_separation
-from elastic_arm.effects import EFFECTS, EffectInstance
-from elastic_arm.effects.library.base_tilt import TILT
+from elastic_arm.effects.library.base_tilt import TILT, tilt
 from elastic_arm.evidence.fit import Fit
 from elastic_arm.evidence.priors import LISTED
 from elastic_arm.evidence.terms.known import KnownTerm, StatedTerm
@@ -207,7 +206,6 @@ class Causes:
         """Return the tilt of an arm with another mounting than described, including the tilt that
         was found relative to it."""
         mounting = self.parts.prepared.mounting
-        effect = EFFECTS[TILT]
         assert mounting is not None
         rest = next((one for one in found if one[0].effect == TILT), None)
         small = {axis: ParameterEstimate(0.0, MOUNTED, "rad") for axis in "xy"}
@@ -218,22 +216,22 @@ class Causes:
         x, y = mounting.tilted(*further)
         own = [MOUNTED if small[axis].std is None else float(small[axis].std) for axis in "xy"]
         x_std, y_std = mounting.tilted_by((own[0], own[1]), *further)
-        values = {
-            "x": ParameterEstimate(x, x_std, "rad"),
-            "y": ParameterEstimate(y, y_std, "rad"),
-        }
         alone = without_parts(self.parts.before, [self.parts.mounting_added])
         share = shrink(self.parts.gaps[0], self.parts.gap(alone)).share
+        instance = tilt(x, y)
         cause = Cause(
             effect=TILT,
             joint=None,
-            sides=effect.sides,
-            regime=effect.regime,
-            parameters=values,
+            sides=instance.effect.sides,
+            regime=instance.effect.regime,
+            parameters={
+                "x": ParameterEstimate(x, x_std, "rad"),
+                "y": ParameterEstimate(y, y_std, "rad"),
+            },
             shrink=0.0 if share is None else share,
             confidence=1.0 - CHANCE,
             alternatives=(),
-            instance=EffectInstance(effect, None, {"x": x, "y": y}),
+            instance=instance,
             is_number=True,
         )
         return cause, alone

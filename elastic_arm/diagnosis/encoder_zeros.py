@@ -93,7 +93,7 @@ def _zeros(observed: Sequence[_Observed], joint: int, stiffness: float) -> Array
         rows.append(own)
         apart.append(one.apart[:, joint] + wound)
     found = np.linalg.lstsq(np.vstack(rows), np.concatenate(apart), rcond=None)[0]
-    return np.asarray(found[:count])
+    return found[:count]
 
 
 def _shifted(recording: Recording, zeros: Array, notes: tuple[str, ...]) -> Recording:

@@ -172,14 +172,14 @@ def _score(n: Array, s: Array, runs: Runs, price: float) -> tuple[float, tuple[f
 def _ordinary(n: Array, s: Array, a: Array | float, b: Array | float) -> Array:
     h = n / 2
     x = s / 2
-    return np.asarray(gammaln(h + a) - gammaln(a) + a * np.log(b) - (h + a) * np.log(b + x))
+    return gammaln(h + a) - gammaln(a) + a * np.log(b) - (h + a) * np.log(b + x)
 
 
 def _event(n: Array, s: Array, least: float) -> Array:
     h = n / 2
     x = s / 2
     larger = np.log(np.maximum(gammainc(h, x / least), 1e-300))
-    return np.asarray(gammaln(h) + larger - h * np.log(x) - np.log(np.log(LARGER)))
+    return gammaln(h) + larger - h * np.log(x) - np.log(np.log(LARGER))
 
 
 def _sums(n: Array, s: Array) -> tuple[Array, Array]:

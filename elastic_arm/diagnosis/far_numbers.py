@@ -60,7 +60,7 @@ def beyond(fit: Fit, values: Array, numbers: Sequence[Number]) -> Array:
     std = np.sqrt(np.maximum(np.diag(fit.number_covariance), 0.0))
     bounds = bounds_of(numbers, fit.model.assumed.zeros)
     std = np.clip(std, np.finfo(float).eps, bounds / bounds_of(numbers))
-    return np.asarray(norm.sf((bounds - mean) / std) + norm.cdf((-bounds - mean) / std))
+    return norm.sf((bounds - mean) / std) + norm.cdf((-bounds - mean) / std)
 
 
 def probabilities(
@@ -72,7 +72,7 @@ def probabilities(
     stated, kp is off and not their ratio.
     """
     each = beyond(fit, values, numbers)
-    found: dict[Name, float] = {}
+    found = {}
     moved = np.zeros(len(numbers), dtype=bool)
     for term in fit.optional:
         if isinstance(term, NumberTerm):
@@ -92,7 +92,7 @@ def stated_beyond(fit: Fit) -> dict[Name, float]:
 
     Its size is a ratio to the stated one, with or without a term that widens its prior.
     """
-    found: dict[Name, float] = {}
+    found = {}
     bound = np.log1p(ORDINARY * STATED)
     for term in fit.terms:
         if not isinstance(term, KnownTerm) or term.stated is None or not term.stated.any():

@@ -100,7 +100,7 @@ class Gap:
         term has the variance 4 |r|² |d|² / m.
         """
         variance = np.where(where, 4.0 * self.power * change.power / self.count, 0.0)
-        return np.asarray(np.sqrt(variance.sum(axis=1)))
+        return np.sqrt(variance.sum(axis=1))
 
     def place(self, where: NDArray[np.bool_]) -> Array:
         """Return the excess (R,) in some octaves."""

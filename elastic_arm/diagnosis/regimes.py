@@ -46,7 +46,7 @@ def shares(
     joint = row % n
     r = np.concatenate([v[:, row] for v in values])
     parts = [bases(part.signals, side, joint, n, ratios) for part in data.parts]
-    found: dict[str, float] = {}
+    found = {}
     power = float(np.mean(r**2)) or 1.0
     for regime in parts[0]:
         basis = np.concatenate(

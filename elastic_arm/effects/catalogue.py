@@ -114,11 +114,11 @@ class Catalogue(Mapping[str, Effect]):
         )
 
 
-def discover(folder: ModuleType = library) -> Catalogue:
-    """Return the `EFFECT` or the `EFFECTS` of every module of a package that has one."""
-    modules = sorted(m.name for m in pkgutil.iter_modules(folder.__path__))
+def discover() -> Catalogue:
+    """Return the `EFFECT` or the `EFFECTS` of every module of the library that has one."""
+    modules = sorted(m.name for m in pkgutil.iter_modules(library.__path__))
     return Catalogue(
-        [e for m in modules for e in _held(importlib.import_module(f"{folder.__name__}.{m}"))]
+        [e for m in modules for e in _held(importlib.import_module(f"{library.__name__}.{m}"))]
     )
 
 

@@ -31,8 +31,7 @@ class Once:
         """Return what goes by a name, made when it is first asked for."""
         if what not in self._made:
             self._made[what] = make()
-        found: Made = self._made[what]
-        return found
+        return self._made[what]
 
 
 @dataclass(frozen=True)

@@ -217,7 +217,7 @@ def _dry(effect: ActingEffect, signals: Signals, place: FrictionPlace) -> Array:
         return np.zeros(len(signals.t))
     moving, resting = (_one_way(effect, signals, place.side, sign) for sign in (1.0, 0.0))
     j = feature.equations.robot.joint_names.index(place.joint)
-    return np.asarray((moving - resting)[:, j])
+    return (moving - resting)[:, j]
 
 
 def _one_way(effect: ActingEffect, signals: Signals, side: str, sign: float) -> Array:

@@ -219,7 +219,7 @@ def _splines(sets: Sequence[WhitenedData], argument: Argument, count: int) -> Ar
         within = np.clip(argument(signals), low, high)
         # The right end belongs to the last interval.
         local = BSpline.design_matrix(np.minimum(within, high - 1e-9 * step), knots, DEGREE)
-        return np.asarray(local.toarray())
+        return local.toarray()
 
     return shapes
 
@@ -241,13 +241,13 @@ def _gaussian_process(count: int) -> Array:
     kernel = 1.0 + _matern(distance) + FINE_SHARE**2 * _matern(FINER * distance)
     e, U = np.linalg.eigh(kernel)
     own = e > SMALL * e.max()
-    return np.asarray((U[:, own] * np.sqrt(e[own]))[:, ::-1])
+    return (U[:, own] * np.sqrt(e[own]))[:, ::-1]
 
 
 def _matern(distance: Array) -> Array:
     """Return the Matern 5/2 kernel at distances in its length."""
     s = np.sqrt(5.0) * distance
-    return np.asarray((1.0 + s + s**2 / 3.0) * np.exp(-s))
+    return (1.0 + s + s**2 / 3.0) * np.exp(-s)
 
 
 # prior of the functions over a range, by name: count -> (count, k) combinations of splines

@@ -348,7 +348,7 @@ def _load_noise(part: Part) -> Array:
     That noise is in the residuals, too: a stiffness beside a law of the load could take it off
     them.
     """
-    return np.asarray(part.signals.values["tau_J"] - part.signals.model_torques["clear"])
+    return part.signals.values["tau_J"] - part.signals.model_torques["clear"]
 
 
 def _quiet(rate: Array, noise: NoiseModel, j: int) -> Array:
@@ -391,8 +391,8 @@ def _turnover(w: Array, t: Array, speeds: Sequence[float]) -> Array:
     the jump exceeds the acceleration.
     """
     if len(speeds) == 2:
-        return np.asarray(np.tanh(w / speeds[1]) - np.tanh(w / speeds[0]))
-    return np.asarray(np.sign(np.gradient(w, t)) * (1.0 - np.tanh(w / speeds[0]) ** 2))
+        return np.tanh(w / speeds[1]) - np.tanh(w / speeds[0])
+    return np.sign(np.gradient(w, t)) * (1.0 - np.tanh(w / speeds[0]) ** 2)
 
 
 def directions_of(nominal: Robot, model: str, parameters: Sequence[Number]) -> Array:

@@ -126,7 +126,7 @@ def _nearest_moments(inertia: Array) -> Array:
     sizes, turn = np.linalg.eigh(0.5 * np.trace(inertia) * axes - inertia)
     second = turn @ np.diag(np.maximum(sizes, 0.0)) @ turn.T
     found = np.trace(second) * axes - second
-    return np.asarray(0.5 * (found + found.T))
+    return 0.5 * (found + found.T)
 
 
 def _scaled(part: Component, ratio: float) -> Component:

@@ -113,7 +113,7 @@ class Harmonics:
     def coordinates(self, spectra: NDArray[np.complexfloating]) -> Array:
         """Return the coordinates (..., 2 H) of spectra (..., H), times `scale` already."""
         own = np.ascontiguousarray(spectra).view(float)
-        return np.asarray(own - ((own @ self.ends) * (1.0 - self.left)) @ self.ends.T)
+        return own - ((own @ self.ends) * (1.0 - self.left)) @ self.ends.T
 
 
 class CircularGains(NamedTuple):
@@ -127,7 +127,7 @@ class CircularGains(NamedTuple):
 
 def frequencies(harmonics: Harmonics, rate: float) -> Array:
     """Return the frequencies (H,) of harmonics of samples at a rate, Hz."""
-    return np.asarray(np.arange(harmonics.size // 2) * rate / harmonics.samples)
+    return np.arange(harmonics.size // 2) * rate / harmonics.samples
 
 
 def filtered_circularly(values: Array, gains: CircularGains) -> Array:

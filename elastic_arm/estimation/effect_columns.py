@@ -244,7 +244,7 @@ class Feature:
         self, coefficients: Sequence[float], searched: Sequence[float] = ()
     ) -> dict[str, Any]:
         """Return the effect's parameters for the coefficients of its columns."""
-        found: dict[str, Any] = {}
+        found = {}
         if self.phase is not None:
             sine, cosine = coefficients
             found[self.linear[0].name] = float(np.hypot(sine, cosine))
@@ -396,7 +396,7 @@ def has_columns(effect: Effect) -> bool:
 def _spread(
     parameters: Sequence[Parameter], values: Sequence[float], convert: Any
 ) -> dict[str, Any]:
-    found: dict[str, Any] = {}
+    found = {}
     k = 0
     for p in parameters:
         part = [float(convert(p, float(v))) for v in values[k : k + p.size]]

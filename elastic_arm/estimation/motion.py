@@ -318,7 +318,7 @@ def moved_in_time(spline: scipy.interpolate.CubicSpline, later: float) -> Array:
         after = t[moved] + later - t[pieces]
         is_regular = bool(np.all((after >= 0.0) & (after <= np.diff(t)[pieces])))
     if not is_regular:
-        return np.asarray(spline(np.clip(t + later, t[0], t[-1])))
+        return spline(np.clip(t + later, t[0], t[-1]))
     found = np.empty(len(t))
     found[: moved.start] = spline.c[-1, 0]
     found[moved] = _cubic(spline.c[:, pieces], after)

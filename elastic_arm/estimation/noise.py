@@ -408,7 +408,7 @@ def noise_filter(values: Array, rate: float, f: Array, noise: Array) -> Callable
     def filtered(one: Array) -> Array:
         padded = np.pad(one, window, mode="reflect", reflect_type="odd")
         response = np.interp(np.fft.rfftfreq(len(padded), 1.0 / rate), at[known], gain, right=0.0)
-        return np.asarray(np.fft.irfft(np.fft.rfft(padded) * response, len(padded))[window:-window])
+        return np.fft.irfft(np.fft.rfft(padded) * response, len(padded))[window:-window]
 
     return filtered
 
@@ -447,6 +447,4 @@ def reduced_to(values: Array, rate: float, f: Array, share: Array) -> Array:
     at = np.fft.rfftfreq(2 * half, 1.0 / rate)
     taps = np.fft.fftshift(np.fft.irfft(np.interp(at, f, share, right=0.0)))
     taps = np.append(taps, taps[0]) * np.hanning(2 * half + 1)
-    return np.asarray(
-        scipy.signal.oaconvolve(np.pad(values, half, mode="edge"), taps, mode="valid")
-    )
+    return scipy.signal.oaconvolve(np.pad(values, half, mode="edge"), taps, mode="valid")

@@ -369,7 +369,7 @@ def _followed(
     if quiet is not None:
         _, quiet_rate = _of_motor(quiet)
         made = made + (kd - in_ratio) * (wanted - quiet_rate[:, i])
-    return np.asarray(np.clip(made, -limit, limit))
+    return np.clip(made, -limit, limit)
 
 
 def _of_motor(motion: Motion) -> tuple[Array, Array]:
@@ -523,7 +523,7 @@ def _telegraphs(
     longest: Grid, link: SideNoise | None, motor: SideNoise | None, steps: Mapping[str, Array]
 ) -> dict[str, Telegraph]:
     """Return the noise of coarse encoders that stand, by side."""
-    found: dict[str, Telegraph] = {}
+    found = {}
     if link is not None and longest.q is not None:
         found["link"] = Telegraph.of(longest.q, steps["link"], link, longest.rate)
     if motor is not None and longest.theta is not None:

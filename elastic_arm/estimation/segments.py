@@ -229,4 +229,4 @@ def _information(side: Side, model: Model) -> Array:
     found[: rows.shape[1], : rows.shape[1]] = rows.T @ rows
     friction = FRICTION * np.hstack([np.tanh(dq / STANDS), dq]) / np.tile(error[:, -model.n :], 2)
     found[rows.shape[1] :, rows.shape[1] :] = friction.T @ friction
-    return np.asarray(found / (RATE * WINDOW))
+    return found / (RATE * WINDOW)

@@ -167,7 +167,7 @@ class Smoother:
         lag = self.lag * finer
         response = _even_taps(self.cutoff / (self.rate * finer), lag, self.order)[None, None]
         continued = np.pad(values, ((lag, lag), (0, 0)), mode="edge")
-        return np.asarray(convolve([continued], response, finer)[0])
+        return convolve([continued], response, finer)[0]
 
     def _require(self, samples: int) -> None:
         if samples <= 2 * self.lag:

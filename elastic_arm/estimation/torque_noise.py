@@ -59,7 +59,7 @@ def torque_level(
         measured = _with_low_pass(level, torque, spectrum, longest.rate)
         return None if measured is None else np.where(made, ordinary, measured)
     if singly:
-        return np.asarray(ordinary * readings.every**0.5)
+        return ordinary * readings.every**0.5
     # They reach above the motion.
     level = torque_noise([grid[read_at(grid.t, readings.times)] for grid in grids], channel)
     return None if level is None else level * readings.every**0.5

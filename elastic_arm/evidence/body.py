@@ -56,7 +56,7 @@ class Body:
 
     def at(self, x: Array) -> Array:
         """Return the pseudo-inertia (4, 4) at numbers (10,)."""
-        return np.asarray(self.described + np.tensordot(x, self.along, 1))
+        return self.described + np.tensordot(x, self.along, 1)
 
     def log_probability(self, x: Array, S: Array) -> float:
         """Return ln of the probability that numbers with mean x (10,) and covariance S (10, 10)
@@ -80,12 +80,12 @@ class Body:
 
         def apart(entries: Array) -> Array:
             L = factor(entries)
-            return np.asarray(M @ (L @ L.T)[ROWS, COLUMNS] - there)
+            return M @ (L @ L.T)[ROWS, COLUMNS] - there
 
         def slopes(entries: Array) -> Array:
             half = ENTRIES @ factor(entries).T
             changes = half + half.swapaxes(1, 2)
-            return np.asarray(M @ changes[:, ROWS, COLUMNS].T)
+            return M @ changes[:, ROWS, COLUMNS].T
 
         # A singular body is no start: its square root has no slope there.
         start = (vectors * np.maximum(values, FIRST * max(values[-1], 1.0))) @ vectors.T

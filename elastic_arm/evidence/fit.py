@@ -25,6 +25,7 @@ from elastic_arm.evidence.keys import Ident, Key
 from elastic_arm.evidence.posterior import Posterior, Prior, posterior
 from elastic_arm.evidence.priors import AS_BUILT, MEASURED, TRUST, ZEROS, Assumed
 from elastic_arm.evidence.terms.change import ChangeTerm
+from elastic_arm.evidence.terms.known import KnownTerm
 from elastic_arm.evidence.terms.number import NumberTerm
 from elastic_arm.evidence.terms.share import ShareTerm
 from elastic_arm.evidence.terms.term import Term
@@ -377,11 +378,11 @@ class LinearModel:
         high = [free]
         for t in whole:
             mean.append(t.mean)
-            std.append(t.std_at(self.trust))
+            std.append(t.std_at(self.trust) if isinstance(t, KnownTerm) else t.std)
             low.append(t.low)
             high.append(t.high)
         prior = Prior(*(np.concatenate(parts) for parts in (mean, std, low, high)))
         found = self._posterior(whole, prior, None if near is None else near.found.v)
         fit = Fit(self, whole, found)
-        existing = sum(t.log_existing(fit) for t in whole)
+        existing = sum(t.log_existing(fit) for t in whole if isinstance(t, NumberTerm))
         return whole, replace(found, evidence=found.evidence + existing)

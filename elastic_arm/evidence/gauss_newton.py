@@ -130,7 +130,7 @@ def is_far(fit: Fit) -> bool:
 def _steps(fit: Fit) -> Array:
     """Return the distances of a fit's numbers from the linearisation, in standard deviations."""
     steps = np.abs(fit.numbers) / np.sqrt(np.diag(fit.number_covariance))
-    return np.asarray(steps[fit.model.moving])
+    return steps[fit.model.moving]
 
 
 def moved(linear: Linearisation, fit: Fit, share: float = 1.0) -> Linearisation:

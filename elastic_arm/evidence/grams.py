@@ -214,7 +214,7 @@ class Grams:
             return found
         self._pair_all(lacking, term)
         of_shares = np.concatenate([self.pair(share, term) for share in lacking], axis=1)
-        return np.asarray(found - self.moved_by(lacking).T @ of_shares)
+        return found - self.moved_by(lacking).T @ of_shares
 
     def moved_by(self, shares: Sequence[ShareTerm]) -> Array:
         """Return the combinations (M, k) of the shares' columns in the numbers' columns."""

@@ -82,8 +82,7 @@ class Linearisation:
         """The validation recordings at the same values, computed once."""
         if "judging" not in self.cache:
             self.cache["judging"] = self.part(JUDGING)
-        found: Linearisation = self.cache["judging"]
-        return found
+        return self.cache["judging"]
 
     def part(self, which: int, problem: Problem | None = None) -> Linearisation:
         """Return a part of the recordings at the same values, with the shared quantities of motion.
@@ -167,8 +166,7 @@ class Linearisation:
             return self._number_columns()
         if "plain" not in self.cache:
             self.cache["plain"] = self._number_columns()
-        found: list[Array] = self.cache["plain"]
-        return found
+        return self.cache["plain"]
 
     def _number_columns(self) -> list[Array]:
         p = self.problem

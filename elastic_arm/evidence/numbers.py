@@ -172,7 +172,7 @@ def resolved_speeds(pieces: Sequence[Motion], n: int, rate: float) -> Array:
         reverses = np.signbit(dq[1:]) != np.signbit(dq[:-1])
         squares += np.sum(np.square(ddq[1:]), axis=0, where=reverses)
         count += reverses.sum(axis=0)
-    return np.asarray(2.0 / rate * np.sqrt(squares / np.maximum(count, 1.0)))
+    return 2.0 / rate * np.sqrt(squares / np.maximum(count, 1.0))
 
 
 def _motor_inertias(pieces: Sequence[Motion]) -> Array | None:
@@ -191,7 +191,7 @@ def _motor_inertias(pieces: Sequence[Motion]) -> Array | None:
             [np.nansum(np.square(values), axis=0) for values in (piece.tau_m, ddq)]
         )
     torque, acceleration = np.sqrt(squares)
-    return np.asarray(np.maximum(torque, LEAST_SCALE) / np.maximum(acceleration, LEAST_SCALE))
+    return np.maximum(torque, LEAST_SCALE) / np.maximum(acceleration, LEAST_SCALE)
 
 
 def unreferenced(number: Number) -> Number:

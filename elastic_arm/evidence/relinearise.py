@@ -396,4 +396,4 @@ def pool_of(linear: Linearisation) -> Iterator[Term]:
     )
     for terms in others:
         odds = odds_among((t.key for t in terms), problem.usual)
-        yield from (t.with_odds(odds[t.key]) for t in terms)
+        yield from (replace(t, odds=odds[t.key]) for t in terms)

@@ -28,7 +28,7 @@ def most_probable_runs(ordinary: Array, ending: Callable[[int], Array]) -> Runs:
         i = int(np.argmax(runs))
         outside = best[j - 1] + ordinary[j - 1]
         best[j], came[j] = (runs[i], i) if runs[i] > outside else (outside, -1)
-    found: Runs = []
+    found = []
     j = count
     while j:
         if came[j] >= 0:

@@ -350,7 +350,7 @@ class Screen:
         for t, beta, way in zip(some[short].tolist(), means, back.T, strict=True):
             mixed.append(self._moving_with(beside, t, beta, way))
         moved = first.less[:, short] + 2.0 * (left @ back) - np.sum(H @ back * back, axis=1)
-        return np.asarray(moved - 2.0 * np.stack(mixed, axis=1))
+        return moved - 2.0 * np.stack(mixed, axis=1)
 
     @staticmethod
     def _quieter(fit: Fit, less: Array) -> Array:

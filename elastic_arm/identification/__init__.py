@@ -12,25 +12,16 @@ if TYPE_CHECKING:
     from elastic_arm.identification.batch.derivatives import DerivativeStage
     from elastic_arm.identification.batch.identify import as_followed, identify, identify_with
     from elastic_arm.identification.batch.selection import IdentificationSettings, identifier_of
-    from elastic_arm.identification.result import (
-        Comparison,
-        Estimate,
-        Identification,
-        chi_square,
-        compare,
-    )
+    from elastic_arm.identification.result import Estimate, Identification
     from elastic_arm.identification.stream import Identifier
 
 __all__ = [
-    "Comparison",
     "DerivativeStage",
     "Estimate",
     "Identification",
     "IdentificationSettings",
     "Identifier",
     "as_followed",
-    "chi_square",
-    "compare",
     "identifier_of",
     "identify",
     "identify_with",
@@ -38,9 +29,7 @@ __all__ = [
 ]
 
 _MODULES = {
-    **dict.fromkeys(
-        ("Comparison", "Estimate", "Identification", "chi_square", "compare"), f"{__name__}.result"
-    ),
+    **dict.fromkeys(("Estimate", "Identification"), f"{__name__}.result"),
     **dict.fromkeys(("as_followed", "identify", "identify_with"), f"{__name__}.batch.identify"),
     **dict.fromkeys(("IdentificationSettings", "identifier_of"), f"{__name__}.batch.selection"),
     "DerivativeStage": f"{__name__}.batch.derivatives",

@@ -79,7 +79,7 @@ def scattered(
     meat, target, share = shrunk(np.array(scores))
     wide = back @ from_unit @ widening(squares, np.sqrt(1.0 - share))
     mixed = (1.0 - share) * meat + share * target * np.eye(len(meat))
-    return np.asarray(wide @ mixed @ wide.T)
+    return wide @ mixed @ wide.T
 
 
 def resembling(scores: Array) -> int:
@@ -139,13 +139,13 @@ def widening(squares: Array, own: float = 1.0) -> Array:
     """
     values, vectors = np.linalg.eigh(squares)
     freedom = np.maximum(1.0 / np.maximum(values, 1e-12) - 1.0, 1.0) / max(own, 1e-6)
-    return np.asarray((vectors * (stdtrit(freedom, COVERED) / NORMAL)) @ vectors.T)
+    return (vectors * (stdtrit(freedom, COVERED) / NORMAL)) @ vectors.T
 
 
 def white(r: Array, weights: Array, noise: Array, back: Array) -> Array:
     """Return the covariance (P, P) for white errors of this size."""
     phi = ((weights**2 * noise)[:, None, None] * (r[..., :-1] @ back)).reshape(-1, back.shape[1])
-    return np.asarray(back @ (phi.T @ phi) @ back.T)
+    return back @ (phi.T @ phi) @ back.T
 
 
 def residual_norms(r: Array, Psi: Array) -> Array:

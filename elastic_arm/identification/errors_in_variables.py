@@ -56,7 +56,7 @@ def noise_sums(equations: BaseRegression, motion: Motion, every: int, first: int
     bend /= steps**2
     curved = 0.5 * middle[:, 0].transpose(0, 2, 1) @ bend.sum(axis=1)
     sloped = slope.transpose(0, 2, 1) @ slope
-    return np.asarray(every * (sloped + curved + curved.transpose(0, 2, 1)))
+    return every * (sloped + curved + curved.transpose(0, 2, 1))
 
 
 @functools.lru_cache(maxsize=8)
@@ -107,7 +107,7 @@ def without_noise(whole: Array, noise: Array) -> Array:
     """
     forward, inside = _among_rows(whole, noise)
     left = np.eye(len(inside)) - _share(inside) * inside
-    return np.asarray(np.linalg.cholesky(left).T @ forward)
+    return np.linalg.cholesky(left).T @ forward
 
 
 def correction_share(whole: Array, noise: Array) -> float:
@@ -149,4 +149,4 @@ def covariance_left(
     level = noise @ np.append(-Psi, 1.0) / np.sqrt(WHITE_SHARE * samples)
     likely = np.where(np.abs(described) > np.abs(Psi), described, Psi)
     remaining = (1.0 - correction_share(whole, total)) * (total @ np.append(-likely, 1.0))
-    return np.asarray(level.T @ level + np.outer(remaining, remaining))
+    return level.T @ level + np.outer(remaining, remaining)

@@ -244,7 +244,7 @@ def _prior_covariance(known: Array, prior: Prior) -> Array:
         scale, scale
     )
     passed = inverse @ (prior.factor.T * prior.excess)
-    return np.asarray(passed @ passed.T)
+    return passed @ passed.T
 
 
 def condition(columns: Array) -> float:

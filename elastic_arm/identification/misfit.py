@@ -117,4 +117,4 @@ def _friction(motion: Motion, joint: int, torque: Array, acceleration: Array) ->
     rubbing = np.column_stack([np.tanh(rate / USUAL_SIGN_SPEED), rate])
     columns = np.column_stack([rubbing, acceleration, np.ones(len(rate))])
     sizes = np.linalg.lstsq(columns, torque, rcond=None)[0]
-    return np.asarray(rubbing @ sizes[:2])
+    return rubbing @ sizes[:2]

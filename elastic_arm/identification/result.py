@@ -270,58 +270,6 @@ class Identification(Result):
         save_robot(self.identified, path)
 
 
-@dataclass(frozen=True)
-class Comparison:
-    """A base parameter beside the truth of a simulated arm.
-
-    `z` is the error in standard deviations.
-    """
-
-    name: str
-    unit: str
-    value: float
-    std: float
-    true: float
-    z: float
-
-
-def compare(identification: Identification, true_robot: Robot) -> list[Comparison]:
-    """Compare an identification with the arm that was simulated.
-
-    Only code that scores may know that arm.
-
-    Raises an IdentificationError if the true arm is not made of the same bodies.
-    """
-    from elastic_arm.dynamics import build_model
-
-    parameters = build_model(true_robot, identification.model).parameters
-    value = {p.name: p.nominal for p in parameters}
-    if not set(value) <= set(identification.parameter_names):
-        raise IdentificationError(
-            "the true arm has other bodies than the identified one",
-            "Compare arms with the same structure.",
-        )
-    true = identification.T @ np.array(
-        [value.get(name, 0.0) for name in identification.parameter_names]
-    )
-    return [
-        Comparison(e.name, e.unit, e.value, e.std, t, (e.value - t) / max(e.std, 1e-300))
-        for e, t in zip(identification.estimates, true.tolist(), strict=True)
-    ]
-
-
-def chi_square(identification: Identification, true: Array) -> float:
-    """Return the chi-squared of all errors, with their correlations.
-
-    It has B degrees of freedom.
-
-    true: (B,) values of the base parameters; only code that scores may know them.
-    """
-    std = identification.std
-    error = (identification.Psi_base - true) / std
-    return float(error @ np.linalg.solve(identification.covariance / np.outer(std, std), error))
-
-
 def result_of(
     fit: Fit,
     equations: BaseRegression,

@@ -154,7 +154,7 @@ class Attachment:
         torque = data.qfrc_actuator + data.qfrc_applied
         for k, dof in self._passive:
             torque[dof] -= float(self.model.actuator_gear[k, 0]) * float(data.actuator(k).force[0])
-        return np.asarray(torque[dofs])
+        return torque[dofs]
 
     def _state(self, data: Any) -> Array:
         """Return the internal states at the time of `data`, by an explicit Euler step from the last

@@ -19,4 +19,4 @@ def carried(model: Any, data: Any, dofs: NDArray[np.intp]) -> Array:
     """Return the torques (n,) Nm behind the gears of some dofs."""
     moved = np.empty(model.nv)
     engine().mj_mulM(model, data, moved, data.qacc)
-    return np.asarray((moved + data.qfrc_bias - model.dof_armature * data.qacc)[dofs])
+    return (moved + data.qfrc_bias - model.dof_armature * data.qacc)[dofs]

@@ -257,7 +257,7 @@ def plays_by_step(arm: MjcfArm) -> bool:
 def beside_actuators(arm: MjcfArm) -> NDArray[np.bool_]:
     """Return the joints (n,) whose set-points hold what their actuators have not: a dead band, an
     integral, a supply that sags."""
-    return np.asarray((_dead_bands(arm) > 0.0) | (_beside(arm) > 0.0) | _sagging(arm))
+    return (_dead_bands(arm) > 0.0) | (_beside(arm) > 0.0) | _sagging(arm)
 
 
 def held(arm: MjcfArm) -> Callable[[Any], None]:
@@ -285,7 +285,7 @@ def _rolled_out(arm: MjcfArm, data: Any, given: NDArray[np.intp], commands: Arra
     control = np.zeros((1, len(commands), len(data.ctrl)))
     control[0][:, given] = commands
     states, _ = rollout.rollout(model, data, state[None], control)
-    return np.asarray(states[0][:, 1 + arm.positions])  # the time first
+    return states[0][:, 1 + arm.positions]  # the time first
 
 
 def _inputs(arm: MjcfArm) -> NDArray[np.intp]:
@@ -367,7 +367,7 @@ def _integrating(arm: MjcfArm) -> NDArray[np.bool_]:
     pid = int(engine().mjtGain.mjGAIN_PID)
     actuators = [drives_of(arm.model, joint)[0] for joint in arm.chain.joints]
     inside = np.asarray(arm.model.actuator_gaintype)[actuators] == pid
-    return np.asarray(inside | (_beside(arm) > 0.0))
+    return inside | (_beside(arm) > 0.0)
 
 
 @contextmanager
@@ -404,7 +404,7 @@ def _commands(arm: MjcfArm, given: Array, values: Array) -> Callable[[Array], Ar
         # A stamp that is rounded to a nanosecond still counts at its step.
         last = np.clip(np.searchsorted(given, times + middle + 1e-6, side="right") - 1, 0, None)
         if all(is_held):
-            return np.asarray(values[last])
+            return values[last]
         between = interpolated(times + middle, given, values)
         return np.where(is_held, values[last], between)
 

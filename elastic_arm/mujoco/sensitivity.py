@@ -151,7 +151,7 @@ class _Equation:
     def _carried(model: Model, arm: StatedArm, q: Array, dq: Array, ddq: Array) -> Array:
         """Return what the links' motion takes (N, n) Nm, behind the gears."""
         described = q - np.array([one.zero for one in arm.joints])
-        return np.asarray(model.inverse_dynamics(described, dq, ddq) - _armatures(arm) * ddq)
+        return model.inverse_dynamics(described, dq, ddq) - _armatures(arm) * ddq
 
     @staticmethod
     def _dry(robot: Robot, arm: StatedArm, q: Array, dq: Array, carried: Array) -> Array:

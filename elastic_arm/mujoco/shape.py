@@ -46,8 +46,7 @@ class ShapedXml:
         return "".join([*lead, *found, *trail])
 
     def _serialised(self) -> str:
-        text: str = etree.tostring(self.root, encoding="unicode", with_tail=False)
-        return text
+        return etree.tostring(self.root, encoding="unicode", with_tail=False)
 
 
 def insert_first(parent: Any, tag: str) -> Any:

@@ -9,8 +9,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from elastic_arm.arrays import Array
-from elastic_arm.effects import EFFECTS, Catalogue, EffectInstance, robot_effects
-from elastic_arm.effects.library.base_tilt import TILT
+from elastic_arm.effects import Catalogue, EffectInstance, robot_effects
+from elastic_arm.effects.library.base_tilt import tilt
 from elastic_arm.errors import RobotError
 from elastic_arm.identification.batch.mounting import tilt_of
 from elastic_arm.input_files import read_bytes
@@ -110,8 +110,7 @@ def _mounting(before: Array, after: Array) -> EffectInstance:
         raise RobotError(
             "gravity changes, and a URDF does not state it", "Tilt the joint that carries the base"
         )
-    x, y = tilt_of(after)
-    return EffectInstance(EFFECTS[TILT], None, {"x": x, "y": y})
+    return tilt(*tilt_of(after))
 
 
 def _with_rotors(

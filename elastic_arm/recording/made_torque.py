@@ -240,7 +240,7 @@ def _commanded(
         return {}
     stated = {joint.name: joint.controller for joint in robot.joints}
     there = joints_with(side.position)
-    made: dict[str, JointController] = {}
+    made = {}
     for i, name in enumerate(recording.joints):
         controller = stated.get(name)
         if controller is None or name in driven:
@@ -370,7 +370,7 @@ def _torque(
     if ki:
         asked += ki * CubicSpline(t, command(t)[0] - angle).antiderivative()(at)
     torque = controller.supplied(asked) + kd * (controller.follows_rate * dr - q(at, 1))
-    return np.asarray(np.clip(torque, -limit, limit).mean(axis=1))
+    return np.clip(torque, -limit, limit).mean(axis=1)
 
 
 def _fed_forward(

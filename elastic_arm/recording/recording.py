@@ -250,7 +250,7 @@ class Recording:
             return reference.position
         t = np.asarray(stamp_ns - reference.stamp_ns[0]) * 1e-9
         known = np.asarray(reference.stamp_ns - reference.stamp_ns[0]) * 1e-9
-        return np.asarray(scipy.interpolate.CubicSpline(known, reference.position)(t))
+        return scipy.interpolate.CubicSpline(known, reference.position)(t)
 
     def _measured(self) -> list[Side]:
         measured = [side for side in self.measured().values() if len(side)]
@@ -267,7 +267,7 @@ def recordings_of(given: object, name: str = "recordings") -> list[Recording]:
     several: Iterable[Any] = (
         given if isinstance(given, Iterable) and not isinstance(given, str | bytes) else [given]
     )
-    found: list[Recording] = []
+    found = []
     for one in several:
         require_kind(
             one, Recording, name, RecordingError, "Give the result of read_recording or simulate."

@@ -94,4 +94,4 @@ def _joined(spans: Stamps) -> Stamps:
 def _within(stamps: Stamps, spans: Stamps) -> NDArray[np.bool_]:
     """Return which stamps lie in one of the spans (k, 2), which are in order and apart."""
     k = np.searchsorted(spans[:, 0], stamps, side="right") - 1
-    return np.asarray((k >= 0) & (stamps <= spans[np.maximum(k, 0), 1]))
+    return (k >= 0) & (stamps <= spans[np.maximum(k, 0), 1])

@@ -17,7 +17,6 @@ from elastic_arm.robot.loading import load_robot
 from elastic_arm.robot.saving import robot_to_dict, save_robot
 from elastic_arm.robot.urdf import parse_urdf
 from elastic_arm.robot.urdf_export import to_urdf
-from elastic_arm.robot.variation import varied
 
 __all__ = [
     "DH",
@@ -35,6 +34,5 @@ __all__ = [
     "robot_to_dict",
     "save_robot",
     "to_urdf",
-    "varied",
     "with_joints_of",
 ]

@@ -109,7 +109,7 @@ class _Reading:
     def _friction(self, name: str) -> list[dict[str, Any]]:
         """Return damping and friction that <dynamics> states as effects of that size."""
         element = agreed(self._tree.joints[name], "dynamics", f"joint {name!r}")
-        found: list[dict[str, Any]] = []
+        found = []
         for key, (effect, parameter) in DYNAMICS.items():
             if element is not None and element.get(key):
                 value = number(str(element.get(key)), f"joint {name!r}: dynamics {key}")

@@ -39,7 +39,7 @@ def parse(text: str | bytes) -> ET.Element:
 
 def by_name(tree: ET.Element, tag: str) -> dict[str, ET.Element]:
     """Return the elements of one kind by their names."""
-    found: dict[str, ET.Element] = {}
+    found = {}
     for element in tree.findall(tag):
         name = element.get("name")
         if not name:

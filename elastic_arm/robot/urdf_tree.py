@@ -56,7 +56,7 @@ class UrdfTree:
 
     def path_to(self, link: str) -> list[str]:
         """Return the joints from the root to a link."""
-        path: list[str] = []
+        path = []
         while link in self.parent_joint:
             path.append(self.parent_joint[link])
             link = self.parent_of(path[-1])

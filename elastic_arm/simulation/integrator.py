@@ -90,8 +90,7 @@ def make_integrator(system: System, name: str | None = None) -> Integrator:
         system.integrators[name] = (
             CompiledIntegrator(system) if name == "c" else CasadiIntegrator(system)
         )
-    integrator: Integrator = system.integrators[name]
-    return integrator
+    return system.integrators[name]
 
 
 def _faster_integrator(system: System) -> Integrator:

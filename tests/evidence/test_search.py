@@ -42,7 +42,7 @@ def test_a_terms_price_and_gain_add_up_to_the_score() -> None:
     """A set scores its evidence less the prior odds of each term: adding one costs exactly its
     price."""
     y, X = quiet(RNG), term("one", COLUMNS[:, 0])
-    free, dear = (model(y, N).fit([X.with_odds(odds)]) for odds in (0.0, ODDS))
+    free, dear = (model(y, N).fit([replace(X, odds=odds)]) for odds in (0.0, ODDS))
     assert dear.found.evidence == pytest.approx(free.found.evidence)
     assert free.score - dear.score == pytest.approx(ODDS)
 

@@ -9,8 +9,8 @@ from elastic_arm.estimation.motion import Motion
 from elastic_arm.identification import identify
 from elastic_arm.identification.batch.mounting import Mounting, other_mounting, turned
 from elastic_arm.robot import Robot
-from elastic_arm.robot.variation import varied
 from elastic_arm.simulation import simulate
+from examples.known_arm import varied
 from tests.helpers.motions import trajectory
 from tests.helpers.random_arms import random_arm
 

@@ -93,7 +93,7 @@ def identify_nominal(described: Robot) -> dict[str, float]:
 
 def test_recordings_whose_joints_differ_in_channels_are_refused() -> None:
     """A channel that a joint has in one recording only is named as the trouble."""
-    (recording,) = recordings(seconds=(10.0,))
+    (recording,) = recordings(seconds=(2.0,))
     assert recording.motor is not None and recording.motor.position is not None
     position = recording.motor.position.copy()
     whole = Recording(
@@ -107,7 +107,7 @@ def test_recordings_whose_joints_differ_in_channels_are_refused() -> None:
 
 def test_residuals_of_absent_equations_are_null() -> None:
     """Rows of an equation that a joint lacks hold nothing, so that they weigh nothing."""
-    (recording,) = recordings(seconds=(10.0,))
+    (recording,) = recordings(seconds=(2.0,))
     identifier = identifier_of(robot())
     equations = identifier.choose_equations(recording.samples())
     live = equations.equations.live.reshape(2, 6)

@@ -7,11 +7,11 @@ from scipy.stats import chi2
 
 from elastic_arm.dynamics import build_model
 from elastic_arm.excitation import MotionLimits, Shape, random_trajectories
-from elastic_arm.identification import IdentificationSettings, chi_square, compare, identify
+from elastic_arm.identification import IdentificationSettings, identify
 from elastic_arm.robot import load_robot
-from elastic_arm.robot.variation import varied
 from elastic_arm.sensors import Encoder, Sensors
 from elastic_arm.simulation import SimulationSettings, simulate
+from examples.known_arm import chi_square, true_values, varied
 from tests.helpers.nightly import nightly
 
 RECORDINGS = 8
@@ -37,7 +37,7 @@ def errors_together(encoder_noise: float, seed: int) -> tuple[float, int]:
         rng=rng,
     )
     result = identify(recording, robot, IdentificationSettings(consistent=False))
-    truth = np.array([each.true for each in compare(result, true)])
+    truth = true_values(result, true)
     return chi_square(result, truth), len(truth)
 
 

@@ -13,12 +13,13 @@ from elastic_arm.dynamics import Model, build_model
 from elastic_arm.estimation.resampling import part
 from elastic_arm.estimation.smoother import Smoother
 from elastic_arm.excitation import FourierTrajectory
-from elastic_arm.identification import Identifier, chi_square, identifier_of
+from elastic_arm.identification import Identifier, identifier_of
 from elastic_arm.identification.least_squares import Fit
 from elastic_arm.recording import Samples
 from elastic_arm.robot import load_robot
 from elastic_arm.sensors import Encoder, Sensors, TorqueSensor
 from elastic_arm.simulation import SimulationSettings, Simulator
+from examples.known_arm import chi_square
 from tests.helpers.periodic_arm import RATE, record
 
 SECONDS = 8

@@ -20,10 +20,11 @@ from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from elastic_arm.identification import Identification, chi_square, identifier_of
+from elastic_arm.identification import Identification, identifier_of
 from elastic_arm.nodes.support.graph import qos
 from elastic_arm.recording import read_recording
 from elastic_arm.robot import load_robot
+from examples.known_arm import chi_square
 from tests.helpers.motions import lively_excitation
 from tests.helpers.ros_graph import Graph, NodeProcess, ros_graph
 

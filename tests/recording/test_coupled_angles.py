@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from elastic_arm.recording import Recording, read_recording
-from elastic_arm.recording.inspection.described_gravity import COUPLED, contradicted, side_motions
+from elastic_arm.recording.inspection.arrangements import COUPLED
+from elastic_arm.recording.inspection.described_gravity import contradicted
+from elastic_arm.recording.inspection.side_motion import side_motions
 from elastic_arm.recording.sides import Side
 from elastic_arm.robot import Robot, load_robot
 from tests.helpers.clean_recordings import clean_arm, sines

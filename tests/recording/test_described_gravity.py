@@ -14,16 +14,17 @@ from elastic_arm.cli.application import app
 from elastic_arm.cli.options import ClockChoice, read_by_clock
 from elastic_arm.dynamics import build_model
 from elastic_arm.recording import Recording, Side, read_recording, write_recording
-from elastic_arm.recording.inspection.check import check_bag
+from elastic_arm.recording.inspection.check import check_bag, doubts, misread
 from elastic_arm.recording.inspection.described_gravity import (
     _comparisons,
     _findings,
     contradicted,
     misread_channels,
-    side_motions,
 )
 from elastic_arm.recording.inspection.report import Finding
+from elastic_arm.recording.inspection.side_motion import side_motions
 from elastic_arm.robot import Robot, load_robot, parse_urdf, save_robot
+from elastic_arm.robot.parts import Limits
 from tests.helpers import six_axes
 from tests.helpers.nightly import nightly
 from tests.helpers.random_arms import random_arm
@@ -139,6 +140,30 @@ def test_findings_that_are_kept_cannot_be_changed() -> None:
     for comparison in _comparisons(motions, robot):
         assert all(type(findings) is tuple for findings in _findings(comparison))
         assert not comparison.motion.torque.flags.writeable
+
+
+def test_another_unit_of_an_angle_is_the_only_finding(tmp_path: Path) -> None:
+    """Degrees taken as radians at one joint: what its torques then resemble is a consequence. The
+    torques at right angles stay compared where only the velocity has another unit."""
+    robot = random_arm(3, np.random.default_rng(0), elastic=False).with_(gravity=DOWN)
+    for joint in robot.joints:
+        robot = robot.with_joint(joint.name, limits=Limits(-2.0, 2.0))
+    right = recorded(robot, side="motor", speed=0.3, noise=0.02)
+    degrees = np.where(np.arange(robot.n) == 1, 180.0 / np.pi, 1.0)
+    wrong = replace(right, link=replace(right.link, position=right.link.position * degrees))
+    wrong = replace(wrong, link=replace(wrong.link, velocity=right.link.velocity * degrees))
+    assert contradicted_gravity(wrong, robot)
+    (words,) = doubts(wrong, robot)
+    assert "check the unit (degrees taken as radians)" in words
+    write_recording(tmp_path / "bag", wrong)
+    found = check_bag(tmp_path / "bag", robot=robot).findings
+    assert [one.code for one in found if one.severity == "warning"] == ["beyond_limits"]
+    assert words in (misread([wrong], robot) or "")
+    flipped = recorded(arm(), flipped=[1], speed=2.0)
+    fast = replace(
+        flipped, link=replace(flipped.link, velocity=flipped.link.velocity * 180 / np.pi)
+    )
+    assert any("joint_2 has the opposite sign" in one for one in doubts(fast, arm()))
 
 
 def test_the_parts_of_a_recording_are_judged_together() -> None:

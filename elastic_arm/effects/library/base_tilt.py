@@ -2,6 +2,7 @@
 
 import casadi as ca
 
+from elastic_arm.effects.effect import EffectInstance
 from elastic_arm.effects.law import (
     Confusion,
     Contribution,
@@ -56,3 +57,8 @@ EFFECT = Effect(
         ),
     ),
 )
+
+
+def tilt(x: float, y: float) -> EffectInstance:
+    """Return a base turned by Rx(x) Ry(y) in the ground frame, rad."""
+    return EffectInstance(EFFECT, None, {"x": x, "y": y})

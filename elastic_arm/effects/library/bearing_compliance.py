@@ -224,7 +224,7 @@ class Swing(NamedTuple):
         each = [tilt, tilt * self.s, tilt * self.s**2]
         found = scipy.fft.irfft(each, padded.shape[1])
         inside = slice(self.padding[0], self.padding[0] + len(moment))
-        return np.asarray(found[:, :, inside].transpose(0, 2, 1))
+        return found[:, :, inside].transpose(0, 2, 1)
 
 
 EFFECT: Effect = StructuralEffect(

@@ -155,9 +155,7 @@ class Clear:
 
     def _spectrum(self, values: Array) -> NDArray[np.complexfloating]:
         ends = ((self._count, self._count), (0, 0))
-        return np.asarray(
-            np.fft.rfft(np.pad(values, ends, mode="reflect", reflect_type="odd"), axis=0)
-        )
+        return np.fft.rfft(np.pad(values, ends, mode="reflect", reflect_type="odd"), axis=0)
 
     def __call__(self, values: Array, joints: Sequence[int]) -> Array:
         """Return values (N, k) at these frequencies alone, of some of the torques by number."""
@@ -165,7 +163,7 @@ class Clear:
         found = np.fft.irfft(
             self._spectrum(values) * self._weight[:, joints], N + 2 * self._count, axis=0
         )
-        return np.asarray(found[self._count : self._count + N])
+        return found[self._count : self._count + N]
 
 
 @dataclass(frozen=True)
@@ -204,7 +202,7 @@ def _at(t: Array, spline: scipy.interpolate.CubicSpline, by: float) -> Array:
     """Return what a spline through values at t (N,) has later, (N, k), as :func:`moved` does."""
     wanted = t + by
     inside = np.clip(wanted, t[0], t[-1])
-    return np.asarray(spline(inside) + (wanted - inside)[:, None] * spline(inside, 1))
+    return spline(inside) + (wanted - inside)[:, None] * spline(inside, 1)
 
 
 def low_pass_error(t: Array, torque: Array, cutoff: float) -> Array:
@@ -217,4 +215,4 @@ def low_pass_error(t: Array, torque: Array, cutoff: float) -> Array:
     memory = (1.0 - gain) * torque[0] - T * slope
     keep = (2.0 * T - step) / (2.0 * T + step)
     passed, _ = scipy.signal.lfilter([gain, gain], [1.0, -keep], torque, axis=0, zi=memory[None])
-    return np.asarray(passed - torque)
+    return passed - torque

@@ -133,8 +133,7 @@ class EffectTerm(Term):
 
     def plain(self, linear: Linearisation, fit: Coefficients, along: Array) -> list[Array]:
         """Return its columns (N', R, k) of each stretch, Nm."""
-        found: list[Array] = linear.data.plain(self.feature, self.theta_by(fit))
-        return found
+        return linear.data.plain(self.feature, self.theta_by(fit))
 
 
 def coefficient_range(parameter: Parameter) -> tuple[float, float, float]:
@@ -211,7 +210,7 @@ def effect_terms(
         ]
 
     for terms in ahead(made, wanted):
-        yield from (term.with_odds(odds[term.key]) for term in terms)
+        yield from (replace(term, odds=odds[term.key]) for term in terms)
 
 
 def _term_at(

@@ -102,8 +102,7 @@ def known_terms(linear: Linearisation) -> Known:
     once."""
     if "known" not in linear.cache:
         linear.cache["known"] = _known_terms(linear)
-    known: Known = linear.cache["known"]
-    return known
+    return linear.cache["known"]
 
 
 def _known_terms(linear: Linearisation) -> Known:

@@ -79,8 +79,7 @@ class LawTerm(Term):
 
     def plain(self, linear: Linearisation, fit: Coefficients, along: Array) -> list[Array]:
         """Return its columns (N', R, k) of each stretch, Nm."""
-        found: list[Array] = self.law.plain(linear.data)
-        return found
+        return self.law.plain(linear.data)
 
 
 def law_terms(linear: Linearisation) -> Iterator[LawTerm]:

@@ -88,7 +88,7 @@ def number_terms(
 
     N: (rows, k) whitened columns for one standard deviation each; bodies: the links, by joint.
     """
-    found: list[NumberTerm] = []
+    found = []
     together: dict[Key, list[int]] = {}
     unit = np.eye(len(parameters))
     for k, parameter in enumerate(parameters):
@@ -121,4 +121,4 @@ def number_terms(
 def _along(N: Array, along: Array) -> Array:
     """Return N @ along of the few numbers that move: all others are a large part of memory."""
     own = np.flatnonzero(along.any(axis=1))
-    return np.asarray(N[:, own] @ along[own])
+    return N[:, own] @ along[own]

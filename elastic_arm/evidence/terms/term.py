@@ -125,11 +125,6 @@ class Term:
         return self.count
 
     @property
-    def is_open(self) -> bool:
-        """Whether it has nonlinear numbers to move, or is only a first-order approximation."""
-        return False
-
-    @property
     def price(self) -> float:
         """-ln of the prior probability that it is this one of those that could be, nats."""
         return self.odds + self.grid
@@ -140,14 +135,6 @@ class Term:
         is_usual: whether every real drive has it.
         """
         return -float(np.log(ODDS))
-
-    def log_existing(self, fit: Coefficients) -> float:
-        """Return ln of the probability that what a fit that holds it makes of the arm exists."""
-        return 0.0
-
-    def std_at(self, trust: float) -> Array:
-        """Return the deviation (k,) of the prior at a factor of the trust in the description."""
-        return self.std
 
     def at_size(self, size: float) -> Self:
         """Return it with the size that its screen found best."""
@@ -164,10 +151,6 @@ class Term:
         """Return it at some of the rows (rows,)."""
         offset = None if self.offset is None else self.offset[rows]
         return replace(self, columns=self.columns[rows], offset=offset)
-
-    def with_odds(self, odds: float) -> Self:
-        """Return it with other prior odds."""
-        return replace(self, odds=odds)
 
     def changes(self, key: Key) -> bool:
         """Whether it is the change between recordings of the term of a key."""

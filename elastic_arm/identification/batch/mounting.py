@@ -22,7 +22,6 @@ from elastic_arm.formatting import short_numbers
 from elastic_arm.identification.verdict import MotionStatistics
 from elastic_arm.recording.inspection.described_gravity import (
     LEFT,
-    OVERHEAD,
     SIZE,
     TURNED,
     angle_between,
@@ -39,6 +38,8 @@ CHANCE = 1e-5
 # degree to which a mounting is known: masses are off, and what is compiled for an arm serves the
 # next one
 STEP = 1.0
+# rad: nearer to upside down, which all signs together are, too, than to any side
+OVERHEAD = 0.75 * np.pi
 UNKNOWN_ANGLE = float(np.pi / np.sqrt(3.0))  # rad, of an angle that is uniform over a turn
 WORDS = (
     "the torques show gravity of {} m/s², but the description has {}: the arm is"
@@ -103,7 +104,7 @@ def mounted(robot: Robot, x: float, y: float) -> Robot:
 
 def turned(x: float, y: float) -> Array:
     """Return the rotation (3, 3) Rx(x) Ry(y)."""
-    return np.asarray(Rotation.from_euler("XY", [x, y]).as_matrix())
+    return Rotation.from_euler("XY", [x, y]).as_matrix()
 
 
 def _down_and_rates(x: float, y: float) -> Array:

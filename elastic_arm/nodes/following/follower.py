@@ -153,8 +153,7 @@ class Follower:
     def _planned(self, stamp: int) -> Array:
         """The planned position, as far as it is known, (n,)."""
         if self.goal is not None:
-            position: Array = self.goal.at(np.array([stamp])).position[0]
-            return position
+            return self.goal.at(np.array([stamp])).position[0]
         return self.stream.last_position(stamp)
 
     def _feed(self, until: int) -> None:

@@ -94,5 +94,4 @@ class JointLimits:
 
 
 def _peak(values: Array) -> Array:
-    peak: Array = np.abs(values).max(axis=0)
-    return peak
+    return np.abs(values).max(axis=0)

@@ -99,8 +99,7 @@ class WorkerProcess:
 
     def _exchange(self, question: Any) -> Answer:
         self._pipe.send(question)
-        answer: Answer = self._pipe.recv()
-        return answer
+        return self._pipe.recv()
 
 
 def _serve(

@@ -193,13 +193,13 @@ def _column(column: Any, most: int) -> np.ndarray:
 
     kind = column.type
     if types.is_timestamp(kind):
-        return np.asarray(column.cast(pa.timestamp("ns")).cast(pa.int64()).to_numpy())
+        return column.cast(pa.timestamp("ns")).cast(pa.int64()).to_numpy()
     if types.is_duration(kind):
-        return np.asarray(column.cast(pa.duration("ns")).cast(pa.int64()).to_numpy())
+        return column.cast(pa.duration("ns")).cast(pa.int64()).to_numpy()
     if types.is_time(kind):
-        return np.asarray(column.cast(pa.time64("ns")).cast(pa.int64()).to_numpy())
+        return column.cast(pa.time64("ns")).cast(pa.int64()).to_numpy()
     if types.is_decimal(kind):
-        return np.asarray(column.cast(pa.float64()).to_numpy())
+        return column.cast(pa.float64()).to_numpy()
     if types.is_string(kind) or types.is_large_string(kind):
         return _texts(pc.fill_null(column, "").to_pylist(), most)
     if types.is_date(kind):

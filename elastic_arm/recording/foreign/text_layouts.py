@@ -131,7 +131,7 @@ def _by_joints(columns: Columns) -> Columns:
     names = next((name for name in called if _lists_of(columns[name], str)), None)
     if names is None:
         return columns
-    found: Columns = {}
+    found = {}
     for name, cells in columns.items():
         rows = list(zip(cells, columns[names], strict=True))
         if not _lists_of(cells, float) or not _of_equal_lengths(rows):
@@ -372,7 +372,7 @@ def records(content: Any, path: str) -> Columns:
     within = _flat(content) if isinstance(content, Mapping) else {}
     lists = {name: values for name, values in within.items() if _is_column(values)}
     count = max((len(values) for values in lists.values()), default=0)
-    found: Columns = {}
+    found = {}
     for name, values in lists.items():
         by_joint = all(isinstance(row, list) and len(row) == count for row in values)
         turned = by_joint and 0 < len(values) < count

@@ -10,12 +10,7 @@ import numpy as np
 from elastic_arm.errors import RecordingError, RobotError
 from elastic_arm.recording.foreign.channels import ChannelMap
 from elastic_arm.recording.inspection.commands import followed
-from elastic_arm.recording.inspection.described_gravity import (
-    Motions,
-    contradicted,
-    misread_channels,
-    side_motions,
-)
+from elastic_arm.recording.inspection.described_gravity import contradicted, misread_channels
 from elastic_arm.recording.inspection.magnitudes import beyond_limits, of_no_arm
 from elastic_arm.recording.inspection.outliers import cleared, without_zeros
 from elastic_arm.recording.inspection.percent import in_percent
@@ -24,10 +19,12 @@ from elastic_arm.recording.inspection.report import (
     REPAIR,
     Finding,
     Report,
+    WrongMotion,
     moment,
     note,
     wrong_rate,
 )
+from elastic_arm.recording.inspection.side_motion import Motions, side_motions
 from elastic_arm.recording.inspection.stuck_channels import channel_findings, frozen
 from elastic_arm.recording.inspection.supply_voltage import other_supply
 from elastic_arm.recording.inspection.two_encoders import disagreeing
@@ -148,9 +145,10 @@ def looked_through(
     """
     whole, found = cleared(recording)
     found += [note(words) for words in whole.samples().notes if words not in recording.notes]
-    if robot is not None and motions is not None:
+    seen = _seen(whole, recording, robot)
+    if robot is not None and motions is not None and not _of_motion(seen):
         motions += side_motions(whole, robot)
-    return found + _seen(whole, recording, robot)
+    return found + seen
 
 
 def doubts(recording: Recording, robot: Robot) -> list[str]:
@@ -159,7 +157,9 @@ def doubts(recording: Recording, robot: Robot) -> list[str]:
     Fits look for the mounting themselves.
     """
     whole = cleared(recording)[0]
-    found = _seen(whole, recording, robot) + contradicted([*side_motions(whole, robot)], robot)
+    found = _seen(whole, recording, robot)
+    if not _of_motion(found):
+        found += contradicted([*side_motions(whole, robot)], robot)
     return [
         finding.message
         for finding in found
@@ -184,10 +184,10 @@ def misread(
         # Torques would be made of commands that no drive received.
         if of_commands and is_commanded(whole):
             words += [one.message for one in followed(whole) if one.code == "copied_command"]
-        if first := next(
-            filter(None, [*words, misread_channels(whole, robot, weight=not explained)]), None
-        ):
-            return f"{recording.source}: {first}"
+        if not words and (read := misread_channels(whole, robot, weight=not explained)):
+            words = [*_of_motion(_sizes(whole, recording, robot)), read]
+        if words:
+            return f"{recording.source}: {words[0]}"
     return None
 
 
@@ -199,10 +199,18 @@ def _seen(whole: Recording, recording: Recording, robot: Robot | None) -> list[F
         *disagreeing(whole),
         *followed(whole),
     ]
-    found += [*of_no_arm(whole), *in_percent(recording)]
-    if robot is None:
-        return found
-    return [*found, *beyond_limits(whole, robot), *other_supply(whole, robot)]
+    found += _sizes(whole, recording, robot)
+    return found if robot is None else [*found, *other_supply(whole, robot)]
+
+
+def _sizes(whole: Recording, recording: Recording, robot: Robot | None) -> list[Finding]:
+    found = [*of_no_arm(whole), *in_percent(recording)]
+    return found if robot is None else [*found, *beyond_limits(whole, robot)]
+
+
+def _of_motion(findings: Sequence[Finding]) -> list[str]:
+    """Return in words which findings make a comparison of the torques at these angles moot."""
+    return [one.message for one in findings if isinstance(one, WrongMotion)]
 
 
 def _read(

@@ -157,7 +157,7 @@ def _on_grid(t: Array, values: Array, step: float) -> Array:
     """Return the velocities (M, n) on a grid; positions would correlate through their mean
     values."""
     grid = np.arange(t[0], t[-1], step)
-    return np.asarray(CubicSpline(t, values)(grid, 1))
+    return CubicSpline(t, values)(grid, 1)
 
 
 def _named(recording: Recording) -> str:

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.recording.inspection.plausibility import is_motion
-from elastic_arm.recording.inspection.report import FEWEST, Finding, about
+from elastic_arm.recording.inspection.report import FEWEST, Finding, WrongMotion, about
 from elastic_arm.recording.recording import Recording
-from elastic_arm.recording.sides import Array, joints_with, listed, span_of
+from elastic_arm.recording.sides import Array, Stamps, joints_with, listed, span_of
 from elastic_arm.robot import Joint, Robot
 
 # rad/s and Nm, root mean square over a recording: of the fastest servos, of the largest arms, of a
@@ -43,7 +43,7 @@ def hardly_usable(recording: Recording) -> list[str]:
 
 def of_no_arm(recording: Recording) -> list[Finding]:
     """Return speeds and torques that no arm has, because their unit is wrong."""
-    findings = list[Finding]()
+    findings = []
     joints = recording.joints
     for name, side in recording.measured().items():
         if len(side) < FEWEST:
@@ -52,28 +52,25 @@ def of_no_arm(recording: Recording) -> list[Finding]:
         # What goes to and fro from sample to sample is no motion in any unit.
         if side.position is not None and not is_motion(times, np.nan_to_num(side.position)):
             continue
-        speeds = side.velocity
-        what = f"{name} velocity"
-        if speeds is None and side.position is not None:
-            # 0.1 s over which an angle advances beyond its noise
-            step = float(np.median(np.diff(side.stamp_ns))) * 1e-9
-            width = min(max(round(0.1 / max(step, 1e-9)), 1), len(side) - 1)
-            seconds = (side.stamp_ns[width:] - side.stamp_ns[:-width])[:, None] * 1e-9
-            speeds = (side.position[width:] - side.position[:-width]) / seconds
-            what = f"{name} position"
+        moved = None if side.position is None else _advance(side.position, side.stamp_ns)
+        what, speeds = (
+            ("velocity", side.velocity) if side.velocity is not None else ("position", moved)
+        )
         if speeds is not None:
-            speed = np.nan_to_num(np.sqrt(np.mean(speeds**2, axis=0)))
-            fast = speed > FASTEST_JOINT
+            fast = _size(speeds) > FASTEST_JOINT
             words = (
-                f"reaches {span_of(speed[fast])} rad/s (root mean square), above the"
+                f"reaches {span_of(_size(speeds)[fast])} rad/s (root mean square), above the"
                 f" {FASTEST_JOINT:g} rad/s of any arm"
             )
             remedy = (
                 "degrees taken as radians, a rotor without its ratio, or times in another unit?"
             )
-            findings += about(joints, fast, "no_arm", what, words, remedy)
+            # A velocity may have another unit than the angle.
+            of_angle = moved is not None and bool((_size(moved) > FASTEST_JOINT)[fast].any())
+            kind = WrongMotion if of_angle else Finding
+            findings += about(joints, fast, "no_arm", f"{name} {what}", words, remedy, kind=kind)
         if side.effort is not None:
-            size = np.nan_to_num(np.sqrt(np.mean(side.effort**2, axis=0)))
+            size = _size(side.effort)
             for odd, hint in (
                 (size > STRONGEST, "counts of a register, or Nmm taken as Nm?"),
                 (
@@ -87,6 +84,19 @@ def of_no_arm(recording: Recording) -> list[Finding]:
                 )
                 findings += about(joints, odd, "no_arm", f"{name} effort", words, hint)
     return findings
+
+
+def _advance(position: Array, stamp_ns: Stamps) -> Array:
+    """Return the rates of positions (N, n) over 0.1 s, in which angles advance beyond noise."""
+    step = float(np.median(np.diff(stamp_ns))) * 1e-9
+    width = min(max(round(0.1 / max(step, 1e-9)), 1), len(position) - 1)
+    seconds = (stamp_ns[width:] - stamp_ns[:-width])[:, None] * 1e-9
+    return (position[width:] - position[:-width]) / seconds
+
+
+def _size(values: Array) -> Array:
+    """Return the root mean square (n,) of values (N, n); zero for a joint without them."""
+    return np.nan_to_num(np.sqrt(np.mean(values**2, axis=0)))
 
 
 def beyond_limits(recording: Recording, robot: Robot) -> list[Finding]:
@@ -120,6 +130,8 @@ def _positions(name: str, position: Array, robot: Robot) -> list[Finding]:
         _within(joint, *own / unit)
         for joint, own, unit in zip(robot.joints, ends, units, strict=True)
     ]
+    kind = Finding
+    remedy = "check units, columns and zeros (offset)"
     # Less than the smaller of both units a motion is off by its zero.
     if np.all(np.array(fit)[found]) and (
         np.abs(ends[j]).max() > 5.0 * max(map(abs, _range(robot.joints[j])))
@@ -127,9 +139,9 @@ def _positions(name: str, position: Array, robot: Robot) -> list[Finding]:
         remedy = (
             f"after division by {span_of(units[found])} all are within: check the unit ({what})"
         )
-    else:
-        remedy = "check units, columns and zeros (offset)"
-    return about(robot.joint_names, found, "beyond_limits", f"{name} position", words, remedy)
+        kind = WrongMotion
+    what = f"{name} position"
+    return about(robot.joint_names, found, "beyond_limits", what, words, remedy, kind=kind)
 
 
 def _range(joint: Joint) -> tuple[float, float]:

@@ -549,9 +549,7 @@ def _returns(column: Array, rows: NDArray[np.intp], apart: Array) -> NDArray[np.
         return np.zeros(0, np.bool_)
     before = column[rows] - (2.0 * column[rows - 1] - column[rows - 2])
     after = column[rows] - (2.0 * column[rows + 1] - column[rows + 2])
-    return np.asarray(
-        (before * after > 0.0) & (np.minimum(np.abs(before), np.abs(after)) > 0.7 * apart)
-    )
+    return (before * after > 0.0) & (np.minimum(np.abs(before), np.abs(after)) > 0.7 * apart)
 
 
 def _late(column: Array, rows: NDArray[np.intp], apart: Array) -> NDArray[np.bool_]:
@@ -561,7 +559,7 @@ def _late(column: Array, rows: NDArray[np.intp], apart: Array) -> NDArray[np.boo
     beside = np.minimum(
         np.abs(column[rows] - column[rows - 1]), np.abs(column[rows] - column[rows + 1])
     )
-    return np.asarray((beside < 0.3 * slope) & (apart < 1.5 * slope))
+    return (beside < 0.3 * slope) & (apart < 1.5 * slope)
 
 
 def _turning(position: Array | None) -> NDArray[np.intp]:

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from elastic_arm.recording.inspection.report import FEWEST, Finding, warning
+from elastic_arm.recording.inspection.report import FEWEST, Finding, WrongMotion
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Array, joints_with
 
@@ -72,4 +72,4 @@ def in_percent(recording: Recording) -> Iterator[Finding]:
                 "use the ranges from the calibration file; from steps of 12 bits they are, in"
                 f" degrees: {shown} (unit: deg, factor: range / 200, in the map)"
             )
-            yield warning("percent", words, remedy)
+            yield WrongMotion("warning", "percent", f"{words}: {remedy}")

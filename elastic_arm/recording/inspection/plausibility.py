@@ -264,7 +264,7 @@ def _generated_stamps(name: str, motion: _Compared, good: NDArray[np.bool_]) -> 
 
 def _noiseless(recording: Recording) -> list[Finding]:
     """Find torques with less noise than a 16-bit converter: they were smoothed or computed."""
-    said = list[Finding]()
+    said = []
     joints = recording.joints
     for name, found in torque_spectra(recording).items():
         what = f"{name} effort"

@@ -51,6 +51,11 @@ class Finding:
         object.__setattr__(self, "message", one_line(self.message))
 
 
+class WrongMotion(Finding):
+    """A finding that recorded angles are no motion of the arm: their unit, or that of the times, is
+    wrong. What torques at such angles show is only a consequence."""
+
+
 def note(message: str, code: str = "reading") -> Finding:
     """Return a note about an assumption."""
     return Finding("note", code, message)
@@ -69,12 +74,13 @@ def about(
     words: str,
     remedy: str = "",
     severity: Severity = "warning",
+    kind: type[Finding] = Finding,
 ) -> list[Finding]:
     """Return a finding about a channel of the chosen joints (n,), if there are any."""
     if not chosen.any():
         return []
     message = f"{what} of {listed(joints, chosen)} {words}"
-    return [Finding(severity, code, f"{message}: {remedy}" if remedy else message)]
+    return [kind(severity, code, f"{message}: {remedy}" if remedy else message)]
 
 
 @dataclass

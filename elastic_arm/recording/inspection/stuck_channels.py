@@ -420,8 +420,7 @@ def _hidden_speeds(t: Array, q: Array, begin: NDArray[np.intp], end: NDArray[np.
     # 60.0 rad/s² within a sample, from a speed that was not falling
     advance = np.abs(q[begin] - q[np.maximum(begin - 1, 0)])
     stopped = (end == last)[:, None] & (advance > 60.0 * sample**2)
-    found: Array = np.where(went, across, np.where(stopped, before, 0.0))
-    return found
+    return np.where(went, across, np.where(stopped, before, 0.0))
 
 
 def _frozen(what: str, sides: list[Side], start_ns: int) -> list[Finding]:

@@ -85,7 +85,7 @@ def without_line(pieces: Array) -> Array:
     least-squares problem for each."""
     t = np.linspace(-1.0, 1.0, pieces.shape[-1])
     left = pieces - pieces.mean(axis=-1, keepdims=True)
-    return np.asarray(left - (left @ t)[..., None] * (t / max(float(t @ t), 1e-300)))
+    return left - (left @ t)[..., None] * (t / max(float(t @ t), 1e-300))
 
 
 def torque_spectra(recording: Recording) -> dict[str, TorqueSpectrum]:
@@ -118,4 +118,4 @@ def _knee(frequency: Array, level: Array) -> float:
 
 
 def _between(share: Array, level: Array, low: float, high: float) -> Array:
-    return np.asarray(np.median(level[(share > low) & (share < high)], axis=0))
+    return np.median(level[(share > low) & (share < high)], axis=0)

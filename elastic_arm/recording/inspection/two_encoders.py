@@ -165,4 +165,4 @@ def _lags(samples: Samples) -> Array:
     behind = theta - q
     moved = rate - rate.mean(axis=0)
     squares = np.sum(moved**2, axis=0)
-    return np.asarray(np.sum(moved * behind, axis=0) / np.where(squares > 0.0, squares, np.nan))
+    return np.sum(moved * behind, axis=0) / np.where(squares > 0.0, squares, np.nan)

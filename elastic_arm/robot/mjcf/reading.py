@@ -232,7 +232,7 @@ def _effects(
     """Return what MuJoCo adds to the rigid arm, as effects of the stated size."""
     flags = int(model.opt.disableflags)
     off = engine().mjtDisableBit
-    found: list[dict[str, Any]] = []
+    found = []
     for name, joint in zip(names, chain.joints, strict=True):
         dof = int(model.jnt_dofadr[joint])
         adr = int(model.jnt_qposadr[joint])

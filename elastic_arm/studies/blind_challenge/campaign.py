@@ -215,8 +215,7 @@ def open_sealed(folder: Path, digest: str) -> list[dict[str, Any]]:
             f"{folder / SEALED} differs from the file sealed at creation",
             "Create the challenge again",
         )
-    truth: list[dict[str, Any]] = _opened(data)
-    return truth
+    return _opened(data)
 
 
 def answer_path(folder: Path, name: str, kind: str = ANSWERS) -> Path:

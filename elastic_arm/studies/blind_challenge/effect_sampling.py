@@ -38,7 +38,7 @@ def true_parameters(fault: Fault, effect: Effect) -> dict[str, Any]:
 
     Nothing of the engine's own.
     """
-    found: dict[str, Any] = {}
+    found = {}
     for p in effect.parameters:
         names = p.component_names
         if all(name in fault.parameters for name in names):

@@ -173,7 +173,7 @@ class MarginalInformation:
         rows = course.rows()
         n = self.n
         plain = self._torque(self._robot, rows)
-        found: dict[Key, Array] = {}
+        found = {}
         for j in range(n):
             for what, std, altered in _alterations(self._robot, j):
                 change = (self._torque(altered, rows) - plain) / STEP * std
@@ -192,7 +192,7 @@ class MarginalInformation:
         N, n = part["q"].shape
         time = np.linspace(-0.5, 0.5, N)
         noise = np.asarray(self._sensors.torque_noise)
-        found: dict[Key, Array] = {}
+        found = {}
         for j in range(n):
 
             def at(

@@ -219,7 +219,7 @@ def commands(rate: float, seconds: float, n: int, rng: np.random.Generator) -> A
     )
     start = np.clip(t, 0.0, 1.0)[:, None]
     middle = np.array([0.0, 0.5, 0.7, 0.0, 0.5, 0.0])[:n]
-    return np.asarray(middle + 0.5 * motion / motion.std(axis=0) * start**2 * (3.0 - 2.0 * start))
+    return middle + 0.5 * motion / motion.std(axis=0) * start**2 * (3.0 - 2.0 * start)
 
 
 @dataclass(frozen=True)

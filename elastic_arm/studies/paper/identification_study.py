@@ -93,7 +93,7 @@ class CoefficientFit:
         if self.model.name != "mod1":
             return None
         true = self.equations.base.T @ build_model(_without_splines(self.model.robot), "mod1").Psi
-        return np.asarray(100.0 * (estimate - true) / true)
+        return 100.0 * (estimate - true) / true
 
     def full(self, estimate: np.ndarray) -> np.ndarray:
         """Return a whole Psi (P,) that predicts as the estimate does.

@@ -100,7 +100,7 @@ def compare(robot: Robot, r_tot: float, run: PrototypeRun) -> ModelComparison:
 
 def rms(values: np.ndarray, axis: int = 0) -> np.ndarray:
     """Return root mean squares along an axis, that of the samples by default."""
-    return np.asarray(np.sqrt((values**2).mean(axis=axis)))
+    return np.sqrt((values**2).mean(axis=axis))
 
 
 def torque_errors(comparisons: Sequence[ModelComparison], reference: str) -> TorqueErrors:

@@ -158,7 +158,7 @@ def strained(inertia: np.ndarray, strain: np.ndarray) -> np.ndarray:
     second = 0.5 * np.trace(inertia) * np.eye(3) - inertia  # the integral of x x' over the mass
     second = deformation @ second @ deformation.T
     changed = np.trace(second) * np.eye(3) - second
-    return np.asarray(0.5 * (changed + changed.T))  # symmetric to the last digit
+    return 0.5 * (changed + changed.T)  # symmetric to the last digit
 
 
 def ordinary_faults(
@@ -212,7 +212,7 @@ def _link_inertias(robot: Robot, rng: np.random.Generator) -> np.ndarray:
     for _ in range(10):
         pose = np.tile(rng.uniform(-1.2, 1.2, n), 2)
         diagonals.append(np.diag(tree.terms(pose, np.zeros(2 * n))[0])[:n])
-    return np.asarray(np.mean(diagonals, axis=0))
+    return np.mean(diagonals, axis=0)
 
 
 def _drive(load: float, carrier: str, outward: float, rng: np.random.Generator) -> Transmission:

@@ -56,7 +56,7 @@ class RealisticSensors:
 
     def motor_steps(self, ratios: np.ndarray) -> np.ndarray:
         """Return the resolution (n,) of the motor encoders behind their gears, rad."""
-        return np.asarray(2 * np.pi / 2**self.motor_bits / ratios)
+        return 2 * np.pi / 2**self.motor_bits / ratios
 
 
 def measure_realistically(

@@ -155,8 +155,7 @@ class Prototype:
         mj.mj_crb(model, data)
         mj.mj_fwdVelocity(model, data)
         mj.mj_fullM(model, data, self._full)
-        force: np.ndarray = self._bias - self._passive
-        return force
+        return self._bias - self._passive
 
     def equilibrium(self, theta: np.ndarray) -> np.ndarray:
         """Return the bushing's deflections (6 n,) in which the arm stands still at theta (n,).
@@ -374,8 +373,7 @@ def solve(mass: np.ndarray, force: np.ndarray) -> np.ndarray:
 
     By LAPACK itself, as this is most of a small step's overhead.
     """
-    solution: np.ndarray = dposv(mass, force)[1]
-    return solution
+    return dposv(mass, force)[1]
 
 
 def dividing_step(step: float, rate: float = RECORD_RATE) -> float:

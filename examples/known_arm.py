@@ -1,11 +1,14 @@
-"""Arms that differ from their description, as all real ones do."""
+"""What only code that knows the true arm may do: draw it, and score an identification."""
 
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from elastic_arm.robot.description import Robot
+from elastic_arm.arrays import Array
+from elastic_arm.dynamics import build_model
+from elastic_arm.identification import Identification
+from elastic_arm.robot import Robot
 from elastic_arm.robot.parts import Component, Inertia
 
 
@@ -47,3 +50,25 @@ def varied(robot: Robot, rng: np.random.Generator, spread: float = 0.15) -> Robo
             )
         )
     return robot.with_(name=f"{robot.name}_varied", joints=tuple(joints))
+
+
+def true_values(identification: Identification, arm: Robot) -> Array:
+    """Return the base parameters (B,) of the arm that was simulated, with the bodies of the
+    identified one."""
+    parameters = build_model(arm, identification.model).parameters
+    value = {p.name: p.nominal for p in parameters}
+    return identification.T @ np.array(
+        [value.get(name, 0.0) for name in identification.parameter_names]
+    )
+
+
+def chi_square(identification: Identification, true: Array) -> float:
+    """Return the chi-squared of all errors, with their correlations.
+
+    It has B degrees of freedom.
+
+    true: (B,) values of the base parameters.
+    """
+    std = identification.std
+    error = (identification.Psi_base - true) / std
+    return float(error @ np.linalg.solve(identification.covariance / np.outer(std, std), error))
