@@ -302,12 +302,13 @@ def _likeliest_distant(found: Explanation, tried: Set[frozenset[Key]]) -> Fit | 
     return max(sets, key=lambda fit: fit.score, default=None)
 
 
-def _screens(linear: Linearisation, model: LinearModel) -> list[Screen]:
+def _screens(linear: Linearisation, model: LinearModel, *, laws: bool) -> list[Screen]:
     """Return the screens of candidates, computed once; nonparametric laws have one of their own."""
     if "pool" not in linear.cache:
         linear.cache["pool"] = Screen(model.grams, pool_of(linear))
+    if laws and "laws" not in linear.cache:
         linear.cache["laws"] = Screen(model.grams, law_terms(linear))
-    return [linear.cache["pool"], linear.cache["laws"]]
+    return [linear.cache[name] for name in ("pool", *["laws"] * laws)]
 
 
 def _explained(
@@ -352,7 +353,7 @@ def _alternated(
     assumptions = _assumptions(linear.problem, refit)
     model = linear_model(linear, assumed)
     log: list[str] = []
-    screens = _screens(linear, model)
+    screens = _screens(linear, model, laws=moves == ALL)
     terms = start
     tried: dict[Assumed, Search] = {}
     path: list[Fit] = []
