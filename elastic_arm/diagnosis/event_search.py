@@ -23,6 +23,6 @@ def events_in(parts: Decomposition) -> tuple[Event, ...]:
             if number in own:
                 begin = whole.prepared.begins[look.which][source]
                 left = look.after
-                blocks += blocks_of(look.linear.data, left, own.index(number), begin)
+                blocks += blocks_of(look.linear, left, own.index(number), begin)
         found += events_of(blocks, source, whole.places, problem.layout.live)
     return tuple(found)

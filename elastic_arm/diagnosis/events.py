@@ -26,7 +26,8 @@ from scipy.special import gammainc, gammaln
 
 from elastic_arm.arrays import Array
 from elastic_arm.estimation.equation_sets import Place
-from elastic_arm.estimation.whitening import EDGE, WhitenedData
+from elastic_arm.estimation.whitening import EDGE, noise_at
+from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.priors import EVENT, LARGER
 from elastic_arm.evidence.runs import Runs, most_probable_runs
 
@@ -63,12 +64,15 @@ class Blocks(NamedTuple):
 
 
 def blocks_of(
-    data: WhitenedData, left: Sequence[Array], recording: int, offset: float
+    linear: Linearisation, left: Sequence[Array], recording: int, offset: float
 ) -> Iterator[Blocks]:
     """Yield the remaining residuals (N', R) of each stretch of a recording in blocks.
 
-    Their times begin at `offset`, s.
+    Their sums of squares are relative to the noise at the pose of the block. Their times begin at
+    `offset`, s.
     """
+    data = linear.data
+    observation = linear.observed[recording]
     for part, own, share in zip(data.parts, left, data.shares(), strict=True):
         if part.recording != recording:
             continue
@@ -87,9 +91,13 @@ def blocks_of(
             np.add.reduceat(one, edges[:-1], axis=0) for one in (share[inner], white**2, own**2)
         ]
         independent = sums[0] * 2.0 * band.cutoff / band.kept_rate
-        yield Blocks(
-            t[edges[:-1]], t[edges[1:] - 1], independent, sums[1], sums[2] / np.diff(edges)[:, None]
-        )
+        begin = t[edges[:-1]]
+        end = t[edges[1:] - 1]
+        motion = part.stretch.quiet
+        poses = motion.q[np.searchsorted(motion.t, 0.5 * (begin + end) - offset)]
+        power = noise_at(poses, linear.model, observation, data.layout, part.noise, band.cutoff)
+        squares = sums[2] / np.diff(edges)[:, None]
+        yield Blocks(begin, end, independent, sums[1] / power, squares)
 
 
 def events_of(

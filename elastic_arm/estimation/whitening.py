@@ -164,12 +164,7 @@ def noise_models(
     n = equations.n
     f = np.linspace(0.0, band.kept_rate / 2, NOISE_FREQUENCIES)
     speed2 = (2 * np.pi * f[:, None, None]) ** 2
-    torque = np.hstack([observation.torque_spectrum(c, f, n) for c in ("tau_J", "tau_m")])
-    link = observation.position_spectrum("link", f)
-    motor = observation.position_spectrum("motor", f)
-    spectrum = np.hstack([torque, link, motor])
-    # What a joint lacks is made of its other encoder, with whose noise.
-    made = block_diag(np.eye(2 * n), observation.pieces[0].encoders)
+    spectrum, made = _channels(observation, f, n)
     arms: list[tuple[Model, Sequence[ActingEffect], Array]] = [(model, acting, np.ones_like(f))]
     if described is not None:
         quiet = observation.quiet_gain(f)
@@ -180,10 +175,10 @@ def noise_models(
     for arm, effects, share in arms:
         own = equations.transform @ _torques_and_springs(arm, observation, f) @ made
         way += share[:, None, None] * own
-        poses.append(_inertias(arm, observation, effects))
+        poses.append(_inertias(arm, _poses(observation), effects))
         inertial.append((share, equations.transform @ _accelerations(poses[-1]) @ made))
     covariance = _covariance(way, inertial, spectrum, speed2)
-    level = _torque_levels(torque.mean(axis=0).reshape(2, n).max(axis=0))
+    level = _torque_levels(spectrum[:, : 2 * n].mean(axis=0).reshape(2, n).max(axis=0))
     accelerations = (2 * np.pi * f[:, None]) ** 4 * observation.quiet_link_spectrum(f)
     load = accelerations @ np.mean([M**2 for M, _, _ in poses[0]], axis=0)
     measure = np.linalg.slogdet(covariance + LEAST * np.eye(equations.rows))[1]
@@ -257,23 +252,64 @@ def _torque_levels(noise: Array) -> Array:
     return np.asarray(largest * 2.0 ** np.ceil(np.log2(np.maximum(noise / largest, 1e-9))))
 
 
-def _inertias(
-    model: Model, observation: Observation, acting: Sequence[ActingEffect] = ()
-) -> list[tuple[Array, Array, Array]]:
-    """Return M, S, B at poses along the motion: the way of the encoders' noise changes with the
-    pose."""
-    n = model.n
+def _poses(observation: Observation) -> Array:
+    """Return 12 poses (12, n) along the motion, at which the noise of accelerations is averaged."""
     motion = max(observation.pieces, key=len)
     position = motion.q if motion.q is not None else motion.theta
     assert position is not None
-    # 12 poses at which the inertia is looked up for the way of encoder noise into the residuals
-    poses = position[:: max(1, len(motion) // 12)]
+    return position[:: max(1, len(motion) // 12)]
+
+
+def _inertias(
+    model: Model, poses: Array, acting: Sequence[ActingEffect] = ()
+) -> list[tuple[Array, Array, Array]]:
+    """Return M, S, B at poses (P, n): the way of the encoders' noise changes with the pose."""
+    n = model.n
     more = inertia_of(model, poses, acting)
     if not model.robot.elastic:
         none = np.zeros((n, n))
         return [(M, none, none) for M in model.mass_matrix(poses) + more]
     whole = model.mass_matrix(np.hstack([poses, poses]))
     return [(m[:n, :n] + M, m[:n, n:], m[n:, n:]) for m, M in zip(whole, more, strict=True)]
+
+
+def _channels(observation: Observation, f: Array, n: int) -> tuple[Array, Array]:
+    """Return the spectra (F, 4 n) of the noise of tau_J, tau_m, q and theta, and of which recorded
+    channels (4 n, 4 n) each is made: what a joint lacks is made of its other encoder, with whose
+    noise."""
+    torque = [observation.torque_spectrum(channel, f, n) for channel in ("tau_J", "tau_m")]
+    position = [observation.position_spectrum(side, f) for side in ("link", "motor")]
+    return np.hstack([*torque, *position]), block_diag(
+        np.eye(2 * n), observation.pieces[0].encoders
+    )
+
+
+def noise_at(
+    poses: Array,
+    model: Model,
+    observation: Observation,
+    equations: EquationSet,
+    noise: NoiseModel,
+    cutoff: float,
+) -> Array:
+    """Return the power (P, R) of the whitened noise at poses (P, n), 1 in the mean of the motion.
+
+        1 + mean over f <= cutoff of w⁴ (|I(pose)|² - mean |I|²) s / C
+
+    The noise of accelerations is that of encoders times the inertia, which is many times larger for
+    an arm that is stretched out. s, I and C are those of :func:`noise_models`.
+    """
+    f = noise.f[noise.f <= cutoff]
+    spectrum, made = _channels(observation, f, model.n)
+    variance = np.real(np.einsum("frr->fr", noise.covariance[: len(f)]))
+    accelerations = (2 * np.pi * f[:, None]) ** 4 * spectrum
+    weight = np.einsum("fc,fr->rc", accelerations, 1.0 / variance) / len(f)
+
+    def squares(at: Array) -> Array:
+        return (equations.transform @ _accelerations(_inertias(model, at)) @ made) ** 2
+
+    more = squares(poses) - squares(_poses(observation)).mean(axis=0)
+    return 1.0 + np.einsum("prc,rc->pr", more, weight)
 
 
 @dataclass(frozen=True)
