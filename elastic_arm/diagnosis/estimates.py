@@ -130,6 +130,20 @@ def link_values(link: Inertia, numbers: Mapping[str, float]) -> tuple[tuple[floa
     return tuple(shift.tolist()), float(moments * link.mass / there.mass)
 
 
+def mounted_body(
+    link: Inertia, ratio: float, shift: Sequence[float]
+) -> tuple[float, tuple[float, ...]]:
+    """Return the mass, kg, and the place (3,) m in the link's frame of a point mass that changes
+    the weight of a link as much as a mass r times the described one and a centre shifted by s do.
+
+    (r - 1) m,   at ((r m) (c + s) - m c) / ((r - 1) m)
+    """
+    com = np.asarray(link.com, dtype=float)
+    moment = ratio * (com + np.asarray(shift)) - com
+    place = moment / (ratio - 1.0)
+    return (ratio - 1.0) * link.mass, tuple(place.tolist())
+
+
 def _of(
     term: EffectTerm | NumberTerm,
     values: Callable[[Array], dict[str, Any]],

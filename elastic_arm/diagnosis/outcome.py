@@ -19,7 +19,7 @@ from elastic_arm.diagnosis.confirmation import TWO
 from elastic_arm.diagnosis.confirmed_set import Confirmed
 from elastic_arm.diagnosis.context import DiagnosisContext
 from elastic_arm.diagnosis.decomposition import Decomposition, Unknown
-from elastic_arm.diagnosis.estimates import ParameterEstimate, estimated
+from elastic_arm.diagnosis.estimates import ParameterEstimate, estimated, mounted_body
 from elastic_arm.diagnosis.far_numbers import beyond
 from elastic_arm.diagnosis.gap import Gap
 from elastic_arm.diagnosis.regimes import shares
@@ -223,20 +223,16 @@ class _Outcome:
         yield from ringing_notes(of_left, commanded)
 
     def _mounted_notes(self) -> Iterator[str]:
-        """Yield the body that a last link heavier than described may carry.
-
-        (r - 1) m,   at ((r m) (c + s) - m c) / ((r - 1) m)
-        """
+        """Yield the body that a last link heavier than described may carry."""
         last = self.parts.problem.robot.joints[-1]
         for cause, _ in self.causes.found:
             if cause.effect != "link_inertia_mismatch" or cause.joint != last.name:
                 continue
             ratio = cause.parameters["mass"]
-            com = np.asarray(last.link.com, dtype=float)
-            moment = ratio.value * (com + np.array(cause.parameters["com"].value)) - com
             if ratio.value - 1.0 > TWO * ratio.std:
-                mass = (ratio.value - 1.0) * last.link.mass
-                yield mounted_note(last.name, mass, moment / (ratio.value - 1.0))
+                shift = cause.parameters["com"].value
+                mass, place = mounted_body(last.link, ratio.value, shift)
+                yield mounted_note(last.name, mass, place)
 
     def _joints_left(self) -> Set[str]:
         """Return the joints with residuals well above their noise after the correction."""

@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 
 from elastic_arm.diagnosis.causes import Causes
-from elastic_arm.diagnosis.estimates import link_values, within
+from elastic_arm.diagnosis.estimates import link_values, mounted_body, within
 from elastic_arm.diagnosis.result import ParameterEstimate
 from elastic_arm.equations.robot_at import changed_link
 from elastic_arm.evidence.terms.known import least_of
 from elastic_arm.evidence.terms.term import Term
 from elastic_arm.robot import Inertia
+from elastic_arm.robot.kinematics import lumped
 
 
 def test_a_size_stays_within_its_bounds_and_takes_others_along() -> None:
@@ -76,3 +77,12 @@ def test_a_wrong_link_has_the_sizes_of_the_link_that_is_written() -> None:
     assert link.com + shift == pytest.approx(written.com)
     moments = np.trace(written.inertia) / np.trace(link.inertia)
     assert inertia == pytest.approx(moments / 2.4)
+
+
+def test_a_heavier_link_is_the_described_one_with_a_body() -> None:
+    link = Inertia(2.0, np.array([0.02, -0.01, 0.1]), 0.05 * np.eye(3))
+    place = np.array([0.0, 0.03, 0.2])
+    together = lumped([link, Inertia(0.5, place)])
+    mass, found = mounted_body(link, together.mass / link.mass, together.com - link.com)
+    assert mass == pytest.approx(0.5)
+    assert found == pytest.approx(place)
