@@ -79,12 +79,19 @@ class Refinable:
         return self.what in RATIOS.values()
 
     @property
-    def mass(self) -> str | None:
-        """The number that is the mass of the body whose centre this one moves, if it moves one."""
+    def factor(self) -> str | None:
+        """The number whose product with this one the dynamics are linear in, if there is one: the
+        mass of the body whose centre it moves, or the scale of kp and kd."""
+        if self.what == "kd":
+            return "scale"
         if self.what.startswith("com_"):
             return "mass"
         body, _, coordinate = self.what.partition(".")
         return f"{body}.mass" if coordinate.startswith("position_") else None
+
+    def change(self, step: float) -> float:
+        """Return by how much a step of the ratio, or of the number, changes the deviation."""
+        return float(np.log1p(max(step, -MOST_LOST))) if self.is_ratio else step
 
     def size(self, by: float) -> float:
         """Return the number at a deviation: a ratio, or from its least value."""

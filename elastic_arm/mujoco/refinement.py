@@ -145,16 +145,16 @@ def after_step(numbers: Sequence[Refinable], x: Array, step: Array) -> Array:
     Many steps change these, but hardly the motion. If logarithms of masses and centres of mass went
     straight instead, their terms of second order would move the arm further than the step.
     """
-    ratios = np.array([one.is_ratio for one in numbers])
     places = {(one.what, one.joint): k for k, one in enumerate(numbers)}
-    found = x + np.where(ratios, np.log1p(np.where(ratios, step, 0.0)), step)
+    moves = zip(numbers, step.tolist(), strict=True)
+    found = x + np.array([one.change(by) for one, by in moves])
     for k, number in enumerate(numbers):
-        if number.mass is None or (number.mass, number.joint) not in places:
+        if number.factor is None or (number.factor, number.joint) not in places:
             continue
-        mass = places[number.mass, number.joint]
-        before = numbers[mass].size(x[mass])
-        after = numbers[mass].size(found[mass])
-        found[k] = x[k] + step[k] * before / after
+        place = places[number.factor, number.joint]
+        before = numbers[place].size(x[place])
+        after = numbers[place].size(found[place])
+        found[k] = x[k] + number.change(step[k] * before / after)
     return found
 
 

@@ -14,11 +14,12 @@ NUMBERS = (
     Refinable("com_x", "elbow", 0.005),
     Refinable("com_z", "elbow", 0.005),
     Refinable("scale", "elbow", 0.1),
+    Refinable("kd", "elbow", 0.1),
     Refinable("payload.mass", "elbow", 0.1, least=-0.3),
     Refinable("payload.position_y", "elbow", 0.01),
 )
-HERE = np.array([0.1, 0.004, -0.01, -0.2, 0.05, 0.02])
-STEP = np.array([-0.3, 0.01, 0.02, 0.5, 0.4, -0.03])
+HERE = np.array([0.1, 0.004, -0.01, -0.2, 0.15, 0.05, 0.02])
+STEP = np.array([-0.3, 0.01, 0.02, 0.5, -0.4, 0.4, -0.03])
 
 
 def _sums(share: float) -> np.ndarray:
@@ -32,7 +33,8 @@ def _sums(share: float) -> np.ndarray:
     held = robot.effects[0]["parameters"]
     moment = held["mass"] * np.array(held["position"])
     mass_and_moment = inertial_parameters(joint.link)[:4]
-    return np.array([*mass_and_moment, joint.controller.kp, held["mass"], *moment])
+    gains = joint.controller.kp, joint.controller.kd
+    return np.array([*mass_and_moment, *gains, held["mass"], *moment])
 
 
 @pytest.mark.parametrize("share", [0.25, 0.5])
