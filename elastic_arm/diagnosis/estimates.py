@@ -10,7 +10,7 @@ from scipy.stats import truncnorm
 from elastic_arm.arrays import Array
 from elastic_arm.effects.effect import ControllerEffect, EffectInstance
 from elastic_arm.equations.numbers import SCALE, Number
-from elastic_arm.equations.robot_at import changed_link
+from elastic_arm.equations.robot_at import LEAST, changed_link
 from elastic_arm.evidence.fit import Fit
 from elastic_arm.evidence.terms.effect import EffectTerm
 from elastic_arm.evidence.terms.known import KnownTerm, StatedTerm, least_of
@@ -124,10 +124,15 @@ def link_values(link: Inertia, numbers: Mapping[str, float]) -> tuple[tuple[floa
     """Return the shift (3,) m of a link's centre of mass, and the ratio of its moments of inertia
     beyond that of its mass, from the deviations of its ten numbers: those of the link that is
     written (:func:`.changed_link`)."""
-    there = changed_link(link, numbers, nearest=True)
+    # A posterior mean may be a mass that no body has.
+    mass = max(LEAST - 1.0, numbers["link_mass"])
+    there = changed_link(link, {**numbers, "link_mass": mass}, nearest=True)
     shift = np.asarray(there.com) - np.asarray(link.com)
-    moments = np.trace(there.inertia) / np.trace(np.asarray(link.inertia))
-    return tuple(shift.tolist()), float(moments * link.mass / there.mass)
+    described = float(np.trace(link.inertia))
+    if described == 0.0:  # a point, at any ratio
+        return tuple(shift.tolist()), 1.0
+    moments = float(np.trace(there.inertia)) / described
+    return tuple(shift.tolist()), moments * link.mass / there.mass
 
 
 def mounted_body(

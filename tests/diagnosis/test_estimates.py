@@ -86,3 +86,15 @@ def test_a_heavier_link_is_the_described_one_with_a_body() -> None:
     mass, found = mounted_body(link, together.mass / link.mass, together.com - link.com)
     assert mass == pytest.approx(0.5)
     assert found == pytest.approx(place)
+def test_a_wrong_link_has_finite_sizes_as_a_point_and_below_no_mass() -> None:
+    """Arm files may describe links as points, and the mean of a posterior may be no mass."""
+    names = ("xx", "yy", "zz", "xy", "xz", "yz")
+    numbers = {f"link_inertia_{name}": 0.0 for name in names}
+    numbers |= {"link_mass": 0.5, "link_com_x": 0.0, "link_com_y": 0.0, "link_com_z": 0.03}
+    point = Inertia(2.0, np.array([0.0, 0.0, 0.1]))
+    shift, inertia = link_values(point, numbers)
+    assert shift == pytest.approx((0.0, 0.0, 0.02))
+    assert inertia == 1.0
+    body = Inertia(2.0, np.array([0.0, 0.0, 0.1]), 0.01 * np.eye(3))
+    shift, inertia = link_values(body, {**numbers, "link_mass": -1.1})
+    assert np.isfinite([*shift, inertia]).all()
