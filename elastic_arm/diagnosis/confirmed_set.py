@@ -221,8 +221,7 @@ def _share_alone(parts: Decomposition, term: Term) -> Share | None:
     hide what a cause removes.
     """
     own = parts.added_alone(term)
-    usual = [parts.friction_added, parts.armatures_added]
-    beside = without_parts(parts.before, usual)
+    beside = without_parts(parts.before, [parts.usual_added])
     if is_friction(term):
         beside = [left + more for left, more in zip(beside, own, strict=True)]
     left = without_parts(beside, [own])

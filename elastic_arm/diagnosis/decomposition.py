@@ -219,24 +219,22 @@ class Decomposition:
         """The contribution of each optional term of the set, except nonparametric laws."""
         return [self.added[t.ident] for t in self.fit.optional if t.ident in self.added]
 
-    @cached_property
+    @property
     def friction_added(self) -> list[Array]:
         """The contribution of friction to the residuals (N', R) of each stretch, Nm."""
-        total = [np.zeros_like(y) for y in self.linear.data.y]
-        for t in self.fit.terms:
-            if is_friction(t):
-                for y, more in zip(total, self.added[t.ident], strict=True):
-                    y += more
-        return total
+        return self._sum([self.added[t.ident] for t in self.fit.terms if is_friction(t)])
 
     @cached_property
-    def armatures_added(self) -> list[Array]:
-        """The contribution of armatures that the description does not state."""
+    def usual_added(self) -> list[Array]:
+        """The contribution of what every drive has, relative to :attr:`before`: of friction beyond
+        the stated one, and of armatures that the description does not state."""
         unstated = [
             number.what == "rotor_inertia" and number.neutral == 0.0
             for number in self.problem.numbers
         ]
-        return self.moved_by(np.where(unstated, self.numbers - self._numbers_before, 0.0))
+        armatures = self.moved_by(np.where(unstated, self.numbers - self._numbers_before, 0.0))
+        friction = [self._beyond_stated(t) for t in self.fit.terms if is_friction(t)]
+        return self._sum([armatures, *friction])
 
     @cached_property
     def mounting_added(self) -> list[Array]:
@@ -248,10 +246,24 @@ class Decomposition:
         described = replace(at, problem=replace(self.problem, robot=self.question.robot))
         return without_parts(described.data.y, [at.data.y])
 
+    def _beyond_stated(self, term: Term) -> list[Array]:
+        """Return the contribution of a term, relative to :attr:`before`."""
+        if isinstance(term, KnownTerm):
+            return without_parts(self.added[term.ident], [self._as_stated(term)])
+        return self.added[term.ident]
+
+    def _sum(self, added: Sequence[Sequence[Array]]) -> list[Array]:
+        """Return the sum of some contributions to the residuals (N', R) of each stretch, Nm."""
+        total = [np.zeros_like(y) for y in self.linear.data.y]
+        for own in added:
+            for y, more in zip(total, own, strict=True):
+                y += more
+        return total
+
     def added_alone(self, term: Term) -> list[Array]:
         """Return the contribution of a cause alone to the residuals of each stretch, Nm."""
         if isinstance(term, KnownTerm) and term.stated is not None:
-            return without_parts(self.added[term.ident], [self._as_stated(term)])
+            return self._beyond_stated(term)
         if not isinstance(term, NumberTerm):
             return self.added[term.ident]
         step = np.where(term.moved, self.numbers - self._numbers_before, 0.0)
@@ -273,7 +285,7 @@ class Decomposition:
     @cached_property
     def after(self) -> list[Array]:
         """Residuals (N', R) of each stretch with the causes and ordinary deviations."""
-        known = [without_parts(self.added[t.ident], [self._as_stated(t)]) for t in self.known_terms]
+        known = [self._beyond_stated(t) for t in self.known_terms]
         numbers = [self.numbers_added, self.moved_by(self._excess)]
         added = [self.mounting_added, *numbers, *known, *self.causes_added]
         return without_parts(self.before, added)

@@ -1,11 +1,13 @@
-"""What the recordings that judge gain by a cause, on made-up regressions."""
+"""What the recordings that judge gain by a cause, on made-up regressions and simulated arms."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
+from elastic_arm.diagnosis.answer import _explained
 from elastic_arm.diagnosis.causes import Causes
 from elastic_arm.diagnosis.confirmation import (
     Confirmation,
@@ -16,9 +18,13 @@ from elastic_arm.diagnosis.confirmation import (
 )
 from elastic_arm.diagnosis.confirmed_set import _taken_out
 from elastic_arm.diagnosis.decomposition import Decomposition
+from elastic_arm.diagnosis.preparation import prepare
+from elastic_arm.diagnosis.question import Question
 from elastic_arm.evidence.explanation import Explanation, weighted
 from elastic_arm.evidence.fit import Fit
-from tests.evidence.made_up import HARMONICS, model, term
+from elastic_arm.evidence.watch import Watch
+from tests.evidence.made_up import HARMONICS, Array, model, term
+from tests.helpers.gap_recordings import ROBOT, motions, record
 
 ROWS = 4 * HARMONICS
 
@@ -161,3 +167,19 @@ def test_what_stands_for_a_refused_cause_in_another_set_is_confirmed_next() -> N
     assert left.best.score == second.score
     assert [fit.keys for _, fit in left.sets] == [second.keys, data.fit([beside]).keys]
     assert left.sets[0][0] > 0.99
+
+
+def test_stated_friction_is_taken_from_a_gap_once() -> None:
+    """The residuals of the description lack it already: taken out again, it would be most of the
+    gap beside which a cause counts."""
+    stated = {"effect": "coulomb_friction", "joint": "joint_2", "parameters": {"torque": 6.0}}
+    question = Question(ROBOT.with_(effects=(stated,)), effects=())
+    of_arm = "coulomb_friction:joint_2:torque=6"
+    fitted, judging = (record(one, of_arm, seed=k) for k, one in enumerate(motions()))
+    parts = _explained(prepare([fitted], [judging], question), question, Watch())
+    assert _size(parts.friction_added) > 10.0 * _size(parts.before)
+    assert _size(parts.usual_added) < 0.1 * _size(parts.before)
+
+
+def _size(stretches: Sequence[Array]) -> float:
+    return float(np.sqrt(sum(np.sum(np.square(y)) for y in stretches)))
