@@ -98,8 +98,8 @@ def at_lags(linear: Linearisation, fit: Fit, frame: Frame) -> tuple[Linearisatio
             while True:
                 there = linear.moved(linear.values + np.where(own, by / stds, 0.0), linear.acting)
                 model = linear_model(there, fit.model.assumed)
-                later = model.fit(fit.optional, fit).compared_in(frame)  # their columns have no lag
-                if later.score < fit.score:
+                later = model.fit(again(fit, there), fit).compared_in(frame)
+                if not later.score > fit.score:  # a lag of which nothing tells ends here as well
                     break
                 linear, fit = there, later
             if fit is not before:

@@ -243,9 +243,9 @@ def _begun(problem: Problem, refit: bool, shared: Shared) -> list[Explanation]:
     # Without them, a lag of the torque would stand for friction that turns over within a distance.
     # The search drops each of them that the recordings do not show.
     terms = [*again(usual, first), *dry_friction_terms(first)]
-    begun = linear_model(first, AS_BUILT).fit(terms).compared_in(usual.frame)
+    begun = linear_model(first, AS_BUILT).fit(terms)
+    begun = begun.model.fit(again(begun, first), begun).compared_in(usual.frame)
     late, begun = at_lags(first, begun, usual.frame)
-    begun = begun.model.fit(again(begun, late), begun).compared_in(usual.frame)
     built, fitted = about_itself(late, begun, usual.frame, settled=1.0)
     terms = list(fitted.optional)
     if shared.look is not None:

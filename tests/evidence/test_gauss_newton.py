@@ -107,3 +107,11 @@ def test_a_lag_is_found_in_steps_where_its_tangent_says_nothing() -> None:
     found, own = about_itself(near, begun, fit.frame)
     assert not is_far(own)
     assert found.at + own.numbers[0] == pytest.approx(true, abs=0.1)
+
+
+def test_steps_end_at_once_where_nothing_tells_of_a_lag() -> None:
+    start = curve(lambda _: 1.0, true=0.0, start=-0.3)
+    fit = start.fit()
+    near, begun = at_lags(start, fit, fit.frame)
+    assert near is start
+    assert begun is fit
