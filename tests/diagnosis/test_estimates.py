@@ -86,6 +86,8 @@ def test_a_heavier_link_is_the_described_one_with_a_body() -> None:
     mass, found = mounted_body(link, together.mass / link.mass, together.com - link.com)
     assert mass == pytest.approx(0.5)
     assert found == pytest.approx(place)
+
+
 def test_a_wrong_link_has_finite_sizes_as_a_point_and_below_no_mass() -> None:
     """Arm files may describe links as points, and the mean of a posterior may be no mass."""
     names = ("xx", "yy", "zz", "xy", "xz", "yz")
