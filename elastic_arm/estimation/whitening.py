@@ -363,7 +363,8 @@ class WhitenedData:
     whether what a joint's friction may be while it sticks is removed; acting: effects that are part
     of the predicted torques; described: the arm whose noise the residuals have, for all arms that
     are compared, and that noise by observation and stretch (:func:`.motion_noise`); None where
-    nothing is compared; near: the same stretches beside other numbers of the arm.
+    nothing is compared; near: the same stretches beside other numbers of the arm; whole: all
+    recordings of which these are a part: the same rows of a part count as sticking.
     """
 
     def __init__(
@@ -378,6 +379,7 @@ class WhitenedData:
         acting: Sequence[ActingEffect] = (),
         described: tuple[Model, Sequence[Sequence[Array]]] | None = None,
         near: Sequence[NearStretch] = (),
+        whole: Sequence[Observation] = (),
     ) -> None:
         self.layout = layout
         self.band = band
@@ -389,7 +391,7 @@ class WhitenedData:
         self._free: list[FreeTorques] = []
         others = iter(one.free for one in near)
         signals_before = iter(None if one.part is None else one.part.signals for one in near)
-        moves, fastest = _moving(observations)
+        moves, fastest = _moving(whole or observations)
         for number, observation in enumerate(observations):
             in_band = band.at(observation.rate)
             first = of_motion = None

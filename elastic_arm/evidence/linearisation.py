@@ -120,6 +120,7 @@ class Linearisation:
             acting=self.acting,
             described=(p.described, p.motion_noise(self.which)),
             near=() if near is None else near.stretches,
+            whole=p.part(ALL),
         )
 
     @cached_property
