@@ -13,7 +13,7 @@ from elastic_arm.equations.robot_at import calibrated_robot
 from elastic_arm.estimation.band import Band
 from elastic_arm.estimation.equation_sets import EquationSet
 from elastic_arm.estimation.observation import Observation, observe, widest_band
-from elastic_arm.estimation.whitening import EDGE, FLOOR, WhitenedData, noise_models
+from elastic_arm.estimation.whitening import EDGE, FLOOR, WhitenedData, noise_at, noise_models
 from elastic_arm.recording import Side
 from elastic_arm.sensors import Encoder, Sensors, TorqueSensor
 from elastic_arm.simulation import SimulationSettings, simulate
@@ -200,3 +200,33 @@ def test_a_scale_common_to_arm_and_torques_is_told_by_nothing() -> None:
     one = WhitenedData(MODEL, [observation()], *setting())
     other = WhitenedData(larger, [observation().corrected({}, gains)], *setting())
     assert other.density == pytest.approx(one.density, abs=0.01 * len(one.white))
+
+
+def test_a_part_frees_the_rows_that_all_recordings_free() -> None:
+    """A joint sticks below a share of its highest speed, which another recording may have."""
+    seen = observe(record(motions()[0], seed=0, sensors=Sensors.real()))
+    faster = [replace(one, dq=5.0 * one.dq, dtheta=5.0 * one.dtheta) for one in seen.quiet]
+    other = replace(seen, quiet=tuple(faster))
+    alone = WhitenedData(MODEL, [seen], *setting(), sticking_removed=True)
+    part = WhitenedData(MODEL, [seen], *setting(), sticking_removed=True, whole=[seen, other])
+    both = WhitenedData(MODEL, [seen, other], *setting(), sticking_removed=True)
+    np.testing.assert_array_equal(part.y[0], both.y[0])
+    assert part.shares()[0].sum() < alone.shares()[0].sum()
+
+
+def test_the_noise_of_accelerations_is_that_of_the_pose() -> None:
+    """In the mean of the motion it is one; stretched out, the base has more inertia."""
+    seen = observation()
+    layout, band = setting()
+    data = WhitenedData(MODEL, [seen], layout, band)
+    noise = data.parts[0].noise
+    motion = seen.pieces[0]
+    assert motion.q is not None
+    poses = motion.q[:: len(motion) // 12]
+    each = noise_at(poses, MODEL, seen, layout, noise, band.cutoff)
+    np.testing.assert_allclose(each.mean(axis=0), 1.0)
+    inertia = np.array(
+        [np.linalg.norm(M[0, :3]) for M in MODEL.mass_matrix(np.hstack([poses] * 2))]
+    )
+    base = each[:, 0]
+    assert base[np.argmax(inertia)] == base.max() > 1.01 * base.min()

@@ -68,6 +68,7 @@ EFFECT: Effect = SensorEffect(
             # The law's derivative by the cutoff at the reference is y' / (2 pi reference²).
             from_coefficient=lambda c: -(REFERENCE**2) / c,
             inverse=True,
+            draw=(0.5, 50.0),
             meaning="corner",
         ),
     ),

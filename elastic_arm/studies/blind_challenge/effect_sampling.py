@@ -86,7 +86,8 @@ class SampledEffect:
         p = self._size
         neutral = self._size.neutral or 0.0
         if p.inverse:
-            return 1.0 / p.high, 1.0 / p.low
+            low, high = p.draw or (p.low, p.high)
+            return 1.0 / high, 1.0 / low
         if p.draw is not None:
             return abs(p.draw[0] - neutral), abs(p.draw[1] - neutral)
         if neutral:
