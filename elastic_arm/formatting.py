@@ -22,6 +22,11 @@ def rounded(value: float, std: float) -> tuple[str, str]:
     return _to_place(value, place, plain), _to_place(std, place, plain)
 
 
+def counted(count: int, what: str) -> str:
+    """Return a number of things in words, such as "1 event" or "2 events"."""
+    return f"{count} {what}" if count == 1 else f"{count} {what}s"
+
+
 def short_numbers(values: Iterable[float]) -> str:
     """Return numbers with three digits each, in a row."""
     return " ".join(f"{value:.3g}" for value in values)

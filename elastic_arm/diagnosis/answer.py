@@ -26,6 +26,7 @@ from elastic_arm.evidence.explanation import Explanation
 from elastic_arm.evidence.problem import ALL
 from elastic_arm.evidence.relinearise import explain
 from elastic_arm.evidence.watch import Stage, Watch
+from elastic_arm.formatting import counted
 from elastic_arm.recording import Recording
 from elastic_arm.recording.made_torque import at_common_gain, with_recorded_duty
 from elastic_arm.recording.recording import recordings_of
@@ -82,7 +83,8 @@ def diagnose(
         events = events_in(parts)
         if events == parts.prepared.events or watch.is_over():
             break
-        watch.say(f"{len(events)} events excluded", Stage.CAUSES, AFTER_EVENTS)
+        words = f"{counted(len(events), 'event')} excluded, and the search repeated without"
+        watch.say(words, Stage.CAUSES, AFTER_EVENTS)
         if events not in known:
             known[events] = _explained(prepared.without(events), question, watch)
         parts = known[events]

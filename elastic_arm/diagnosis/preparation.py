@@ -339,8 +339,10 @@ def _notes(
     yield from unseen_notes(unseen, bare)
     shares = [(channel, priors.sensors[f"{channel}_gain"]) for channel in split_up.currents]
     if shares:
-        gains = ", ".join(f"{100 * share:.2g} % of {channel}" for channel, share in shares)
-        yield f"Torques are currents times a torque constant, with an assumed accuracy of {gains}."
+        gains = " and ".join(
+            f"{100 * share:.2g} % for the {channel.replace('_', ' ')}s" for channel, share in shares
+        )
+        yield f"Torques are currents times a torque constant, whose assumed accuracy is {gains}."
 
 
 def _check_memory(observed: Sequence[Observation], layout: EquationSet, band: Band) -> None:

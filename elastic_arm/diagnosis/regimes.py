@@ -98,7 +98,7 @@ def bases(
     typical = float(np.sqrt(np.mean(w**2))) or 1.0
     waves = [f(k * ratios[0] * theta) for k in ORDERS for f in (np.sin, np.cos)]
     turns = [f(k * ratios[1] * theta) for k in ORDERS for f in (np.sin, np.cos)]
-    return {
+    found = {
         "always": np.ones((len(w), 1)),
         "velocity_reversal": sign[:, None],
         "low_speed": np.stack([np.exp(-((w / (s * typical)) ** 2)) * sign for s in SLOW], axis=1),
@@ -106,10 +106,12 @@ def bases(
         "acceleration": a[:, None],
         "load": np.stack([load, load**3, rate], axis=1),
         "position": np.stack([np.sin(q), np.cos(q), np.sin(2 * q), np.cos(2 * q)], axis=1),
-        "rotor_angle": np.stack(turns, axis=1),
-        "wave_generator_angle": np.stack(waves, axis=1),
         "drift": np.stack([np.ones(len(w)), signals.t], axis=1),
     }
+    if ratios[1] != 1.0:  # without a gear the rotor turns with the joint
+        found["rotor_angle"] = np.stack(turns, axis=1)
+        found["wave_generator_angle"] = np.stack(waves, axis=1)
+    return found
 
 
 def _start_share(values: Sequence[Array], row: int, rate: float, seconds: float) -> float:

@@ -550,13 +550,13 @@ def _verdict_sentence(found: Diagnosis, beside: str) -> str:
     gone = "the correction increases the total gap" if larger else f"the gap shrinks by {share}"
     sentence = (
         f"With {added}, the model's error {motion} {change} {unit}"
-        f" {where}, where it exceeds the noise most; {gone}"
+        f" {where}, where the description exceeds the noise most; {gone}"
     )
-    return (
-        f"{sentence}, and the remaining gap has another cause."
-        if found.unexplained
-        else f"{sentence}."
-    )
+    if not found.unexplained:
+        return f"{sentence}."
+    if all(one.regime == "event" for one in found.unexplained):
+        return f"{sentence}. This leaves out the intervals that contradict the rest."
+    return f"{sentence}, and the remaining gap has another cause."
 
 
 def _worst_place(found: Diagnosis) -> Place:

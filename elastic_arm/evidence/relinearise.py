@@ -57,6 +57,7 @@ from elastic_arm.evidence.terms.number import number_terms
 from elastic_arm.evidence.terms.term import Term, odds_among
 from elastic_arm.evidence.terms.unnamed import unnamed_terms
 from elastic_arm.evidence.watch import Stage, Watch
+from elastic_arm.formatting import counted
 
 # Numbers of moves that expand a set: first these, then more if they find no better set.
 STAGES = (SIMPLE, ALL)
@@ -159,7 +160,7 @@ class _Exploration:
         of_all = own.score - self.first_score
         self.shared.linearised += 1
         self.shared.watch.say(
-            f"set of {causes} causes: {of_all:+.0f} nats, compared with the first set",
+            f"set of {counted(causes, 'cause')}: {of_all:+.0f} nats, compared with the first set",
             Stage.CAUSES,
             1.0 - EACH**self.shared.linearised,
         )

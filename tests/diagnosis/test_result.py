@@ -339,7 +339,8 @@ def test_the_summary_says_what_the_arm_has_and_how_right_the_model_is_then() -> 
         first.startswith("explained: Joint 2 has dry friction of 6 Nm")
         and "error on another motion" in last
     )
-    assert "0.4 Nm at joint_2 (motor side, noise 0.1 Nm), where it exceeds the noise most;" in last
+    place = "0.4 Nm at joint_2 (motor side, noise 0.1 Nm)"
+    assert f"{place}, where the description exceeds the noise most;" in last
     assert last.endswith("the gap shrinks by 90.0 %.")
     assert summary(replace(diagnosis(cause()), shrink=-147.69))[-1].endswith(
         "the correction increases the total gap."

@@ -255,7 +255,7 @@ def print_export(done: Exported, *, new: bool = False) -> None:
 def left_text(one: Left, units: JointUnits) -> str:
     """Return what is not in a file, its size, what it costs and why, as one line."""
     sizes = ", ".join(
-        f"{name} {_size(value)} {one.units.get(name, '')}".strip()
+        f"{name} {_size(value)} {one.units.get(name, '').removeprefix('1')}".strip()
         for name, value in one.numbers.items()
     )
     costs = [f"{size:.3g} {units.at(joint, 'Nm')} at {joint}" for joint, size in one.cost.items()]
