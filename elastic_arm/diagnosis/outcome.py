@@ -226,7 +226,7 @@ class _Outcome:
         """Yield the body that a last link heavier than described may carry."""
         last = self.parts.problem.robot.joints[-1]
         for cause, _ in self.causes.found:
-            if cause.effect != "link_inertia_mismatch" or cause.joint != last.name:
+            if cause.instance.effect.number != "link_mass" or cause.joint != last.name:
                 continue
             ratio = cause.parameters["mass"]
             if ratio.value - 1.0 > TWO * ratio.std:
