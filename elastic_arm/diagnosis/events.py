@@ -61,6 +61,7 @@ class Blocks(NamedTuple):
     values: Array
     white: Array  # (M, R) sums of squares over the noise
     square: Array  # (M, R) mean squares, Nm²
+    power: Array  # (M, R) of the noise at the pose, over that of the whole motion
 
 
 def blocks_of(
@@ -68,8 +69,7 @@ def blocks_of(
 ) -> Iterator[Blocks]:
     """Yield the remaining residuals (N', R) of each stretch of a recording in blocks.
 
-    Their sums of squares are relative to the noise at the pose of the block. Their times begin at
-    `offset`, s.
+    Their times begin at `offset`, s.
     """
     data = linear.data
     observation = linear.observed[recording]
@@ -97,7 +97,7 @@ def blocks_of(
         poses = motion.q[np.searchsorted(motion.t, 0.5 * (begin + end) - offset)]
         power = noise_at(poses, linear.model, observation, data.layout, part.noise, band.cutoff)
         squares = sums[2] / np.diff(edges)[:, None]
-        yield Blocks(begin, end, independent, sums[1] / power, squares)
+        yield Blocks(begin, end, independent, sums[1], squares, power)
 
 
 def events_of(
@@ -121,13 +121,35 @@ def events_of(
         n = blocks.values[told, row]
         white = blocks.white[told, row]
         square = blocks.square[told, row]
-        for i, j in runs_of(n, white, len(places)) if told.any() else ():
+        power = blocks.power[told, row]
+        for i, j in runs_at_poses(n, white, power, len(places)) if told.any() else ():
             rmse = float(np.sqrt(np.mean(square[i:j])))
             found.append(Event(recording, *places[row], float(begin[i]), float(end[j - 1]), rmse))
     return found
 
 
-def runs_of(n: Array, s: Array, places: int) -> Runs:
+def runs_at_poses(n: Array, s: Array, power: Array, places: int) -> Runs:
+    """Return the most probable events if the noise of blocks has these powers (M,), or one power:
+    whichever is more probable.
+
+        ln p(y) = ln p'(y / sqrt(power)) - sum of n/2 ln power
+
+    The noise of accelerations depends on the pose, but it need not be what is left.
+    """
+    alike = runs_of(n, s, places)
+    varying = runs_of(n, s / power, places)
+    change = 0.5 * float(np.sum(n * np.log(power)))
+    return varying.runs if varying.score - change > alike.score else alike.runs
+
+
+class Found(NamedTuple):
+    """Events, and ln p of the blocks with them."""
+
+    runs: Runs
+    score: float
+
+
+def runs_of(n: Array, s: Array, places: int) -> Found:
     """Return the most probable events among blocks of n (M,) values with sums of squares s (M,).
 
     places: number of places at which events are sought.
@@ -149,7 +171,7 @@ def runs_of(n: Array, s: Array, places: int) -> Runs:
             if runs == before:
                 break
             before = runs
-    return best
+    return Found(best, most)
 
 
 def _score(n: Array, s: Array, runs: Runs, price: float) -> tuple[float, tuple[float, float]]:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from elastic_arm.diagnosis import Diagnosis, Question, diagnose
-from elastic_arm.diagnosis.events import runs_of
+from elastic_arm.diagnosis.events import runs_at_poses, runs_of
 from elastic_arm.effects import EFFECTS
 from elastic_arm.recording import Recording
 from tests.helpers.gap_recordings import ROBOT, motions, record
@@ -22,7 +22,7 @@ def squares(power: np.ndarray, seed: int) -> np.ndarray:
 
 
 def runs(power: np.ndarray, seed: int = 0) -> list[tuple[int, int]]:
-    return runs_of(np.full(len(power), COUNT), squares(power, seed), 9)
+    return runs_of(np.full(len(power), COUNT), squares(power, seed), 9).runs
 
 
 def test_noise_and_powers_that_vary_hold_no_event() -> None:
@@ -89,3 +89,16 @@ def test_what_the_rest_tells_is_as_without_it(contact: Diagnosis) -> None:
     found = cause.parameters["torque"]
     assert (cause.effect, cause.joint) == ("coulomb_friction", "joint_2")
     assert abs(found.value - 6.0) < 3.0 * found.std < 0.18
+
+
+@pytest.mark.parametrize("follows_pose", [True, False])
+def test_noise_that_varies_with_the_pose_is_no_event(follows_pose: bool) -> None:
+    """An arm is stretched out for a third of a recording, where noise of accelerations has nine
+    times the power. What is left has such noise, or it has the same noise everywhere."""
+    n = np.full(60, 24.0)
+    power = np.where((np.arange(60) >= 10) & (np.arange(60) < 30), 9.0, 1.0)
+    noise = np.random.default_rng(3).chisquare(n)
+    s = noise * power if follows_pose else noise
+    assert runs_at_poses(n, s, power, 6) == []
+    wrong = s if follows_pose else s / power
+    assert runs_of(n, wrong, 6).runs != []
