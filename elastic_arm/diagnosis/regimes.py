@@ -96,8 +96,6 @@ def bases(
         "rates of the clear load", lambda: rates_of(signals.t, signals.model_torques["clear"])
     )[:, i]
     typical = float(np.sqrt(np.mean(w**2))) or 1.0
-    waves = [f(k * ratios[0] * theta) for k in ORDERS for f in (np.sin, np.cos)]
-    turns = [f(k * ratios[1] * theta) for k in ORDERS for f in (np.sin, np.cos)]
     found = {
         "always": np.ones((len(w), 1)),
         "velocity_reversal": sign[:, None],
@@ -109,6 +107,8 @@ def bases(
         "drift": np.stack([np.ones(len(w)), signals.t], axis=1),
     }
     if ratios[1] != 1.0:  # without a gear the rotor turns with the joint
+        waves = [f(k * ratios[0] * theta) for k in ORDERS for f in (np.sin, np.cos)]
+        turns = [f(k * ratios[1] * theta) for k in ORDERS for f in (np.sin, np.cos)]
         found["rotor_angle"] = np.stack(turns, axis=1)
         found["wave_generator_angle"] = np.stack(waves, axis=1)
     return found

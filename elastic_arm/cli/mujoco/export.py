@@ -254,8 +254,9 @@ def print_export(done: Exported, *, new: bool = False) -> None:
 
 def left_text(one: Left, units: JointUnits) -> str:
     """Return what is not in a file, its size, what it costs and why, as one line."""
+    units_of = {name: "" if unit == "1" else unit for name, unit in one.units.items()}
     sizes = ", ".join(
-        f"{name} {_size(value)} {one.units.get(name, '').removeprefix('1')}".strip()
+        f"{name} {_size(value)} {units_of.get(name, '')}".strip()
         for name, value in one.numbers.items()
     )
     costs = [f"{size:.3g} {units.at(joint, 'Nm')} at {joint}" for joint, size in one.cost.items()]

@@ -65,13 +65,14 @@ class DriverSide:
                 " joints unchanged.",
             )
         joints = [getattr(channels.joints[name], side) for name in names]
-        of_motors = [name for name in OF_MOTOR if any(name in one.present() for one in joints)]
+        present = [dict(one.present()) for one in joints]
+        named = set().union(*present)
+        of_motors = [name for name in OF_MOTOR if name in named]
         if of_motors:
             raise RecordingError(
                 f"the channel map has {of_motors[0]}, which live nodes do not convert to torques",
                 "Record a bag, and diagnose it with --channels.",
             )
-        present = [dict(one.present()) for one in joints]
         topics = {channel.topic for one in present for channel in one.values()}
         if not topics:
             return None

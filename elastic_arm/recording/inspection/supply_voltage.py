@@ -21,8 +21,9 @@ def other_supply(recording: Recording, robot: Robot) -> Iterator[Finding]:
         return
     driven = joints_with_duty(recording)
     there = joints_with(motor.supply)
+    drives = {joint.name: joint.controller for joint in robot.joints}
     for i, name in enumerate(recording.joints):
-        drive = {joint.name: joint.controller for joint in robot.joints}.get(name)
+        drive = drives.get(name)
         if name not in driven or not there[i] or drive is None or drive.stall is None:
             continue
         volts = float(np.median(motor.supply[:, i]))
