@@ -36,7 +36,7 @@ import numpy as np
 from elastic_arm.arrays import Array
 from elastic_arm.estimation.known_torques import ActingEffect
 from elastic_arm.estimation.regressors import Entries, Signals
-from elastic_arm.estimation.whitening import WhitenedData
+from elastic_arm.estimation.whitening import Part, WhitenedData
 from elastic_arm.robot import Robot
 
 # rad: between two of them, a sum of both is as good
@@ -65,7 +65,25 @@ def places_of_friction(acting: Sequence[ActingEffect]) -> list[FrictionPlace]:
     return list(dict.fromkeys(places))
 
 
-def dry_friction_columns(
+def turnover_columns(
+    data: WhitenedData, robot: Robot, acting: Sequence[ActingEffect], place: FrictionPlace
+) -> list[Array]:
+    """Return the columns (N', R, K) Nm of each stretch, one for each c_k. None at all where no
+    friction has the sign of the velocity.
+
+    acting: effects that act, of which the friction at the place is meant.
+    """
+    dry = _dry(data, acting, place)
+    if not dry:
+        return []
+    found = []
+    for part, size in zip(data.parts, dry, strict=True):
+        late = _late(part, robot, place)
+        found.append(_in_band(data, part, robot, place, late * size))
+    return data.weighted(found, in_place=True)
+
+
+def curve_columns(
     data: WhitenedData,
     robot: Robot,
     acting: Sequence[ActingEffect],
@@ -73,38 +91,52 @@ def dry_friction_columns(
     turned: Array,
     curve: Curve,
 ) -> list[Array]:
-    """Return the columns (N', R, K + SHAPES + LAWS) Nm of each stretch: one for each c_k, then for
-    S and A, with what of S is dry and viscous friction, then for these. None at all where no
-    friction has the sign of the velocity.
+    """Return the columns (N', R, SHAPES + LAWS) Nm of each stretch: those of S and A, with what of
+    S is dry and viscous friction, then these. None at all where no friction has the sign of the
+    velocity.
 
-    acting: effects that act, of which the friction at the place is meant; turned: c_k (K,) by which
-    z is made; curve: that of all recordings.
+    turned: c_k (K,) by which z is made; curve: that of all recordings.
     """
-    n = robot.n
-    j = robot.joint_names.index(place.joint)
-    of_motor = robot.elastic and place.side == "motor"
-    dry = []
-    for part in data.parts:
-        dry.append(np.sum([_dry(effect, part.signals, place) for effect in acting], axis=0))
-    if not any(one.any() for one in dry):
+    dry = _dry(data, acting, place)
+    if not dry:
         return []
     speeds, loads = _speeds_and_loads(data, robot, place)
-    count = len(DISTANCES) + SHAPES + LAWS
-    rows = np.full(count, 2 * n + j if of_motor else j)
     found = []
     for part, size, w, load in zip(data.parts, dry, speeds, loads, strict=True):
-        motion = part.stretch.quiet
-        angle = (motion.theta if of_motor else motion.q)[:, j]
-        sign = part.signals.values[f"sign_{place.side}"][:, j]
-        late = np.array([over_distance(angle, sign, distance) - sign for distance in DISTANCES])
-        z = sign + turned @ late
+        z = _sign(part, robot, place)
+        if np.any(turned):
+            z = z + turned @ _late(part, robot, place)
         x = 2.0 * part.signals.values["progress"][:, 0]
         bends, sides = curve.shapes(w, load, x)
         laws = np.array([np.ones_like(w), w])
-        values = np.vstack([late, z * bends, sides, z * laws]) * size
-        columns = Entries(values.T, rows, np.arange(count), (3 * n, count))
-        found.append(data.in_band(part, columns))
+        values = np.vstack([z * bends, sides, z * laws])
+        found.append(_in_band(data, part, robot, place, values * size))
     return data.weighted(found, in_place=True)
+
+
+def _in_band(
+    data: WhitenedData, part: Part, robot: Robot, place: FrictionPlace, values: Array
+) -> Array:
+    """Return columns (N', R, k) within the band of torques (k, N) Nm at a place."""
+    j = robot.joint_names.index(place.joint)
+    row = 2 * robot.n + j if robot.elastic and place.side == "motor" else j
+    k = len(values)
+    return data.in_band(part, Entries(values.T, np.full(k, row), np.arange(k), (3 * robot.n, k)))
+
+
+def _sign(part: Part, robot: Robot, place: FrictionPlace) -> Array:
+    """Return the sign (N,) of the velocity of a place."""
+    return part.signals.values[f"sign_{place.side}"][:, robot.joint_names.index(place.joint)]
+
+
+def _late(part: Part, robot: Robot, place: FrictionPlace) -> Array:
+    """Return z_k - s (K, N) of a place."""
+    motion = part.stretch.quiet
+    of_motor = robot.elastic and place.side == "motor"
+    j = robot.joint_names.index(place.joint)
+    angle = (motion.theta if of_motor else motion.q)[:, j]
+    sign = _sign(part, robot, place)
+    return np.array([over_distance(angle, sign, distance) - sign for distance in DISTANCES])
 
 
 def curve_over(data: WhitenedData, robot: Robot, place: FrictionPlace) -> Curve:
@@ -144,17 +176,17 @@ class Curve(NamedTuple):
 
     def of_rows(self, white: Array) -> Curve:
         """Return it with the dry and viscous friction that its shapes have in whitened columns
-        (rows, K + SHAPES + LAWS)."""
-        bends = white[:, len(DISTANCES) : len(DISTANCES) + BENDS]
+        (rows, SHAPES + LAWS)."""
+        bends = white[:, :BENDS]
         laws = white[:, -LAWS:]
         plain = np.asarray(np.linalg.lstsq(laws, bends)[0], dtype=float)
         return self._replace(plain=plain)
 
     def less(self, columns: Array) -> Array:
-        """Return columns (…, K + SHAPES) less dry and viscous friction, of such with the laws
-        (…, K + SHAPES + LAWS)."""
+        """Return columns (…, SHAPES) less dry and viscous friction, of such with the laws
+        (…, SHAPES + LAWS)."""
         found = columns[..., :-LAWS].copy(order="K")
-        found[..., len(DISTANCES) : len(DISTANCES) + BENDS] -= columns[..., -LAWS:] @ self.plain
+        found[..., :BENDS] -= columns[..., -LAWS:] @ self.plain
         return found
 
     def shapes(self, w: Array, load: Array, x: Array) -> tuple[Array, Array]:
@@ -208,7 +240,16 @@ def _functions() -> tuple[Array, Array]:
     return grid, (U[:, largest] * np.sqrt(e[largest])).T
 
 
-def _dry(effect: ActingEffect, signals: Signals, place: FrictionPlace) -> Array:
+def _dry(data: WhitenedData, acting: Sequence[ActingEffect], place: FrictionPlace) -> list[Array]:
+    """Return the magnitude (N,) Nm of what has the sign of the velocity in the friction at a place,
+    for each stretch; none at all where nothing has it."""
+    found = []
+    for part in data.parts:
+        found.append(np.sum([_dry_of(effect, part.signals, place) for effect in acting], axis=0))
+    return found if any(one.any() for one in found) else []
+
+
+def _dry_of(effect: ActingEffect, signals: Signals, place: FrictionPlace) -> Array:
     """Return the magnitude (N,) Nm of what has the sign of the velocity in the friction that an
     effect makes at a place."""
     feature = effect.feature

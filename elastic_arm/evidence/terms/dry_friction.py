@@ -1,8 +1,8 @@
 """Dry friction of a real joint beside that of its law.
 
 It turns over within a distance, and its curve bends by some percent
-(:mod:`elastic_arm.equations.dry_friction`). The friction of most drives does so, that of a
-simulated arm may not: the odds are even.
+(:mod:`elastic_arm.equations.dry_friction`). The friction of most drives does either. Many simulated
+arms have neither, and some have one alone: each has a term of its own, with even odds.
 """
 
 from collections.abc import Iterator, Sequence
@@ -16,10 +16,12 @@ from elastic_arm.equations.dry_friction import (
     SHAPES,
     Curve,
     FrictionPlace,
+    curve_columns,
     curve_over,
-    dry_friction_columns,
     places_of_friction,
+    turnover_columns,
 )
+from elastic_arm.evidence.keys import Key
 from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.priors import CURVE, TURNOVER
 from elastic_arm.evidence.terms.term import Coefficients, Term
@@ -33,17 +35,8 @@ class DryFrictionTerm(Term):
     unknown."""
 
     place: FrictionPlace = None  # type: ignore[assignment]
-    # (SHARES,) of it that turn over within each distance, where its curve is linearised
-    turned: Array = None  # type: ignore[assignment]
-    curve: Curve = None  # type: ignore[assignment]  # of all recordings
 
-    kind = "dry friction"
     says_cause = False
-
-    @property
-    def _details(self) -> tuple[float, ...]:
-        """Its columns are those of a curve linearised where so much of it turns over."""
-        return tuple(self.turned.tolist())
 
     def doubt(self, is_usual: bool) -> float:
         """Return -ln of its prior odds."""
@@ -53,42 +46,93 @@ class DryFrictionTerm(Term):
         """Return it as it is: a share of the friction has one scale."""
         return self
 
+
+@dataclass(frozen=True, eq=False)
+class TurnoverTerm(DryFrictionTerm):
+    """The shares of the dry friction that turn over within each distance."""
+
+    kind = "turnover of friction"
+
     def again(
         self, linear: Linearisation, fit: Coefficients, others: Sequence[Term]
     ) -> Sequence[Term]:
         """Return it at another linearisation, none where no dry friction acts there."""
-        return _at(linear, self.place, fit.beta(self)[:SHARES])
+        return _turnover_at(linear, self.place)
 
     def plain(self, linear: Linearisation, fit: Coefficients, along: Array) -> list[Array]:
-        """Return its columns (N', R, k) of each stretch, Nm."""
-        each = _columns(linear, self.place, self.turned, self.curve)
+        """Return its columns (N', R, SHARES) of each stretch, Nm."""
+        return turnover_columns(linear.data, linear.model.robot, linear.acting, self.place)
+
+
+@dataclass(frozen=True, eq=False)
+class CurveTerm(DryFrictionTerm):
+    """The bends of the curve of the dry friction."""
+
+    # (SHARES,) of it that turn over within each distance
+    turned: Array = None  # type: ignore[assignment]
+    curve: Curve = None  # type: ignore[assignment]  # of all recordings
+
+    kind = "curve of friction"
+
+    @property
+    def _details(self) -> tuple[float, ...]:
+        """Its columns are those of friction of which so much turns over."""
+        return tuple(self.turned.tolist())
+
+    def again(
+        self, linear: Linearisation, fit: Coefficients, others: Sequence[Term]
+    ) -> Sequence[Term]:
+        """Return it at another linearisation, none where no dry friction acts there."""
+        turned = np.zeros(SHARES)
+        for term in fit.terms:
+            if isinstance(term, TurnoverTerm) and term.place == self.place:
+                turned = fit.beta(term)
+        return _curve_at(linear, self.place, turned)
+
+    def plain(self, linear: Linearisation, fit: Coefficients, along: Array) -> list[Array]:
+        """Return its columns (N', R, SHAPES) of each stretch, Nm."""
+        each = _curve_columns(linear, self.place, self.turned, self.curve)
         return [self.curve.less(columns) for columns in each]
 
 
 def dry_friction_terms(linear: Linearisation) -> Iterator[DryFrictionTerm]:
-    """Yield the terms of all places at which dry friction acts, made once; their curves are
-    linearised where it turns over at once."""
+    """Yield the terms of all places at which dry friction acts, made once; the curves are those of
+    friction that turns over at once."""
     made: dict[FrictionPlace, list[DryFrictionTerm]] = linear.cache.setdefault("dry friction", {})
     for place in places_of_friction(linear.acting):
         if place not in made:
-            made[place] = _at(linear, place, np.zeros(SHARES))
+            at_once = np.zeros(SHARES)
+            made[place] = [*_turnover_at(linear, place), *_curve_at(linear, place, at_once)]
         yield from made[place]
 
 
-def _at(linear: Linearisation, place: FrictionPlace, turned: Array) -> list[DryFrictionTerm]:
-    """Return the term of a place, none where no dry friction acts."""
+def _turnover_at(linear: Linearisation, place: FrictionPlace) -> list[DryFrictionTerm]:
+    """Return the turnover at a place, none where no dry friction acts."""
+    each = turnover_columns(linear.data, linear.model.robot, linear.acting, place)
+    if not each:
+        return []
+    term = TurnoverTerm(
+        _key("friction_turnover", place),
+        linear.data.whiten(each),
+        np.full(SHARES, TURNOVER),
+        low=np.zeros(SHARES),
+        place=place,
+    )
+    return [term]
+
+
+def _curve_at(linear: Linearisation, place: FrictionPlace, turned: Array) -> list[DryFrictionTerm]:
+    """Return the curve at a place, none where no dry friction acts."""
     over = curve_over(linear.data, linear.model.robot, place)
-    each = _columns(linear, place, turned, over)
+    each = _curve_columns(linear, place, turned, over)
     if not each:
         return []
     white = linear.data.whiten(each)
     curve = over.of_rows(white)
-    unbounded = np.full(SHAPES, -np.inf)
-    term = DryFrictionTerm(
-        ("dry_friction", place.joint, (("side", place.side),)),
+    term = CurveTerm(
+        _key("friction_curve", place),
         curve.less(white),
-        np.append(np.full(SHARES, TURNOVER), np.full(SHAPES, CURVE)),
-        low=np.append(np.zeros(SHARES), unbounded),
+        np.full(SHAPES, CURVE),
         place=place,
         turned=turned,
         curve=curve,
@@ -96,10 +140,12 @@ def _at(linear: Linearisation, place: FrictionPlace, turned: Array) -> list[DryF
     return [term]
 
 
-def _columns(
+def _key(what: str, place: FrictionPlace) -> Key:
+    return (what, place.joint, (("side", place.side),))
+
+
+def _curve_columns(
     linear: Linearisation, place: FrictionPlace, turned: Array, curve: Curve
 ) -> list[Array]:
-    """Return the columns (N', R, SHARES + SHAPES + LAWS) of each stretch, Nm."""
-    return dry_friction_columns(
-        linear.data, linear.model.robot, linear.acting, place, turned, curve
-    )
+    """Return the columns (N', R, SHAPES + LAWS) of each stretch, Nm."""
+    return curve_columns(linear.data, linear.model.robot, linear.acting, place, turned, curve)
