@@ -25,6 +25,7 @@ from elastic_arm.evidence.keys import Ident, Key
 from elastic_arm.evidence.posterior import Posterior, Prior, posterior
 from elastic_arm.evidence.priors import AS_BUILT, MEASURED, TRUST, ZEROS, Assumed
 from elastic_arm.evidence.terms.change import ChangeTerm
+from elastic_arm.evidence.terms.dry_friction import choices
 from elastic_arm.evidence.terms.known import KnownTerm
 from elastic_arm.evidence.terms.number import NumberTerm
 from elastic_arm.evidence.terms.share import ShareTerm
@@ -65,6 +66,7 @@ class Fit:
     def score(self) -> float:
         """ln p(y, set) up to a constant of the data."""
         prices = sum(t.price + self.model.doubt(t) for t in self.optional)
+        prices += choices(self.optional)
         return self.found.evidence - prices + self.model.assumption + self.correction
 
     @property

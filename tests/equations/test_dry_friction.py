@@ -6,7 +6,6 @@ from scipy.integrate import solve_ivp
 
 from elastic_arm.equations.dry_friction import (
     BENDS,
-    DISTANCES,
     LAWS,
     Curve,
     functions_of_speed,
@@ -68,13 +67,12 @@ def test_no_bend_of_the_curve_stands_for_viscous_friction_in_slow_rows() -> None
     free = Curve.over(np.abs(w), np.ones_like(w))
     bends, sides = free.shapes(np.abs(w), np.ones_like(w), 2.0 * t / t[-1] - 1.0)
     laws = np.array([sign, w])
-    late = np.zeros((len(DISTANCES), len(t)))
-    columns = np.vstack([late, sign * bends, sides, laws]).T
+    columns = np.vstack([sign * bends, sides, laws]).T
     slow = np.fft.rfft(columns, axis=0)[1:30]
     rows = np.vstack([slow.real, slow.imag])
     curve = free.of_rows(rows)
     dry, viscous = rows[:, -LAWS:].T
-    beside = slice(len(DISTANCES), len(DISTANCES) + BENDS)
+    beside = slice(BENDS)
     alone = left_of(viscous, dry[:, None])
     with_bends = left_of(viscous, np.column_stack([dry, curve.less(rows)[:, beside]]))
     assert left_of(viscous, np.column_stack([dry, rows[:, beside]])) < 0.5 * alone

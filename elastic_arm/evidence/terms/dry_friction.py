@@ -2,11 +2,17 @@
 
 It turns over within a distance, and its curve bends by some percent
 (:mod:`elastic_arm.equations.dry_friction`). The friction of most drives does either. Many simulated
-arms have neither, and some have one alone: each has a term of its own, with even odds.
+arms have neither, and some have one alone: each has a term of its own.
+
+    P(a set of k out of n joints) = 1 / (n + 1) / C(n, k)
+
+Each number k of joints is as likely, because the joints of an arm are alike: mostly all of them
+differ from the laws, or none.
 """
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from math import comb, log
 
 import numpy as np
 
@@ -35,11 +41,12 @@ class DryFrictionTerm(Term):
     unknown."""
 
     place: FrictionPlace = None  # type: ignore[assignment]
+    joints: int = 0  # of the arm
 
     says_cause = False
 
     def doubt(self, is_usual: bool) -> float:
-        """Return -ln of its prior odds."""
+        """Return -ln of its prior odds alone; those of a set are :func:`choices`."""
         return 0.0
 
     def scaled(self, scale: float) -> "DryFrictionTerm":
@@ -95,6 +102,18 @@ class CurveTerm(DryFrictionTerm):
         return [self.curve.less(columns) for columns in each]
 
 
+def choices(terms: Sequence[Term]) -> float:
+    """Return ln of the numbers of ways to choose the joints at which the friction of a set of terms
+    turns over, and those at which it bends."""
+    found = 0.0
+    for kind in (TurnoverTerm, CurveTerm):
+        own = [term for term in terms if isinstance(term, kind)]
+        if own:
+            k = len({term.place.joint for term in own})
+            found += log(comb(own[0].joints, k))
+    return found
+
+
 def dry_friction_terms(linear: Linearisation) -> Iterator[DryFrictionTerm]:
     """Yield the terms of all places at which dry friction acts, made once; the curves are those of
     friction that turns over at once."""
@@ -117,6 +136,7 @@ def _turnover_at(linear: Linearisation, place: FrictionPlace) -> list[DryFrictio
         np.full(SHARES, TURNOVER),
         low=np.zeros(SHARES),
         place=place,
+        joints=linear.model.robot.n,
     )
     return [term]
 
@@ -134,6 +154,7 @@ def _curve_at(linear: Linearisation, place: FrictionPlace, turned: Array) -> lis
         curve.less(white),
         np.full(SHAPES, CURVE),
         place=place,
+        joints=linear.model.robot.n,
         turned=turned,
         curve=curve,
     )
