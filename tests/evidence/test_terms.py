@@ -10,7 +10,6 @@ from elastic_arm.evidence.grams import Grams
 from elastic_arm.evidence.terms.dry_friction import SHARES, CurveTerm, TurnoverTerm, choices
 from tests.evidence.made_up import HARMONICS, bands
 
-
 JOINTS = ("base", "shoulder", "elbow", "wrist", "flange")
 
 
