@@ -44,21 +44,21 @@ def about_itself(
 
     Numbers of the arm and nonlinear numbers of effects move together. A step that loses much is
     shortened. The steps end early if the score is further below `least` than the last step changed
-    it. A set that has not settled after all steps gets its lowest score.
+    it. A set that has not settled after all steps gets its lowest score in the later half of them.
 
     start: fit whose frame the scores have; least: score to reach; settled: steps that count as
     zero, in standard deviations.
     """
     assumed = fit.model.assumed
     before: Fit | None = None
-    lowest = np.inf
+    scores: list[float] = []
     share = 1.0
     for _ in range(STEPS):
         if share == 1.0 and _has_settled(linear, fit, settled):
             break
         there = moved(linear, fit, share)
         own = linear_model(there, assumed).fit(again(fit, there)).compared_in(start)
-        lowest = min(lowest, own.score)
+        scores.append(own.score)
         gain = np.inf if before is None else own.score - before.score
         if gain < -COMPARED and share == 1.0:
             share = SHORTER
@@ -73,8 +73,10 @@ def about_itself(
         if is_still or own.score + abs(gain) < least:
             break
     found = fit.compared_in(start)
-    if is_far(found) and np.isfinite(lowest):
-        # The noise of the start belongs to other numbers, and may be far too large.
+    if is_far(found) and scores:
+        # The noise of the start belongs to other numbers, and may be far too large; the earlier half
+        # of the steps led away from it.
+        lowest = min(scores[len(scores) // 2 :])
         found = replace(found, correction=found.correction + lowest - found.score)
     return linear, found
 

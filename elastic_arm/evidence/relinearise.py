@@ -253,6 +253,9 @@ def _begun(problem: Problem, refit: bool, shared: Shared) -> list[Explanation]:
         shared.look(Explanation(built, Search(built, fitted.model, ()), fitted, [fitted]))
     shared.watch.say("search for causes", Stage.CAUSES)
     starts = [_explained(built, terms, AS_BUILT, refit, shared, moves=ADDED)]
+    # Ordinary deviations that stand for a large effect may be too far for columns at their place.
+    near = [*usual.optional, *dry_friction_terms(described)]
+    starts.append(_explained(described, near, AS_BUILT, refit, shared, moves=ADDED, most=FIRST))
     if refit:
         return starts
     exact = _explained(described, (), AS_MEASURED, refit, shared, moves=ADDED, most=FIRST)

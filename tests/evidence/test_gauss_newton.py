@@ -86,7 +86,7 @@ def test_an_unchanged_score_does_not_end_steps_that_overshoot() -> None:
     assert found.at + own.numbers[0] == pytest.approx(0.0, abs=0.1)
 
 
-def test_a_set_that_does_not_settle_counts_by_its_lowest_score() -> None:
+def test_a_set_that_does_not_settle_counts_by_the_lowest_of_its_later_scores() -> None:
     """Each step for the cube root overshoots by twice the number, whose score grows with it."""
     start = curve(np.cbrt, true=0.0, start=1e-3)
     fit = start.fit()
