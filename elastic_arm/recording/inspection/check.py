@@ -14,7 +14,7 @@ from elastic_arm.recording.inspection.described_gravity import contradicted, mis
 from elastic_arm.recording.inspection.magnitudes import beyond_limits, of_no_arm
 from elastic_arm.recording.inspection.outliers import cleared, without_zeros
 from elastic_arm.recording.inspection.percent import in_percent
-from elastic_arm.recording.inspection.plausibility import implausible
+from elastic_arm.recording.inspection.plausibility import implausible, in_degrees
 from elastic_arm.recording.inspection.report import (
     REPAIR,
     Finding,
@@ -180,6 +180,7 @@ def misread(
     for recording in recordings:
         whole = cleared(recording)[0]
         words = [] if explained else [finding.message for finding in disagreeing(whole)]
+        words += in_degrees(whole)
         of_commands = len(joints_with_duty(whole)) < whole.n
         # Torques would be made of commands that no drive received.
         if of_commands and is_commanded(whole):

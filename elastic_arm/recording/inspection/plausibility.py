@@ -7,16 +7,27 @@ Position and velocity describe the same motion. Over an interval from t to t + w
 with the gain g = 1 and the lag tau = 0 of the velocity relative to the position. If g or tau
 differs, a unit, a sign, a filter or a clock is wrong. If samples were not taken at their stamps,
 all joints deviate along their motion by the same time, which sensor noise cannot cause.
+
+Degrees in one of both channels and radians in the other have g = 180 / pi or its inverse, to within
+the calibration of a velocity. Against a factor g of any size these two are weighed by Bayes' rule.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
+from scipy.stats import norm
 
-from elastic_arm.recording.inspection.report import FEWEST, Finding, Severity, about, warning
+from elastic_arm.recording.inspection.report import (
+    FEWEST,
+    Finding,
+    Severity,
+    WrongMotion,
+    about,
+    warning,
+)
 from elastic_arm.recording.inspection.torque_spectrum import torque_spectra
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Array, Samples, Side, joints_with, span_of
@@ -27,6 +38,8 @@ _STILL = 1e-3  # rad/s rms below which a joint does not move
 _SMOOTH = "smooth_torque"
 _GAIN = 0.03  # a unit or a sign is off by more
 _FILTERED = 0.2  # of a velocity, that a filter or a calibration takes or adds
+_OTHER_UNIT = "other_unit"  # code of degrees in one channel of a side beside radians in the other
+_DECADES = 4.0  # within which a factor of any size is taken to lie, up and down; convention
 _JITTER = 0.02  # of the interval: stamps that spread more must be those of the motion
 _PARTS = 20  # of a recording, whose scatter shows how certain its work is
 
@@ -57,19 +70,39 @@ def implausible(recording: Recording) -> list[Finding]:
     For a long recording, velocities and stamps are judged by its middle, because such faults affect
     all parts of it.
     """
-    sides = {name: _whole(side, recording.joints) for name, side in recording.measured().items()}
-    if not all(_is_motion(side) for side, _ in sides.values()):
+    sides = _whole_sides(recording)
+    if not sides:
         return []
     findings = _same_arrays(recording)
-    for name, (side, joints) in sides.items():
-        if len(side) < FEWEST:
-            continue
-        if side.position is not None and side.velocity is not None:
-            begin = max(0, (len(side) - _ENOUGH) // 2)
-            motion = _compared(side.at(slice(begin, begin + _ENOUGH)))
-            findings += _velocities(name, motion, joints)
-            findings += _stamps(name, motion)
+    for name, joints, motion in _motions(sides):
+        findings += _velocities(name, motion, joints)
+        findings += _stamps(name, motion)
     return [*findings, *_noiseless(recording), *_backwards(recording)]
+
+
+def in_degrees(recording: Recording) -> list[str]:
+    """Return in words which positions or velocities are in degrees beside radians in the other."""
+    found: list[Finding] = []
+    for name, joints, motion in _motions(_whole_sides(recording)):
+        found += _velocities(name, motion, joints)
+    return [one.message for one in found if one.code == _OTHER_UNIT]
+
+
+def _whole_sides(recording: Recording) -> dict[str, tuple[Side, Sequence[str]]]:
+    """Return each side with the joints that have all of its channels; none at all if any is no
+    motion."""
+    sides = {name: _whole(side, recording.joints) for name, side in recording.measured().items()}
+    return sides if all(_is_motion(side) for side, _ in sides.values()) else {}
+
+
+def _motions(
+    sides: Mapping[str, tuple[Side, Sequence[str]]],
+) -> Iterator[tuple[str, Sequence[str], _Compared]]:
+    """Yield the middle of each side that has positions and velocities, with its joints."""
+    for name, (side, joints) in sides.items():
+        if len(side) >= FEWEST and side.position is not None and side.velocity is not None:
+            begin = max(0, (len(side) - _ENOUGH) // 2)
+            yield name, joints, _compared(side.at(slice(begin, begin + _ENOUGH)))
 
 
 def _whole(side: Side, joints: Sequence[str]) -> tuple[Side, Sequence[str]]:
@@ -93,7 +126,7 @@ def _compared(side: Side) -> _Compared:
     """Fit the module's equation to every joint."""
     assert side.position is not None and side.velocity is not None
     t = (side.stamp_ns - side.stamp_ns[0]) * 1e-9
-    q = np.unwrap(side.position, axis=0)
+    q = side.position
     v = side.velocity
     # 0.02 s: a velocity is compared with the advance of the position over more than encoder steps
     width = min(max(round(0.02 / float(np.median(np.diff(t)))), 1), len(t) // 20)
@@ -189,8 +222,17 @@ def _velocities(name: str, motion: _Compared, joints: Sequence[str]) -> list[Fin
     columns = "check the columns, units and signs"
     derivative = "the derivative of the position"
     findings = about(joints, strange, "velocity", what, f"is not {derivative}", columns)
+    positions = far & _is_size(motion.gain, 180.0 / np.pi)
+    velocities = far & _is_size(motion.gain, np.pi / 180.0)
+    for which, chosen, other, kind in (
+        ("position", positions, "velocity", WrongMotion),
+        ("velocity", velocities, "position", Finding),
+    ):
+        words = f"is probably in degrees beside radians in the {other}"
+        unit = "their rates differ by 57.3: give its unit (deg) in the map"
+        findings += about(joints, chosen, _OTHER_UNIT, f"{name} {which}", words, unit, kind=kind)
     degrees: tuple[tuple[NDArray[np.bool_], Severity], ...] = (
-        (far, "warning"),
+        (far & ~positions & ~velocities, "warning"),
         (scaled & ~far, "note"),
     )
     for chosen, severity in degrees:
@@ -203,6 +245,16 @@ def _velocities(name: str, motion: _Compared, joints: Sequence[str]) -> list[Fin
             joints, chosen, "velocity_lag", what, size, "one of the two was filtered", "note"
         )
     return findings
+
+
+def _is_size(gain: Array, size: float) -> NDArray[np.bool_]:
+    """Return which gains (n,) are more probably a size than any other number.
+
+    The logarithm of the former has the standard deviation of a calibration, that of the latter a
+    uniform distribution.
+    """
+    off = np.log(np.maximum(gain, 1e-300) / size)
+    return norm.pdf(off, scale=_GAIN) > 0.5 / (_DECADES * np.log(10.0))
 
 
 def _stamps(name: str, motion: _Compared) -> list[Finding]:
