@@ -212,7 +212,7 @@ def _split_up(
     first = _moving(recordings, robot, least)
     second = _moving(validate, robot, least)
     chosen = [by_motor_encoders(part, robot) for part, _ in (*first, *second)]
-    alike = with_common_zeros(share_out(usable, chosen), robot)
+    alike = with_common_zeros(share_out(lambda one: usable(one, robot), chosen), robot)
     followed: list[Recording] = []
     ignored: list[Event] = []
     for one, (_, start) in zip(alike, (*first, *second), strict=True):

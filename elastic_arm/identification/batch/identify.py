@@ -218,7 +218,7 @@ def as_followed(recording: Recording, robot: Robot, model: str) -> Recording:
 def _in_motion(recording: Recording, robot: Robot) -> Recording:
     """Return the joints of the arm in motion, without outliers, and with torques that are made."""
     moving = without_outliers(without_standstill(recording.select(robot.joint_names)))
-    moving, _ = without_dead_torques(moving)
+    moving, _ = without_dead_torques(moving, robot)
     return with_made_torque(by_motor_encoders(moving, robot), robot)
 
 

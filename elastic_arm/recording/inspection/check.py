@@ -194,11 +194,11 @@ def misread(
 
 def _seen(whole: Recording, recording: Recording, robot: Robot | None) -> list[Finding]:
     found = [
-        *channel_findings(whole),
+        *channel_findings(whole, robot),
         *frozen(recording),
         *implausible(whole),
         *disagreeing(whole),
-        *followed(whole),
+        *followed(whole, robot),
     ]
     found += _sizes(whole, recording, robot)
     return found if robot is None else [*found, *other_supply(whole, robot)]

@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from elastic_arm.recording.inspection.report import Finding, about, warning
-from elastic_arm.recording.inspection.stuck_channels import MOVED, STILL
+from elastic_arm.recording.inspection.stuck_channels import STILL, least_travel
 from elastic_arm.recording.made_torque import FEWEST
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Array, joints_with, listed, span_of
+from elastic_arm.robot import Robot
 
 LAGS = np.linspace(-0.5, 1.0, 301)  # s that are tried
 DIGITS = 1e-6  # of the positions' spread, beside torques
@@ -30,7 +31,7 @@ MISTAKEN = (180.0 / np.pi, np.pi / 180.0, 2 * np.pi, 0.5 / np.pi, 1e3, 1e-3, 1e2
 NEAR = 1.15  # times such a factor; a loop's own gain is off by less, and servos of 0.2 are seen
 
 
-def followed(recording: Recording) -> Iterator[Finding]:
+def followed(recording: Recording, robot: Robot | None = None) -> Iterator[Finding]:
     """Yield the findings about commands: lag, rate, and whether the arm can have followed them."""
     fit = _fitted(recording)
     if fit is None:
@@ -54,7 +55,7 @@ def followed(recording: Recording) -> Iterator[Finding]:
     )
     words = "is constant while the joint moves"
     # A joint that is held in one place gives way to its load a little.
-    untold = fit.moves & ~fit.told & (fit.travel > MOVED)
+    untold = fit.moves & ~fit.told & (fit.travel > least_travel(recording, robot))
     yield from about(joints, untold, "constant_command", "command", words, told)
     late = f"lag the commands by {span_of(1e3 * fit.lag[good])} ms (delay and drive together)"
     error = f"deviations {span_of(1e2 * fit.left[good])} % of their spread"

@@ -10,14 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from elastic_arm.formatting import JointUnits
 from elastic_arm.recording.inspection.report import FEWEST, Finding, Severity, about, warning
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Array, Side, joints_with, span_of
+from elastic_arm.robot import Robot
 
 # An arm whose joints all travel less than this, rad, stands still.
 STILL = 1e-3
-# rad (m) that a joint has moved for certain: beyond play, wind-up and the steps of encoders.
-MOVED = 0.05
+# How far a joint has moved for certain: beyond play, wind-up and the steps of encoders. Convention.
+MOVED = {"rad": 0.05, "m": 0.005}
 # Channels that need not follow the motion of an arm.
 NOT_OF_MOTION = ("acceleration", "supply")
 NO_MOTION = "Record an excitation from `elastic-arm excite`"
@@ -83,7 +85,14 @@ def moves(recording: Recording) -> bool:
     )
 
 
-def channel_findings(recording: Recording) -> list[Finding]:
+def least_travel(recording: Recording, robot: Robot | None) -> Array:
+    """Return how far (n,) rad or m each joint has to travel to have moved for certain; without a
+    description, all joints turn."""
+    units = JointUnits(recording.joints) if robot is None else robot.units
+    return np.array([MOVED[units.at(joint, "rad")] for joint in recording.joints])
+
+
+def channel_findings(recording: Recording, robot: Robot | None = None) -> list[Finding]:
     """Return which channels do not follow the motion.
 
     All rules look at each channel of each joint once.
@@ -92,6 +101,7 @@ def channel_findings(recording: Recording) -> list[Finding]:
         words = "the recording contains no motion: identify and diagnose cannot use it"
         return [warning("no_motion", f"{words}. {NO_MOTION}")]
     travel = _travels(recording)
+    least = least_travel(recording, robot)
     findings = []
     for name, side in recording.measured().items():
         if len(side) < FEWEST:
@@ -99,7 +109,7 @@ def channel_findings(recording: Recording) -> list[Finding]:
         position = position_at(recording, side)
         for channel, values in side.channels().items():
             if channel not in NOT_OF_MOTION:
-                others = [far > MOVED for what, far in travel.items() if what != (name, channel)]
+                others = [far > least for what, far in travel.items() if what != (name, channel)]
                 moving = np.any(others, axis=0) if others else np.zeros(recording.n, np.bool_)
                 findings += _of_channel(
                     recording, f"{name} {channel}", side, values, position, moving
