@@ -17,13 +17,12 @@ from elastic_arm.recording.storage.stream_writer import StreamWriter
 from elastic_arm.recording.topics import (
     JOINT_STATES,
     JOINT_TORQUES,
-    MOTOR_PWM,
     MOTOR_STATES,
-    MOTOR_SUPPLY,
+    OF_MOTOR,
     TYPES,
 )
 
-_MENDED = (JOINT_STATES, MOTOR_STATES, JOINT_TORQUES, MOTOR_PWM, MOTOR_SUPPLY)
+_MENDED = (JOINT_STATES, MOTOR_STATES, JOINT_TORQUES, *OF_MOTOR.values())
 
 
 @dataclass
