@@ -1,9 +1,9 @@
 """Replay of a recording in MuJoCo, with the errors of each model's motion and torque.
 
-Open loop, in windows: the arm starts in the recorded state and is driven by the recorded motor
-torque. Torque: MuJoCo's inverse dynamics of the recorded motion is compared with the recorded
-torque. Closed loop, for models with feedback actuators and recorded references: the reference is
-their input.
+Open loop, in windows: the arm starts in the recorded state and is driven by the motor torque: the
+recorded one, or the one that the described controllers or electrics make of commands or duty.
+Torque: MuJoCo's inverse dynamics of the recorded motion is compared with the same torque. Closed
+loop, for models with feedback actuators and recorded references: the reference is their input.
 """
 
 from collections.abc import Iterator, Sequence
@@ -67,6 +67,7 @@ class Replay:
     closed_loop: Array | None
     course: ReplayedCourse  # for figures
     prismatic: tuple[str, ...] = ()  # names of the joints that slide: their errors are in m and N
+    torque: str = "recorded"  # how the driving torques are known: "recorded" or "computed"
 
     @property
     def units(self) -> JointUnits:
@@ -130,6 +131,7 @@ def replay(recording: Recording, arm: MjcfArm, *, window: float = WINDOW, name: 
         closed,
         course,
         tuple(arm.robot.units.prismatic),
+        "computed" if made.made_by else "recorded",
     )
 
 
