@@ -17,7 +17,7 @@ from elastic_arm.estimation.motion import Motion
 from elastic_arm.identification.batch.derivatives import DerivativeStage
 from elastic_arm.identification.batch.ignored_commands import without_ignored_commands
 from elastic_arm.identification.batch.imperfections import nuisance_effects
-from elastic_arm.identification.batch.mounting import other_mounting
+from elastic_arm.identification.batch.mounting import other_mounting, states_tilt
 from elastic_arm.identification.batch.selection import (
     BatchChoice,
     BatchTrial,
@@ -152,7 +152,7 @@ def identify_with(
     settings = replace(settings, effects=effects)
     trials = Trials(recorded, robot, settings, report, unasked=bool(known))
     choice = trials.selected()
-    if not any(instance.effect.id == TILT for instance in known):
+    if not states_tilt(known):
         trials, choice, mounting_notes = _mounted(trials, choice)
         notes += mounting_notes
     robot = trials.robot

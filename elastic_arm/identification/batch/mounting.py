@@ -7,7 +7,7 @@ a wrong mounting, all other estimates are far from linear, and masses and gains 
 it. Therefore the mounting is determined first.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,7 +16,9 @@ from scipy.spatial.transform import Rotation
 from scipy.special import fdtrc
 
 from elastic_arm.arrays import Array
+from elastic_arm.effects import EffectInstance
 from elastic_arm.effects.arm_equations import ArmEquations
+from elastic_arm.effects.library.base_tilt import TILT
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.formatting import short_numbers
 from elastic_arm.identification.verdict import MotionStatistics
@@ -94,6 +96,11 @@ class Mounting:
         x_std, y_moved = (float(np.linalg.norm(by * deviations)) for by in (by_x, by_y))
         y_std = min(y_moved / size, UNKNOWN_ANGLE) if size else UNKNOWN_ANGLE
         return x_std, y_std
+
+
+def states_tilt(instances: Iterable[EffectInstance]) -> bool:
+    """Return whether a tilt of the base is among effects: then the mounting is not looked for."""
+    return any(instance.effect.id == TILT for instance in instances)
 
 
 def mounted(robot: Robot, x: float, y: float) -> Robot:
