@@ -8,7 +8,7 @@ from matplotlib.figure import Figure as MplFigure
 
 from elastic_arm.mujoco.replaying import Replay, labels
 from elastic_arm.report.html import Figure, Section, Table, Text
-from elastic_arm.report.style import CYCLE, GREY, draw_signal, drawing
+from elastic_arm.report.style import CYCLE, GREY, draw_signal, drawing, label_times
 
 SHOWN_SECONDS = 6.0  # of a recording in a figure: windows stay visible
 
@@ -100,10 +100,5 @@ def _overlay(
                     label=name,
                 )
             ax.set_title(f"{joint} [{found[0].units.at(joint, unit)}]", loc="left")
-        axes[-1, 0].set_xlabel("time [s]")
-        figure.legend(
-            *axes[0, 0].get_legend_handles_labels(),
-            loc="outside upper center",
-            ncols=1 + len(found),
-        )
+        label_times(figure, axes, 1 + len(found))
     return figure
