@@ -5,9 +5,9 @@ from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from elastic_arm.arrays import Mask
 from elastic_arm.recording.inspection.report import Finding, about, warning
 from elastic_arm.recording.inspection.stuck_channels import STILL, least_travel
 from elastic_arm.recording.made_torque import FEWEST
@@ -79,8 +79,8 @@ def followed(recording: Recording, robot: Robot | None = None) -> Iterator[Findi
 class _Fit(NamedTuple):
     """Angles compared with their commands, (n,) each: angle(t) = gain command(t - lag) + rest."""
 
-    moves: NDArray[np.bool_]  # joints that do, and have a command
-    told: NDArray[np.bool_]  # those of them whose command changes
+    moves: Mask  # joints that do, and have a command
+    told: Mask  # those of them whose command changes
     travel: Array  # rad, of the angle
     lag: Array  # s
     gain: Array
@@ -121,7 +121,7 @@ def _fitted(recording: Recording) -> _Fit | None:
     return _Fit(moves, told, np.ptp(side.position, axis=0), lag, gain, left, least_other, *steps)
 
 
-def _copied(joints: Sequence[str], fit: _Fit, copied: NDArray[np.bool_]) -> Iterator[Finding]:
+def _copied(joints: Sequence[str], fit: _Fit, copied: Mask) -> Iterator[Finding]:
     """Yield which commands are copies of the positions, by the number of samples by which they are
     shifted."""
     told = "they were computed from the recording; record the commands sent to the drives"

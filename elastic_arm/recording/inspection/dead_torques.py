@@ -8,8 +8,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Mask
 from elastic_arm.recording.inspection.stuck_channels import least_travel
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import joints_with, listed
@@ -55,7 +55,7 @@ def without_dead_torques(recording: Recording, robot: Robot) -> tuple[Recording,
     return replace(recording, **kept, notes=(*recording.notes, *notes)), tuple(dead)
 
 
-def _moving(recording: Recording, robot: Robot) -> NDArray[np.bool_]:
+def _moving(recording: Recording, robot: Robot) -> Mask:
     """Return which joints (n,) move for certain, on either side."""
     found = np.zeros(recording.n, np.bool_)
     least = least_travel(recording, robot)

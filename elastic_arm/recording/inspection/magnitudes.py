@@ -5,8 +5,8 @@ They indicate a wrong unit: degrees instead of radians, millimetres instead of m
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Mask
 from elastic_arm.recording.inspection.plausibility import is_motion
 from elastic_arm.recording.inspection.report import FEWEST, Finding, WrongMotion, about
 from elastic_arm.recording.recording import Recording
@@ -183,7 +183,7 @@ def _speeds(name: str, velocity: Array, robot: Robot) -> list[Finding]:
     return about(robot.joint_names, found, "beyond_limits", f"{name} velocity", times, remedy)
 
 
-def _other_units(robot: Robot, found: NDArray[np.bool_]) -> tuple[Array, str]:
+def _other_units(robot: Robot, found: Mask) -> tuple[Array, str]:
     """Return the factor (n,) by which positions are too large in the most frequently mistaken unit,
     and that unit."""
     slides = np.array([joint.prismatic for joint in robot.joints])

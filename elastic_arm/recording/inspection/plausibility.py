@@ -17,9 +17,9 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 from scipy.stats import norm
 
+from elastic_arm.arrays import Mask
 from elastic_arm.recording.inspection.report import (
     FEWEST,
     Finding,
@@ -60,7 +60,7 @@ class _Compared(NamedTuple):
     lag: Array
     share: Array
     doubt: Array
-    slow: NDArray[np.bool_]
+    slow: Mask
     step: float
 
 
@@ -231,7 +231,7 @@ def _velocities(name: str, motion: _Compared, joints: Sequence[str]) -> list[Fin
         words = f"is probably in degrees beside radians in the {other}"
         unit = "their rates differ by 57.3: give its unit (deg) in the map"
         findings += about(joints, chosen, _OTHER_UNIT, f"{name} {which}", words, unit, kind=kind)
-    degrees: tuple[tuple[NDArray[np.bool_], Severity], ...] = (
+    degrees: tuple[tuple[Mask, Severity], ...] = (
         (far & ~positions & ~velocities, "warning"),
         (scaled & ~far, "note"),
     )
@@ -247,7 +247,7 @@ def _velocities(name: str, motion: _Compared, joints: Sequence[str]) -> list[Fin
     return findings
 
 
-def _is_size(gain: Array, size: float) -> NDArray[np.bool_]:
+def _is_size(gain: Array, size: float) -> Mask:
     """Return which gains (n,) are more probably a size than any other number.
 
     The logarithm of the former has the standard deviation of a calibration, that of the latter a
@@ -283,7 +283,7 @@ def _arrival_stamps(name: str, motion: _Compared) -> list[Finding]:
     return [warning("arrival_stamps", message, "arrival times of regular samples?")]
 
 
-def _generated_stamps(name: str, motion: _Compared, good: NDArray[np.bool_]) -> list[Finding]:
+def _generated_stamps(name: str, motion: _Compared, good: Mask) -> list[Finding]:
     """Find perfectly regular stamps of samples that were not taken regularly.
 
     Two groups of joints each show how many intervals too late every sample was taken.

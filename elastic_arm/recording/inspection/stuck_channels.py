@@ -7,9 +7,9 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from elastic_arm.arrays import Indices, Mask
 from elastic_arm.formatting import JointUnits
 from elastic_arm.recording.inspection.report import FEWEST, Finding, Severity, about, warning
 from elastic_arm.recording.recording import Recording
@@ -123,7 +123,7 @@ def _of_channel(
     side: Side,
     values: Array,
     position: Array | None,
-    moving: NDArray[np.bool_],
+    moving: Mask,
 ) -> list[Finding]:
     """Return what one channel of all joints shows; `moving` are the joints that others show to
     move."""
@@ -233,7 +233,7 @@ def _periods(values: Array, position: Array | None) -> Array:
     return periods
 
 
-def _updates(column: Array, period: float) -> NDArray[np.intp]:
+def _updates(column: Array, period: float) -> Indices:
     """Return the samples at which a channel (N,) has a new value; while the value stays the same,
     one sample per period counts as new."""
     at = np.flatnonzero(np.diff(column)) + 1
@@ -245,7 +245,7 @@ def _updates(column: Array, period: float) -> NDArray[np.intp]:
     return np.sort(np.concatenate([at, *same]).astype(np.intp))
 
 
-def _held(column: Array, moving: NDArray[np.bool_]) -> tuple[float, float]:
+def _held(column: Array, moving: Mask) -> tuple[float, float]:
     """Return the share of samples that repeat the previous value although the channel changes
     before and after, and the number of samples per update.
 
@@ -274,7 +274,7 @@ def _held(column: Array, moving: NDArray[np.bool_]) -> tuple[float, float]:
     return repeats / float(runs[between].sum()), float(np.median(runs[between]))
 
 
-def filled_in(column: Array, moving: NDArray[np.bool_]) -> float:
+def filled_in(column: Array, moving: Mask) -> float:
     """Return the share of zeros between values of one sign that are further from zero than from
     each other.
 
@@ -322,7 +322,7 @@ def position_at(recording: Recording, side: Side) -> Array | None:
     return np.column_stack(columns)
 
 
-def _changing(position: Array) -> NDArray[np.bool_]:
+def _changing(position: Array) -> Mask:
     """Return where the position of a joint (N,) differs from those some samples earlier and
     later."""
     padded = np.pad(position, _AROUND, mode="edge")
@@ -332,7 +332,7 @@ def _changing(position: Array) -> NDArray[np.bool_]:
     return (before != after) & ((before != position) | (after != position))
 
 
-def _going(position: Array) -> NDArray[np.bool_]:
+def _going(position: Array) -> Mask:
     """Return where a joint (N,) advances by more than the steps and the noise of its encoder at
     rest."""
     padded = np.pad(position, _AROUND, mode="edge")
@@ -346,7 +346,7 @@ def _going(position: Array) -> NDArray[np.bool_]:
     return np.asarray(advance > 1.5 * resolution + 6.0 * np.sqrt(2.0) * noise)
 
 
-def _piled(torque: Array, moving: NDArray[np.bool_]) -> dict[float, float]:
+def _piled(torque: Array, moving: Mask) -> dict[float, float]:
     """Return the ends of the range of a torque (N,) at which its samples accumulate, with their
     shares."""
     values, counts = np.unique(torque[moving], return_counts=True)
@@ -400,7 +400,7 @@ def frozen(recording: Recording) -> list[Finding]:
     ]
 
 
-def _hidden_speeds(t: Array, q: Array, begin: NDArray[np.intp], end: NDArray[np.intp]) -> Array:
+def _hidden_speeds(t: Array, q: Array, begin: Indices, end: Indices) -> Array:
     """Return the speeds (k, n) of joints while samples are repeated from `begin` to `end` (k,); 0
     for joints at rest.
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Mask
 from elastic_arm.recording.inspection.report import FEWEST
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Array, joints_with
@@ -30,8 +30,8 @@ class TorqueSpectrum:
     # spectrum
     level: Array
     # (n,) whether it is that of white noise, and yet less than any converter's
-    computed: NDArray[np.bool_]
-    low_passed: NDArray[np.bool_]  # (n,) whether there is none at all
+    computed: Mask
+    low_passed: Mask  # (n,) whether there is none at all
     # (n,) Hz, above which a torque that was low-passed holds nothing; infinite for others
     end: Array
     # (n,) Hz, from which on it falls as steeply as nothing but a low pass does, up to its end;
