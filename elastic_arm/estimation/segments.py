@@ -11,10 +11,9 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
-from elastic_arm.arrays import Array
+from elastic_arm.arrays import Array, Mask
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.recording import Recording
 from elastic_arm.recording.inspection.stuck_channels import moves
@@ -99,7 +98,7 @@ def _stamps(recording: Recording) -> Stamps:
     return max((side.stamp_ns for side in recording.measured().values()), key=len)
 
 
-def _unbroken(stamps: Stamps) -> NDArray[np.bool_]:
+def _unbroken(stamps: Stamps) -> Mask:
     """Return between which stamps there is no hole."""
     steps = np.diff(stamps)
     return np.asarray(steps < HOLE * np.median(steps)) if len(steps) else steps > 0
