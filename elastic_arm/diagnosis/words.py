@@ -396,7 +396,7 @@ def scale_sentence(found: Diagnosis) -> str:
 
 
 def _gain_sentences(found: Diagnosis) -> list[str]:
-    """Return which drives make more or less torque than their description says."""
+    """Return which drives make more or less torque than described."""
     off = [
         f"{' ± '.join(rounded(e.value, e.std))} times the described torque at {joint}"
         for joint, e in found.torque_scale.items()

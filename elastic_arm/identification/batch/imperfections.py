@@ -18,6 +18,7 @@ from elastic_arm.effects import EFFECTS, Catalogue, EffectInstance, robot_effect
 from elastic_arm.effects.library.base_tilt import TILT
 from elastic_arm.effects.text import parse_laws
 from elastic_arm.estimation.effect_columns import torque_zeros
+from elastic_arm.evidence.priors import OFFSET_SHARE, ZEROS
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.law_columns import place_of
 from elastic_arm.identification.least_squares import Fit
@@ -33,9 +34,9 @@ LIKELY = 1.0
 # none; convention.
 NONE = 2.0
 KNOWN = 0.1
-# Ordinary size of a zero as a share of its joint's torques (rms): some percent of the rated torque,
-# of which motions take a third or so; convention.
-ZERO = 0.1
+# Ordinary size of a zero as a share of its joint's largest torque: that of a diagnosis, at the mean
+# of the scales that the zeros of an arm may have.
+ZERO = OFFSET_SHARE * sum(scale * probability for scale, probability in ZEROS.items())
 # Ordinary tilt of a base, rad: that of one which nobody has levelled; convention.
 LEVEL = 0.02
 
@@ -104,7 +105,7 @@ def _ordinary_zeros(
     lacking = {
         robot.joint_names[j] for samples in recordings for c, j in samples.lacking if c == channel
     }
-    sizes = ZERO * np.sqrt(np.nanmean(np.concatenate(have) ** 2, axis=0))
+    sizes = ZERO * np.nanmax(np.abs(np.concatenate(have)), axis=0)
     named = zip(robot.joint_names, sizes.tolist(), strict=True)
     return {joint: size for joint, size in named if joint not in lacking and size > 0.0}
 
@@ -182,7 +183,7 @@ def described_imperfections(found: Sequence[NuisanceLaw]) -> list[str]:
     if any(each.channel for each in held):
         others = "the other " if shown else "the "
         usual.append(
-            f"{others}zeros of torques ({ZERO:.0%} of the joint's torque; unconstrained in"
+            f"{others}zeros of torques ({ZERO:.0%} of the joint's largest torque; unconstrained in"
             " robot.yaml)"
         )
     if not all(each.channel for each in held):
