@@ -22,12 +22,7 @@ from elastic_arm.effects.library.base_tilt import TILT
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.formatting import short_numbers
 from elastic_arm.identification.verdict import MotionStatistics
-from elastic_arm.recording.inspection.described_gravity import (
-    LEFT,
-    SIZE,
-    TURNED,
-    angle_between,
-)
+from elastic_arm.recording.inspection.described_gravity import angle_between, is_turned
 from elastic_arm.robot import Robot
 from elastic_arm.robot.parts import placed
 
@@ -159,12 +154,9 @@ def other_mounting(robot: Robot, model: str, motions: Sequence[Motion]) -> Mount
     if float(np.min([stands, reversed_, sprung], axis=0).sum()) < left:
         return None
     shown = coefficients[:3]
-    if (
-        angle_between(shown, described) <= TURNED
-        or not SIZE[0] * size <= np.linalg.norm(shown) <= SIZE[1] * size
-        or left >= LEFT * before
-        or _chance(before, left, longest, joints.shape[1:]) > CHANCE
-    ):
+    if not is_turned(shown, described, left, before):
+        return None
+    if _chance(before, left, longest, joints.shape[1:]) > CHANCE:
         return None
     x, y = (np.radians(STEP * round(np.degrees(angle) / STEP)) for angle in tilt_of(shown))
     return Mounting(float(x), float(y), shown, described)

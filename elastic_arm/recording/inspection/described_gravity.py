@@ -53,8 +53,7 @@ FAR = (0.2, 5.0)
 # masses are off, and a small angle is not a small part of a sine
 LIKE_DEGREES = (57.3 / 2.5, 57.3 * 2.5)
 LIKE_KILO = (0.5e-3, 2e-3)
-# Another direction of gravity, here and where `identification.batch.mounting` looks for it;
-# conventions.
+# Another direction of gravity; conventions.
 TURNED = 0.35  # rad from the described direction: beyond the tilts that linear columns describe
 SIZE = (0.6, 1.5)  # of the described gravity: masses are off as well
 LEFT = 0.3  # of the squares that the described direction leaves
@@ -317,9 +316,7 @@ def _judged(fit: GravityFit, side: str, robot: Robot, upside: bool | None) -> li
     shown = _shown(fit)
     left = float(np.sum((target - columns @ shown) ** 2))
     straight = float(np.sum((target - columns @ (fit.factor * robot.gravity)) ** 2))
-    turned = angle_between(shown, robot.gravity)
-    size = float(np.linalg.norm(shown) / np.linalg.norm(robot.gravity))
-    if left < LEFT * straight and turned > TURNED and SIZE[0] < size < SIZE[1]:
+    if is_turned(shown, np.asarray(robot.gravity), left, straight):
         message = (
             f"{side} effort shows gravity of {short_numbers(shown)} m/s², but the description"
             f" has {short_numbers(robot.gravity)}"
@@ -345,6 +342,16 @@ def _judged(fit: GravityFit, side: str, robot: Robot, upside: bool | None) -> li
         message = f"{side} effort contains {part} gravity predicted by the description ({times})"
         return [warning(MISSING, message, TAKEN)]
     return []
+
+
+def is_turned(shown: Array, described: Array, left: float, straight: float) -> bool:
+    """Return whether gravity (3,) m/s² that torques show has another direction than described.
+
+    left, straight: squares of the torques that the shown and the described direction leave.
+    """
+    size = float(np.linalg.norm(shown) / np.linalg.norm(described))
+    turned = angle_between(shown, described) > TURNED
+    return left < LEFT * straight and turned and SIZE[0] < size < SIZE[1]
 
 
 def angle_between(one: Array, other: Array) -> float:
