@@ -1,4 +1,4 @@
-"""The types of arrays; docstrings state their shapes."""
+"""The types of arrays, whose shapes docstrings state, and their root mean square."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,3 +6,8 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]  # which of several
 Indices = NDArray[np.intp]  # places of several
+
+
+def rms(values: Array, axis: int | None = 0) -> Array:
+    """Return root mean squares along an axis, that of the samples; of all numbers for None."""
+    return np.sqrt(np.mean(values**2, axis=axis))

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.signal import periodogram
 from scipy.stats import chi2
 
-from elastic_arm.arrays import Array, Mask
+from elastic_arm.arrays import Array, Mask, rms
 from elastic_arm.estimation.whitening import WhitenedData
 from elastic_arm.evidence.grams import OCTAVES
 
@@ -69,7 +69,7 @@ class Gap:
             power,
             noise,
             np.maximum(count, 1.0),
-            np.sqrt(np.mean(values**2, axis=0)),
+            rms(values),
             np.abs(values).max(axis=0),
         )
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from elastic_arm.arrays import Array
+from elastic_arm.arrays import Array, rms
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.estimation.observation import observe
@@ -121,7 +121,7 @@ def replay(recording: Recording, arm: MjcfArm, *, window: float = WINDOW, name: 
     course = _course(used, runs, needed, steps)
     windows = sum(int(np.isfinite(run[0][:, 0]).sum()) // steps for run in runs)
     played = play(arm, chosen)
-    closed = None if played is None else np.sqrt(np.mean(played.errors**2, axis=0))
+    closed = None if played is None else rms(played.errors)
     return Replay(
         name or arm.robot.name,
         arm.robot.joint_names,
@@ -270,7 +270,7 @@ def _errors(
     return JointErrors(
         np.sqrt(np.nanmean(apart_q**2, axis=0)),
         np.sqrt(np.nanmean(apart_v**2, axis=0)),
-        np.sqrt(np.mean((torque - model) ** 2, axis=0)),
+        rms(torque - model),
         np.array([_correlation(torque[:, i], model[:, i]) for i in range(torque.shape[1])]),
         np.average(lags, axis=0, weights=weights),
     )

@@ -21,6 +21,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import t as student
 
+from elastic_arm.arrays import rms
 from elastic_arm.effects.arm_equations import ArmEquations
 from elastic_arm.formatting import short_numbers
 from elastic_arm.recording.inspection.arrangements import (
@@ -211,7 +212,7 @@ def _findings(comparison: _Comparison) -> tuple[Findings, Findings]:
     few = motion.every(max(1, len(motion.q) // 500))  # are tried with every other arrangement
     # Of joints that creep friction is of either sign, by the encoders' steps, and its error
     # outweighs what is compared.
-    several = len(motion.measured) > 1 and float(np.sqrt(np.mean(motion.dq**2))) > CREEP
+    several = len(motion.measured) > 1 and float(rms(motion.dq, None)) > CREEP
     confused = _size(fit, side, of_duty=motion.of_duty)
     arm = Arm.of(robot, side)
     # No gravity was subtracted from a duty: it is what the motor received.

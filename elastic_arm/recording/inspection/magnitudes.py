@@ -6,7 +6,7 @@ They indicate a wrong unit: degrees instead of radians, millimetres instead of m
 
 import numpy as np
 
-from elastic_arm.arrays import Mask
+from elastic_arm.arrays import Mask, rms
 from elastic_arm.recording.inspection.plausibility import is_motion
 from elastic_arm.recording.inspection.report import FEWEST, Finding, WrongMotion, about
 from elastic_arm.recording.recording import Recording
@@ -96,7 +96,7 @@ def _advance(position: Array, stamp_ns: Stamps) -> Array:
 
 def _size(values: Array) -> Array:
     """Return the root mean square (n,) of values (N, n); zero for a joint without them."""
-    return np.nan_to_num(np.sqrt(np.mean(values**2, axis=0)))
+    return np.nan_to_num(rms(values))
 
 
 def beyond_limits(recording: Recording, robot: Robot) -> list[Finding]:
@@ -169,7 +169,7 @@ def _speeds(name: str, velocity: Array, robot: Robot) -> list[Finding]:
     """Check the root mean square of the velocities; for a joint that always moves at its limit it
     equals the limit."""
     limit = np.array([joint.limits.velocity or np.inf for joint in robot.joints])
-    share = np.sqrt(np.mean(velocity**2, axis=0)) / limit
+    share = rms(velocity) / limit
     found = share > 3.0  # 3.0 times the limit of the velocity; controllers may pass that a little
     if not found.any():
         return []

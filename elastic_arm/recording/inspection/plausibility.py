@@ -19,7 +19,7 @@ import numpy as np
 import scipy
 from scipy.stats import norm
 
-from elastic_arm.arrays import Mask
+from elastic_arm.arrays import Mask, rms
 from elastic_arm.recording.inspection.report import (
     FEWEST,
     Finding,
@@ -132,11 +132,11 @@ def _compared(side: Side) -> _Compared:
     width = min(max(round(0.02 / float(np.median(np.diff(t)))), 1), len(t) // 20)
     advance, mean, change = _advances(t, q, v, width)
     fits = np.full((4, q.shape[1]), np.nan)
-    slow = np.sqrt(np.mean(advance**2, axis=0)) < _STILL
+    slow = rms(advance) < _STILL
     # Stamps in a wrong unit make any motion slow, but do not change the velocities. 0.05 rad is a
     # distance that a slow joint has moved nevertheless.
     is_short = np.ptp(q, axis=0) < 0.05
-    is_slow_by_velocity = np.sqrt(np.mean(v**2, axis=0)) < _STILL
+    is_slow_by_velocity = rms(v) < _STILL
     still = slow & (is_short | is_slow_by_velocity)
     for j in np.flatnonzero(~still).tolist():
         columns = np.column_stack([mean[:, j], change[:, j]])
@@ -188,7 +188,7 @@ def is_motion(t: Array, position: Array) -> bool:
         return False
     speed = np.diff(np.unwrap(position, axis=0), axis=0) / np.diff(t)[:, None]
     # 500.0 rad/s rms from sample to sample; beyond, the numbers are no motion of an arm
-    return bool((np.sqrt(np.mean(speed**2, axis=0)) < 500.0).all())
+    return bool((rms(speed) < 500.0).all())
 
 
 def _advances(t: Array, q: Array, v: Array, width: int) -> tuple[Array, Array, Array]:
@@ -381,7 +381,7 @@ def _backwards(recording: Recording) -> list[Finding]:
     lent = 1.5 * np.ptp(side.position, axis=0) + 0.05 * np.abs(path).sum(axis=0)
     # standard deviations
     certain = work.mean(axis=0) < -3.0 * work.std(axis=0, ddof=1) / np.sqrt(_PARTS)
-    found = takes_out & certain & (work.sum(axis=0) < -np.sqrt(np.mean(effort**2, axis=0)) * lent)
+    found = takes_out & certain & (work.sum(axis=0) < -rms(effort) * lent)
     words = "removes energy from the motion in addition to its friction"
     return about(
         joints,

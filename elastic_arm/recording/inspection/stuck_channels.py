@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from elastic_arm.arrays import Indices, Mask
+from elastic_arm.arrays import Indices, Mask, rms
 from elastic_arm.formatting import JointUnits
 from elastic_arm.recording.inspection.report import FEWEST, Finding, Severity, about, warning
 from elastic_arm.recording.recording import Recording
@@ -261,7 +261,7 @@ def _held(column: Array, moving: Mask) -> tuple[float, float]:
         return 0.0, 1.0
     smallest = size.min()
     # 0.1 of the usual change
-    clear = size > max(_CLEAR * smallest, 0.1 * float(np.sqrt(np.mean(size**2))))
+    clear = size > max(_CLEAR * smallest, 0.1 * float(rms(size, None)))
     runs = np.diff(changes)
     between = clear[:-1] & clear[1:] & moving[changes[:-1] + 1]
     # Longer ones are standstills, or the recording froze.

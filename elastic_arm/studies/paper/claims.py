@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from elastic_arm.arrays import Array
+from elastic_arm.arrays import Array, rms
 from elastic_arm.studies.paper.identification_study import (
     ErrorShares,
     mean_shares,
@@ -29,7 +29,6 @@ from elastic_arm.studies.paper.torques import (
     TorqueErrors,
     line_over_ratio,
     link_errors_of,
-    rms,
 )
 
 SECTIONS = ("IV-A", "IV-C", "V", "VI-A", "VI-B", "VII")

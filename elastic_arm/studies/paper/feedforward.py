@@ -13,7 +13,7 @@ from dataclasses import astuple, dataclass
 
 import numpy as np
 
-from elastic_arm.arrays import Array
+from elastic_arm.arrays import Array, rms
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.excitation import FourierTrajectory
 from elastic_arm.robot.description import Robot
@@ -70,7 +70,7 @@ class Tracking:
 def together(runs: Sequence[Tracking]) -> Tracking:
     """Put the same law's runs along several motions together: rms over all, largest of all."""
     values = np.array([astuple(run)[2:-1] for run in runs])
-    whole = np.sqrt((values**2).mean(axis=0))
+    whole = rms(values)
     whole[1] = values[:, 1].max()
     each = tuple((run.tool_rms, run.joints_rms) for run in runs)
     tool, largest, joints, angle, feedback = map(float, whole)
@@ -156,11 +156,11 @@ def assess(
     return Tracking(
         law.name,
         law.r_tot,
-        tool_rms=1e3 * _rms(away),
+        tool_rms=1e3 * float(rms(away, None)),
         tool_max=1e3 * float(away.max()),
-        joints_rms=1e3 * _rms(np.linalg.norm(rigid - place, axis=1)),
-        angle_rms=1e3 * _rms(run.q[kept] - wanted),
-        feedback_rms=_rms(run.tau_m[kept] - sent),
+        joints_rms=1e3 * float(rms(np.linalg.norm(rigid - place, axis=1), None)),
+        angle_rms=1e3 * float(rms(run.q[kept] - wanted, None)),
+        feedback_rms=float(rms(run.tau_m[kept] - sent, None)),
     )
 
 
@@ -172,7 +172,3 @@ def _command(
     if law.Psi is None:
         return Command(q[0], q[1], np.zeros_like(q[0]))
     return invert(build_model(robot, law.model), law.Psi, q, period)
-
-
-def _rms(values: Array) -> float:
-    return float(np.sqrt((values**2).mean()))

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import spearmanr
 
-from elastic_arm.arrays import Array, Indices
+from elastic_arm.arrays import Array, Indices, rms
 from elastic_arm.dynamics import build_model
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.excitation import ExcitationResult, MotionLimits, Shape, optimise
@@ -216,7 +216,7 @@ def study(
         noisy_shares=tuple(shares(problem.percent(one.Psi)) for one in noisy),
         fast_noisy_shares=tuple(shares(problem.percent(one.Psi)) for one in fast_noisy),
         torque=np.abs(problem.true) * np.sqrt((rows[:, :, :-1] ** 2).mean(axis=(0, 1))),
-        residual=float(np.sqrt((left**2).mean())),
+        residual=float(rms(left, None)),
         condition=plain.condition,
         Psi=problem.full(plain.Psi),
     )

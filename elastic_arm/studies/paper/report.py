@@ -13,7 +13,7 @@ from matplotlib.figure import Figure as MplFigure
 from matplotlib.patches import Patch
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
-from elastic_arm.arrays import Array
+from elastic_arm.arrays import Array, rms
 from elastic_arm.dynamics import build_model
 from elastic_arm.report.html import Block, Figure, Section, Table, Text, write_report
 from elastic_arm.report.style import (
@@ -39,7 +39,6 @@ from elastic_arm.studies.paper.torques import (
     SIDES,
     ModelComparison,
     TorqueErrors,
-    rms,
 )
 from elastic_arm.studies.paper.virtual_prototype.mechanism import Bushing, transmissions
 

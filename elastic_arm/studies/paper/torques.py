@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from elastic_arm.arrays import Array
+from elastic_arm.arrays import Array, rms
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.errors import RobotError
 from elastic_arm.processes import Task
@@ -97,11 +97,6 @@ def compare(robot: Robot, r_tot: float, run: PrototypeRun) -> ModelComparison:
     torques = {name: model_torques(build_model(robot, name), run) for name in MODELS}
     torques[PROTOTYPE] = Torques(motor=run.tau_m, link=np.zeros_like(run.tau_m))
     return ModelComparison(r_tot, run, torques)
-
-
-def rms(values: Array, axis: int = 0) -> Array:
-    """Return root mean squares along an axis, that of the samples by default."""
-    return np.sqrt((values**2).mean(axis=axis))
 
 
 def torque_errors(comparisons: Sequence[ModelComparison], reference: str) -> TorqueErrors:
