@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from elastic_arm.arrays import Array
+from elastic_arm.arrays import Array, median_step
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.recording import Recording, Samples, Side
@@ -196,4 +196,4 @@ def _averaged(t: Array, values: Array, seconds: float) -> Array:
 
 def _averaging(t: Array, seconds: float) -> int:
     """Return the number of samples of a mean over this length, s."""
-    return max(1, round(seconds / float(np.median(np.diff(t))))) if len(t) > 1 else 1
+    return max(1, round(seconds / median_step(t))) if len(t) > 1 else 1

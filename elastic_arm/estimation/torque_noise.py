@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elastic_arm.arrays import Array, rms
+from elastic_arm.arrays import Array, median_step, rms
 from elastic_arm.estimation.resampling import Grid, read_at
 from elastic_arm.recording.inspection.torque_spectrum import TorqueSpectrum
 
@@ -29,7 +29,7 @@ class Readings:
     @staticmethod
     def of(times: Array, rate: float) -> Readings:
         """Return the readings at `times`, s, beside channels of `rate` samples per second."""
-        every = float(np.median(np.diff(times))) * rate
+        every = median_step(times) * rate
         return Readings(times, rate / every, every)
 
 

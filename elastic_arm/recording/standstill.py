@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from elastic_arm.arrays import Mask
+from elastic_arm.arrays import Mask, median_step
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Side, Stamps, joints_with
 
@@ -69,7 +69,7 @@ def _moving(side: Side) -> Stamps:
     stamps = side.stamp_ns
     position = side.position
     assert position is not None
-    interval = float(np.median(np.diff(stamps))) if len(stamps) > 1 else 1.0
+    interval = median_step(stamps) if len(stamps) > 1 else 1.0
     length = max(1, round(AVERAGED * 1e9 / max(interval, 1.0)))
     starts = np.arange(0, len(stamps) - length + 1, length)
     if len(starts) < 2:

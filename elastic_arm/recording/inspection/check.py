@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from elastic_arm.arrays import median_step
 from elastic_arm.errors import RecordingError, RobotError
 from elastic_arm.recording.foreign.channels import ChannelMap
 from elastic_arm.recording.inspection.commands import followed
@@ -331,7 +332,7 @@ def _check_drift(content: Content, report: Report) -> None:
     if len(both) < 2 or any(len(series.stamp_ns) < 100 for series in both):
         return
     drift = _clock_rate(both[1]) - _clock_rate(both[0])
-    steps = [float(np.median(np.diff(series.stamp_ns))) for series in both]
+    steps = [median_step(series.stamp_ns) for series in both]
     rates = [_counted_interval(series.stamp_ns) for series in both]
     # rates this close are meant to be equal
     if abs(drift) <= _DRIFT and abs(rates[1] / rates[0] - 1) < 0.01:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from elastic_arm.arrays import Mask
+from elastic_arm.arrays import Mask, median_step
 from elastic_arm.recording.inspection.report import Finding, about, warning
 from elastic_arm.recording.inspection.stuck_channels import STILL, least_travel
 from elastic_arm.recording.made_torque import FEWEST
@@ -117,7 +117,7 @@ def _fitted(recording: Recording) -> _Fit | None:
         others = [k for k in np.flatnonzero(there) if k != j]
         rests = [_lag(given, reference.position[:, k], t, side.position[:, j])[2] for k in others]
         least_other[j] = min(rests, default=np.inf)
-    steps = (float(np.median(np.diff(given))), float(np.median(np.diff(t))))
+    steps = (median_step(given), median_step(t))
     return _Fit(moves, told, np.ptp(side.position, axis=0), lag, gain, left, least_other, *steps)
 
 
@@ -142,7 +142,7 @@ def _lag(given: Array, command: Array, t: Array, angle: Array) -> tuple[float, f
     spline = CubicSpline(given, command)
     every = max(1, len(t) // MOST)
     # Whole samples, too, by which a log may be shifted to make commands of it.
-    lags = np.union1d(LAGS, float(np.median(np.diff(t))) * np.arange(-SHIFTED, SHIFTED + 1))
+    lags = np.union1d(LAGS, median_step(t) * np.arange(-SHIFTED, SHIFTED + 1))
     inside = (t - lags[-1] >= given[0]) & (t - lags[0] <= given[-1])
     t = t[inside][::every]
     angle = angle[inside][::every]

@@ -6,7 +6,7 @@ They indicate a wrong unit: degrees instead of radians, millimetres instead of m
 
 import numpy as np
 
-from elastic_arm.arrays import Mask, rms
+from elastic_arm.arrays import Mask, median_step, rms
 from elastic_arm.recording.inspection.plausibility import is_motion
 from elastic_arm.recording.inspection.report import FEWEST, Finding, WrongMotion, about
 from elastic_arm.recording.recording import Recording
@@ -88,7 +88,7 @@ def of_no_arm(recording: Recording) -> list[Finding]:
 
 def _advance(position: Array, stamp_ns: Stamps) -> Array:
     """Return the rates of positions (N, n) over 0.1 s, in which angles advance beyond noise."""
-    step = float(np.median(np.diff(stamp_ns))) * 1e-9
+    step = median_step(stamp_ns) * 1e-9
     width = min(max(round(0.1 / max(step, 1e-9)), 1), len(position) - 1)
     seconds = (stamp_ns[width:] - stamp_ns[:-width])[:, None] * 1e-9
     return (position[width:] - position[:-width]) / seconds

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from elastic_arm.arrays import Indices, Mask
+from elastic_arm.arrays import Indices, Mask, median_step
 from elastic_arm.codegen.parallel import share_out
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording.inspection.one_clock import by_one_clock
@@ -400,7 +400,7 @@ def _jumps(t: Array, q: Array) -> tuple[Indices, Array, Array, Mask]:
     # 0.05 rad, that play and wind-up of a drive release at once where it turns round
     limit = 0.05 + _SPIKE * noise + 0.5 * _ACCELERATION * lasting**2 + _STEPS * _resolution(q)
     # A sample that is some cycles late moves as far as the joint does in them.
-    usual = float(np.median(np.diff(t)))
+    usual = median_step(t)
     limit += 3.0 * fastest * usual  # 3.0 cycles that a sample may be late
     # Where samples are missing a joint may have gone anywhere.
     together = t[rows + 1] - t[rows] < 2.5 * usual

@@ -19,7 +19,7 @@ import numpy as np
 import scipy
 from scipy.stats import norm
 
-from elastic_arm.arrays import Mask, rms
+from elastic_arm.arrays import Mask, median_step, rms
 from elastic_arm.recording.inspection.report import (
     FEWEST,
     Finding,
@@ -129,7 +129,7 @@ def _compared(side: Side) -> _Compared:
     q = side.position
     v = side.velocity
     # 0.02 s: a velocity is compared with the advance of the position over more than encoder steps
-    width = min(max(round(0.02 / float(np.median(np.diff(t)))), 1), len(t) // 20)
+    width = min(max(round(0.02 / median_step(t)), 1), len(t) // 20)
     advance, mean, change = _advances(t, q, v, width)
     fits = np.full((4, q.shape[1]), np.nan)
     slow = rms(advance) < _STILL
@@ -145,7 +145,7 @@ def _compared(side: Side) -> _Compared:
         rounding = float(np.sum((tick / (t[width:] - t[:-width])) ** 2)) / 6.0
         fits[:, j] = _agreement(advance[:, j], columns, width, rounding)
     gain, lag, share, doubt = fits
-    return _Compared(t, q, v, gain, lag, share, doubt, slow, float(np.median(np.diff(t))))
+    return _Compared(t, q, v, gain, lag, share, doubt, slow, median_step(t))
 
 
 def _agreement(

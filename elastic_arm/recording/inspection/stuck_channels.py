@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from elastic_arm.arrays import Indices, Mask, rms
+from elastic_arm.arrays import Indices, Mask, median_step, rms
 from elastic_arm.formatting import JointUnits
 from elastic_arm.recording.inspection.report import FEWEST, Finding, Severity, about, warning
 from elastic_arm.recording.recording import Recording
@@ -202,7 +202,7 @@ def at_updates(recording: Recording, found: list[Finding]) -> Recording:
                     slowest = periods[j]
                     read_ns = stamps[at]
             filled[channel] = column
-            rate = 1e9 / float(np.median(np.diff(stamps)))
+            rate = 1e9 / median_step(stamps)
             rates = f"{span_of(rate / periods[held])} Hz in a recording of {rate:.4g} Hz"
             words = f"is held: it changes every {span_of(periods[held])} samples, {rates}"
             remedy = "only these updates are used, and they may be older than their stamps"
@@ -426,7 +426,7 @@ def _hidden_speeds(t: Array, q: Array, begin: Indices, end: Indices) -> Array:
     # A joint that stood goes a sample's way in the one behind: across the stretch that is far
     # slower.
     went = one_way & alike & (size > 0.5 * usual) & (size < 2.0 * usual)
-    sample = float(np.median(np.diff(t)))
+    sample = median_step(t)
     # 60.0 rad/s² within a sample, from a speed that was not falling
     advance = np.abs(q[begin] - q[np.maximum(begin - 1, 0)])
     stopped = (end == last)[:, None] & (advance > 60.0 * sample**2)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from elastic_arm.arrays import Mask
+from elastic_arm.arrays import Mask, median_step
 from elastic_arm.recording.inspection.report import FEWEST
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Array, joints_with
@@ -98,7 +98,7 @@ def torque_spectra(recording: Recording) -> dict[str, TorqueSpectrum]:
         return found
     for name, side in (("link", recording.link), ("motor", recording.motor)):
         if side is not None and side.effort is not None and len(side) >= FEWEST:
-            rate = 1e9 / float(np.median(np.diff(side.stamp_ns)))
+            rate = 1e9 / median_step(side.stamp_ns)
             found[name] = torque_spectrum(side.effort, rate)
     return found
 
