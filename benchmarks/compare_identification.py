@@ -181,7 +181,7 @@ def ours(
     suffix = ":side=link" if side == "link" else ""
     offset = "joint_torque_offset" if side == "link" else None
     laws = [f"viscous_friction{suffix}", f"coulomb_friction{suffix}", *([offset] if offset else [])]
-    result, identifier, _ = identify_with(
+    result, identifier, *_ = identify_with(
         fits, robot, IdentificationSettings(effects=parse_laws(laws, robot)), validate=[held_out]
     )
     equations = identifier.equations

@@ -18,6 +18,7 @@ from elastic_arm.diagnosis.words import (
     change_text,
     effect_at,
     gap_at,
+    left_text,
     listed,
     listed_alternatives,
     log_likelihood_text,
@@ -78,7 +79,7 @@ def print_diagnosis(found: Diagnosis) -> None:
     for change in found.changes:
         out.print(f"[yellow]changed:[/] {escape(change_text(change))}")
     for place in found.unexplained:
-        size = f"{place.rmse:.3g} {found.units.at(place.joint, 'Nm')}"
+        size = left_text(place, found.units)
         out.print(
             f"unexplained: {escape(place.joint)}, {place.side} side, {size}:"
             f" {regime_text(place.regime)}"

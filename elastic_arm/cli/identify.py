@@ -1,6 +1,6 @@
 """`elastic-arm identify`: parameters with standard deviations from recordings."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -23,11 +23,11 @@ from elastic_arm.identification import (
     Estimate,
     Identification,
     IdentificationSettings,
-    as_followed,
     identify_with,
     parse_laws,
 )
 from elastic_arm.identification.base_regression import BaseRegression
+from elastic_arm.identification.batch.ignored_commands import without
 from elastic_arm.identification.result import COMPARED
 from elastic_arm.memory import keep_memory
 from elastic_arm.mujoco import Exported
@@ -117,7 +117,7 @@ def identify(
         recordings = [read(path) for path in bags]
         held_out = [read(path) for path in validate or []]
         keep_memory()  # what was read and left out would leave holes
-        result, identifier, motion = identify_with(
+        result, identifier, motion, ignored = identify_with(
             recordings, robot, settings, validate=held_out, progress=says
         )
         says("report", 1.0)
@@ -127,7 +127,7 @@ def identify(
         wrong = misread(recordings, robot, explained=stated)
         result = result if wrong is None else result.with_(identified=None)
         correction = Correction(robot_file, chain, at, catalogue)
-        written = _corrected(result, robot, correction, held_out or recordings, out_dir)
+        written = _corrected(result, robot, correction, held_out or recordings, ignored, out_dir)
         result = _judged(result, written)
         _write(result, sections_of=(identifier.equations, motion), out_dir=out_dir)
         if csv:
@@ -145,6 +145,7 @@ def _corrected(
     robot: Robot,
     correction: Correction,
     judges: Sequence[Recording],
+    ignored: Mapping[str, Sequence[tuple[float, float]]],
     folder: Path,
 ) -> Written:
     """Write the file that the arm came from; of a commanded one, what of it does not move the arm
@@ -153,7 +154,9 @@ def _corrected(
     selected = [one.select(robot.joint_names) for one in judges]
     if identified is None or not all(is_commanded(one) for one in selected):
         return Written(correction.write(identified, folder), identified)
-    followed = [as_followed(one, robot, result.model) for one in judges]
+    followed = [
+        without(one, spans) if (spans := ignored.get(one.source)) else one for one in selected
+    ]
     return correction.judged(
         robot,
         lambda back: with_joints_of(identified, robot, back),

@@ -312,7 +312,7 @@ def _by_clock(recording: Recording, path: Path, robot: Robot, clock: ClockChoice
     wrong = tuple(f"{path}: {words}." for words in doubts(recording, robot))
     recording = replace(recording, notes=(*recording.notes, *wrong))
     # Drivers without a torque may send zeros, beside which commands would count for nothing.
-    kept, _ = without_dead_torques(recording)
+    kept, _ = without_dead_torques(recording, robot)
     if is_commanded(kept) and any(joint.controller is not None for joint in robot.joints):
         recording = kept
     if clock is ClockChoice.auto:

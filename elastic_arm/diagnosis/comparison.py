@@ -177,7 +177,7 @@ def _finding(found: Diagnosis, name: Name) -> SizeFound:
 def _apart(one: ParameterEstimate, other: ParameterEstimate) -> float:
     """Return the largest distance of two estimates, in standard deviations; zero if a deviation is
     unknown."""
-    if one.std is None or other.std is None:
+    if not np.any(one.std) or not np.any(other.std):
         return 0.0
     difference = np.subtract(one.value, other.value)
     std = np.hypot(np.asarray(one.std, dtype=float), np.asarray(other.std, dtype=float))

@@ -21,10 +21,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2, norm
 
-from elastic_arm.arrays import Array
+from elastic_arm.arrays import Array, Indices, Mask
 from elastic_arm.diagnosis.gap import Gap, shrink
 from elastic_arm.equations.numbers import Number
 from elastic_arm.evidence.fit import Fit
@@ -141,7 +140,7 @@ def _is_beyond(size: Array, covariance: Array) -> bool:
     return bool(distance > chi2.isf(2.0 * norm.sf(TWO), len(size)))
 
 
-def taking_over(ordinary: Array, without: Array, bounds: Array) -> NDArray[np.intp]:
+def taking_over(ordinary: Array, without: Array, bounds: Array) -> Indices:
     """Return which numbers (K,) are beyond their ordinary bounds (K,) without a cause, and within
     them beside it."""
     return np.flatnonzero((np.abs(without) > bounds) & (np.abs(ordinary) <= bounds))
@@ -161,7 +160,7 @@ def share_without(before: Gap, after: Gap, without: Gap, own: Gap, between: Gap)
     """
     noise = before.of_sensors
     size = own.power.sum(axis=1) / noise
-    places: NDArray[np.bool_] = size >= min(1.0, float(size.max(initial=0.0)))
+    places: Mask = size >= min(1.0, float(size.max(initial=0.0)))
     where = (before.significant | without.significant) & places[:, None]
     first = before.place(where) / noise
     left = after.place(where) / noise

@@ -86,5 +86,5 @@ def deviations(diagnosis: Diagnosis) -> dict[tuple[str, str | None, str], float]
         (cause.effect, cause.joint, name): float(estimate.std)
         for cause in diagnosis.causes
         for name, estimate in cause.parameters.items()
-        if np.ndim(estimate.std) == 0 and estimate.std is not None
+        if np.ndim(estimate.std) == 0 and estimate.std
     }

@@ -23,7 +23,8 @@ STEP = 1e-4  # standard deviations, step of the derivatives of parameters by coe
 
 @dataclass(frozen=True)
 class ParameterEstimate:
-    """A parameter with its standard deviation (None: not determined); lists for a vector."""
+    """A parameter with its standard deviation (0: whole; None: not determined); lists for a
+    vector."""
 
     value: Any
     std: Any
@@ -177,7 +178,7 @@ def _of(
         own = deviations[at : at + p.size]
         at += p.size
         stds = own.tolist()
-        if p.integer or not own.any():
+        if not p.integer and not own.any():
             stds = [None] * p.size
         if p.size > 1:
             found[p.name] = ParameterEstimate(list(here[p.name]), stds, feature.unit(p))

@@ -20,11 +20,10 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.fft import irfft, rfft
 from scipy.special import gammainc, gammaln
 
-from elastic_arm.arrays import Array
+from elastic_arm.arrays import Array, Indices, Mask
 from elastic_arm.estimation.equation_sets import Place
 from elastic_arm.estimation.whitening import EDGE, noise_at
 from elastic_arm.evidence.linearisation import Linearisation
@@ -104,7 +103,7 @@ def events_of(
     stretches: Sequence[Blocks],
     recording: str,
     places: Sequence[Place],
-    live: NDArray[np.bool_],
+    live: Mask,
 ) -> list[Event]:
     """Return the most probable events in the stretches of a recording.
 
@@ -232,7 +231,7 @@ def _events(N: Array, S: Array, least: float) -> Array:
     return found
 
 
-def _runs(events: Array, first: NDArray[np.intp], end: NDArray[np.intp]) -> Array:
+def _runs(events: Array, first: Indices, end: Indices) -> Array:
     """Return ln p of the events from blocks `first` (k,) to the blocks before `end` (k,).
 
     An event begins and ends within a block, so its first and last blocks may have powers of their

@@ -14,11 +14,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import periodogram
 from scipy.stats import chi2
 
-from elastic_arm.arrays import Array
+from elastic_arm.arrays import Array, Mask, rms
 from elastic_arm.estimation.whitening import WhitenedData
 from elastic_arm.evidence.grams import OCTAVES
 
@@ -70,12 +69,12 @@ class Gap:
             power,
             noise,
             np.maximum(count, 1.0),
-            np.sqrt(np.mean(values**2, axis=0)),
+            rms(values),
             np.abs(values).max(axis=0),
         )
 
     @property
-    def significant(self) -> NDArray[np.bool_]:
+    def significant(self) -> Mask:
         """The octaves (R, O) with significantly more power than noise."""
         return self.power > self.noise * (KNOWN + chi2.isf(CHANCE, self.count) / self.count)
 
@@ -91,7 +90,7 @@ class Gap:
         noise = self.noise.sum(axis=1)
         return np.where(noise > 0.0, noise, np.inf)
 
-    def error_of_change(self, change: Gap, where: NDArray[np.bool_]) -> Array:
+    def error_of_change(self, change: Gap, where: Mask) -> Array:
         """Return the standard deviation (R,) of a change of power in some octaves, Nm².
 
             |r + d|² - |r|² = |d|² + 2 Re r* d
@@ -102,7 +101,7 @@ class Gap:
         variance = np.where(where, 4.0 * self.power * change.power / self.count, 0.0)
         return np.sqrt(variance.sum(axis=1))
 
-    def place(self, where: NDArray[np.bool_]) -> Array:
+    def place(self, where: Mask) -> Array:
         """Return the excess (R,) in some octaves."""
         return np.where(where, self.excess, 0.0).sum(axis=1)
 

@@ -13,10 +13,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from elastic_arm.arrays import Array
+from elastic_arm.arrays import Array, Indices
 from elastic_arm.diagnosis.context import DiagnosisContext
 from elastic_arm.dynamics import Model
 from elastic_arm.effects import EffectInstance
@@ -196,7 +195,7 @@ def _errors(
     context: DiagnosisContext,
     causes: Sequence[EffectInstance],
     lacking: Sequence[EffectInstance],
-    begins: Sequence[NDArray[np.intp]],
+    begins: Sequence[Indices],
     sides: Sequence[str],
 ) -> dict[Place, tuple[float, ...]]:
     """Return the root mean square errors with some causes in the plant, after correction of sensor
@@ -260,7 +259,7 @@ def taken_out(context: DiagnosisContext, sensors: Sensors) -> dict[str, tuple[Ar
     return found
 
 
-def _begins(context: DiagnosisContext) -> list[NDArray[np.intp]]:
+def _begins(context: DiagnosisContext) -> list[Indices]:
     """Return the samples of each stretch at which predictions start, evenly spread."""
     stretches = [part.stretch for part in context.validate.parts]
     spans = [max(0.0, s.t[-1] - s.t[0] - HORIZONS[-1]) for s in stretches]

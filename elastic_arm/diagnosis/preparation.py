@@ -39,7 +39,7 @@ from elastic_arm.identification.batch.ignored_commands import (
     IgnoredCommands,
     without_ignored_commands,
 )
-from elastic_arm.identification.batch.mounting import Mounting, other_mounting
+from elastic_arm.identification.batch.mounting import Mounting, other_mounting, states_tilt
 from elastic_arm.identification.batch.selection import turning_speeds
 from elastic_arm.memory import available_memory
 from elastic_arm.recording import Recording
@@ -212,7 +212,7 @@ def _split_up(
     first = _moving(recordings, robot, least)
     second = _moving(validate, robot, least)
     chosen = [by_motor_encoders(part, robot) for part, _ in (*first, *second)]
-    alike = with_common_zeros(share_out(usable, chosen), robot)
+    alike = with_common_zeros(share_out(lambda one: usable(one, robot), chosen), robot)
     followed: list[Recording] = []
     ignored: list[Event] = []
     for one, (_, start) in zip(alike, (*first, *second), strict=True):
@@ -386,7 +386,7 @@ def _mounted(question: Question, observed: Sequence[Observation]) -> tuple[Robot
     and None if they agree with the description."""
     known = (*robot_effects(question.robot, question.catalogue), *question.known)
     asked = any(effect.id == TILT for effect in question.candidates)
-    if not asked or any(instance.effect.id == TILT for instance in known):
+    if not asked or states_tilt(known):
         return question.robot, None
     found = other_mounting(
         question.robot, question.model, [piece for one in observed for piece in one.pieces]

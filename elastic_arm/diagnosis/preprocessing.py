@@ -10,13 +10,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from elastic_arm.arrays import Array
+from elastic_arm.arrays import Array, median_step
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.recording import Recording, Samples, Side
 from elastic_arm.recording.inspection.dead_torques import without_dead_torques
 from elastic_arm.recording.inspection.outliers import without_outliers
 from elastic_arm.recording.inspection.stuck_channels import NO_MOTION, STILL, moves
+from elastic_arm.robot import Robot
 
 AVERAGING = 0.02  # s, length of the means on which clocks are compared
 SHIFT = 1e-5  # s over the recording; a smaller drift has no measurable effect
@@ -31,7 +32,7 @@ DIFFERENCE = (
 FEWEST_MEANS = 50
 
 
-def usable(recording: Recording) -> Recording:
+def usable(recording: Recording, robot: Robot) -> Recording:
     """Return the recording without outliers and dead torque channels, on one clock, with notes.
 
     Raises a DiagnosisError if the arm stands still, or every torque channel is dead.
@@ -39,7 +40,7 @@ def usable(recording: Recording) -> Recording:
     whole = without_outliers(recording)
     if not moves(whole):
         raise DiagnosisError(f"{recording.source or 'the recording'} contains no motion", NO_MOTION)
-    return _one_clock(_without_differences(_live(whole)))
+    return _one_clock(_without_differences(_live(whole, robot)))
 
 
 def standing(recording: Recording) -> list[str]:
@@ -59,9 +60,9 @@ def needs_motion(feature: Feature) -> bool:
     return feature.effect.needs_motion and "drive" not in feature.sides
 
 
-def _live(recording: Recording) -> Recording:
+def _live(recording: Recording, robot: Robot) -> Recording:
     """Leave out torque channels that are constant."""
-    kept, dead = without_dead_torques(recording)
+    kept, dead = without_dead_torques(recording, robot)
     if dead and all(side.effort is None for side in kept.measured().values()):
         raise DiagnosisError(
             f"every torque channel of {recording.source or 'the recording'} is empty:"
@@ -195,4 +196,4 @@ def _averaged(t: Array, values: Array, seconds: float) -> Array:
 
 def _averaging(t: Array, seconds: float) -> int:
     """Return the number of samples of a mean over this length, s."""
-    return max(1, round(seconds / float(np.median(np.diff(t))))) if len(t) > 1 else 1
+    return max(1, round(seconds / median_step(t))) if len(t) > 1 else 1

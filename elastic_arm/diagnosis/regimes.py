@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.signal import welch
 
-from elastic_arm.arrays import Array
+from elastic_arm.arrays import Array, rms
 from elastic_arm.estimation.motion import rates_of
 from elastic_arm.estimation.regressors import Signals
 from elastic_arm.estimation.whitening import WhitenedData
@@ -95,7 +95,7 @@ def bases(
     rate = signals.once(
         "rates of the clear load", lambda: rates_of(signals.t, signals.model_torques["clear"])
     )[:, i]
-    typical = float(np.sqrt(np.mean(w**2))) or 1.0
+    typical = float(rms(w, None)) or 1.0
     found = {
         "always": np.ones((len(w), 1)),
         "velocity_reversal": sign[:, None],

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field, is_dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from elastic_arm import output_files
 from elastic_arm.diagnosis.estimates import ParameterEstimate
 from elastic_arm.diagnosis.events import Event
 from elastic_arm.effects import Catalogue
@@ -18,7 +20,6 @@ from elastic_arm.equations.numbers import SCALE
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.equation_sets import SIDES, Place
 from elastic_arm.formatting import JointUnits
-from elastic_arm.output_files import write_result
 from elastic_arm.recording import Side
 from elastic_arm.recording.sides import joined_sides
 from elastic_arm.results import ClosedLoopError, Result, Row
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from elastic_arm.excitation import FourierTrajectory
 
 SCHEMA = "elastic_arm/diagnosis/2"
+plain = partial(output_files.plain, digits=7)  # as in `diagnosis.json`
 SEPARATING = "separating_trajectory.yaml"  # the proposed motion, beside diagnosis.json
 
 
@@ -561,7 +563,7 @@ class Diagnosis(Result):
         Raises a DiagnosisError if the file cannot be written.
         """
         text = json.dumps(self.to_dict(), indent=2, allow_nan=False)
-        return write_result(path, f"{text}\n", DiagnosisError, "Choose another --out")
+        return output_files.write_result(path, f"{text}\n", DiagnosisError, "Choose another --out")
 
     @staticmethod
     def load(path: str | Path, catalogue: Catalogue | None = None) -> Diagnosis:
@@ -598,21 +600,6 @@ class Diagnosis(Result):
             return {"rmse": plain(size.rmse[place]), "max": plain(size.peak[place])}
 
         return {joint: {side: cell((joint, side)) for side in SIDES} for joint in self.joints}
-
-
-def plain(value: Any) -> Any:
-    """Return a value as in `diagnosis.json`: dataclasses and mappings as dictionaries, sequences as
-    lists, and numbers with seven significant digits."""
-    if value is None or isinstance(value, str | bool):
-        return value
-    if is_dataclass(value):
-        return plain(vars(value))
-    if isinstance(value, Mapping):
-        return {name: plain(one) for name, one in value.items()}
-    if isinstance(value, Sequence | np.ndarray):
-        return [plain(one) for one in value]
-    number = float(value)
-    return float(f"{number:.7g}") if np.isfinite(number) else None
 
 
 def from_dict(data: Mapping[str, Any], folder: Path, catalogue: Catalogue) -> Diagnosis:

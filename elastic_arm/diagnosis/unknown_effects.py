@@ -14,9 +14,8 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from elastic_arm.arrays import Array
+from elastic_arm.arrays import Array, Mask
 from elastic_arm.diagnosis.decomposition import Decomposition, Unknown, without_parts
 from elastic_arm.diagnosis.regimes import regime, shares
 from elastic_arm.diagnosis.result import UnexplainedResidual
@@ -204,12 +203,12 @@ def gear_ratios(parts: Decomposition, row: int) -> tuple[float, float]:
     return (gear.harmonic_drive_ratio, gear.r_tot) if gear else (1.0, 1.0)
 
 
-def _slow(bands: Bands, row: int) -> NDArray[np.bool_]:
+def _slow(bands: Bands, row: int) -> Mask:
     """Return a mask of the bands of a residual at the frequencies of motion."""
     return (bands.place == row) & (OCTAVES[np.minimum(bands.octave, len(OCTAVES) - 1)] <= MOTION)
 
 
-def _is_structured(bands: Bands, white: Array, among: NDArray[np.bool_]) -> bool:
+def _is_structured(bands: Bands, white: Array, among: Mask) -> bool:
     """Whether the whitened rows in some bands more probably follow a motion than are noise.
 
     The powers p of noise in the harmonics of an octave are exponential, p(p) = exp(-p/m)/m. A

@@ -10,6 +10,7 @@ import numpy as np
 from elastic_arm.effects.effect import MODELS, SensorEffect
 from elastic_arm.effects.library.friction import PLAIN
 from elastic_arm.estimation.equation_sets import Place
+from elastic_arm.evidence.priors import TRUST
 from elastic_arm.formatting import JointUnits, rounded
 
 if TYPE_CHECKING:
@@ -17,7 +18,13 @@ if TYPE_CHECKING:
     from elastic_arm.diagnosis.events import Event
     from elastic_arm.diagnosis.history import Course
     from elastic_arm.diagnosis.prediction import Prediction
-    from elastic_arm.diagnosis.result import Alternative, Cause, Change, Diagnosis
+    from elastic_arm.diagnosis.result import (
+        Alternative,
+        Cause,
+        Change,
+        Diagnosis,
+        UnexplainedResidual,
+    )
     from elastic_arm.effects import EffectInstance
     from elastic_arm.equations.formless import GeneralLaw
 
@@ -35,6 +42,7 @@ SWITCHED_ON = (
     "Record next: the same motion with the drives switched on throughout. Alternatively, cut this"
     " part out of the recording."
 )
+NOT_DETERMINED = "not determined"  # of a parameter that no recording shows
 REPEATED_MOTION = (
     "The validation data repeat the motion of the fit and are therefore not independent."
 )
@@ -106,11 +114,13 @@ def size_text(value: Any, std: Any, unit: str = "1") -> str:
     """Return a number, or a vector of them, with its unit and the digits that its standard
     deviation warrants.
 
-    std: of each; zero where it is given, None where it is not known.
+    std: of each; zero where it is given, None where nothing determines it.
     """
     vector = isinstance(value, list | tuple)
     values = list(value) if vector else [value]
     stds = list(std) if isinstance(std, list | tuple) else [std] * len(values)
+    if all(s is None for s in stds):
+        return NOT_DETERMINED
     parts = zip(*(_pair(v, s) for v, s in zip(values, stds, strict=True)), strict=True)
     number, deviation = (f"({', '.join(part)})" if vector else part[0] for part in parts)
     size = number if all(s == 0.0 for s in stds) else f"{number} ± {deviation}"
@@ -118,7 +128,7 @@ def size_text(value: Any, std: Any, unit: str = "1") -> str:
 
 
 def _pair(value: float, std: float | None) -> tuple[str, str]:
-    return (f"{value:.4g}", "?") if std is None else rounded(value, std)
+    return (NOT_DETERMINED, "–") if std is None else rounded(value, std)
 
 
 def merged_notes(notes: Sequence[str]) -> list[str]:
@@ -149,7 +159,8 @@ def event_notes(events: Sequence[Event]) -> list[str]:
     events = [event for event in events if not event.ignored]
     for recording in dict.fromkeys(event.recording for event in events):
         each = [
-            f"{e.joint} ({e.side} side) from {e.begin:.1f} to {e.end:.1f} s, {e.rmse:.2g} Nm RMS"
+            f"{e.joint} ({e.side} side) from {e.begin:.1f} to {e.end:.1f} s, residual of"
+            f" {e.rmse:.2g} Nm RMS in this interval"
             for e in events
             if e.recording == recording
         ]
@@ -310,6 +321,12 @@ REGIME_WORDS = {
 }
 
 
+def left_text(place: UnexplainedResidual, units: JointUnits) -> str:
+    """Return the size of an open residual; that of an event is of its own interval."""
+    size = f"{place.rmse:.2g} {units.at(place.joint, 'Nm')}"
+    return f"{size} RMS in the interval of the event" if place.regime == "event" else size
+
+
 def regime_text(regime: str) -> str:
     """Return when a residual is large, as the predicate of a sentence."""
     return REGIME_WORDS.get(regime, f"depends on {regime.replace('_', ' ')}")
@@ -327,16 +344,17 @@ def unknown_sentences(found: Diagnosis) -> list[str]:
         ]
     first, *others = found.unexplained
     place = (first.joint, first.side)
-    unit = found.units.at(first.joint, "Nm")
+    size = left_text(first, found.units)
     noise = found.noise.get(place)
     before = found.before.rmse.get(place)
+    whole = " over the whole recording" if first.regime == "event" else ""
     beside = [
         *([f"noise {noise:.2g}"] if noise else []),
-        *([f"{before:.2g} without causes"] if before and found.causes else []),
+        *([f"{before:.2g} without causes{whole}"] if before and found.causes else []),
     ]
     sizes = f" ({', '.join(beside)})" if beside else ""
     left = (
-        f"The verdict is unknown because of {first.rmse:.2g} {unit}{sizes} at {first.joint},"
+        f"The verdict is unknown because of {size}{sizes} at {first.joint},"
         f" {first.side} side: no cause explains this residual, which {regime_text(first.regime)}"
     )
     joints = [*dict.fromkeys(place.joint for place in others if place.joint != first.joint)]
@@ -347,7 +365,7 @@ def unknown_sentences(found: Diagnosis) -> list[str]:
     if hold and found.shrink is not None and found.shrink > 0.0:
         sentences.append(
             f"The causes remain valid: they explain {percent(found.shrink)} of the gap. If"
-            f" {first.rmse:.2g} {unit} is negligible for your application, they are the answer."
+            f" {size} is negligible for your application, they are the answer."
         )
     sentences.append(
         f"Record next: {first.joint} alone, {motion_that_shows(first.regime)}. See docs/unknown.md."
@@ -356,17 +374,10 @@ def unknown_sentences(found: Diagnosis) -> list[str]:
 
 
 def scale_sentence(found: Diagnosis) -> str:
-    """Return what anchors the scale of torques that were made of commands or of the duty, and where
-    it is off."""
+    """Return what anchors the scale of torques that were made of commands or of the duty."""
     known = ", ".join(
         f"{100 * e.std / abs(e.value):.2g} % at {joint}" for joint, e in found.torque_scale.items()
     )
-    off = [
-        f"{e.value:.3g} ± {e.std:.2g} times the described one at {joint}"
-        for joint, e in found.torque_scale.items()
-        if abs(e.value - 1.0) > OFF * e.std
-    ]
-    where = f" The estimated scale is {listed(off)}." if off else ""
     ways = [
         ("the recorded duty (pwm) with the described electrics", bool(found.of_duty)),
         (
@@ -379,9 +390,21 @@ def scale_sentence(found: Diagnosis) -> str:
     lacking = "no torque" if whole else f"no torque of {listed(found.made)}"
     return (
         f"{lacking} was recorded; torques are computed from {made}. The standard deviation of"
-        f" their scale is {known}; masses and friction inherit this uncertainty.{where}"
+        f" their scale is {known}; masses and friction inherit this uncertainty."
         f"{_disagreement(found)}"
     )
+
+
+def _gain_sentences(found: Diagnosis) -> list[str]:
+    """Return which drives make more or less torque than described."""
+    off = [
+        f"{' ± '.join(rounded(e.value, e.std))} times the described torque at {joint}"
+        for joint, e in found.torque_scale.items()
+        if abs(e.value - 1.0) > OFF * e.std
+    ]
+    kp = "" if len(found.of_duty) == len(found.made) else "kp, "
+    why = f"{kp}the supply voltage or the torque constant differs"
+    return [f"The drives make {listed(off)}: {why}."] if off else []
 
 
 def _disagreement(found: Diagnosis) -> str:
@@ -482,6 +505,7 @@ def summary(found: Diagnosis) -> list[str]:
         if inertias
         else []
     )
+    more += _gain_sentences(found)
     more += [closed] if (closed := closed_loop_sentence(found)) else []
     return [f"{found.verdict}: {first}", *more]
 
@@ -628,8 +652,7 @@ def _told(cause: Cause) -> dict[str, bool]:
         n: (np.array(e.value, float), np.array(e.std, float)) for n, e in cause.parameters.items()
     }
     return {
-        n: not bool(np.all(np.abs(value - none.get(n, 0.0)) <= std))
-        for n, (value, std) in found.items()
+        n: bool(np.any(np.abs(value - none.get(n, 0.0)) > std)) for n, (value, std) in found.items()
     }
 
 
@@ -666,7 +689,9 @@ def trust_text(trust: Mapping[str, float]) -> str:
     """Return how far a description could be trusted, most probable first; what is all but excluded
     is left out."""
     likely = sorted((item for item in trust.items() if item[1] >= DOUBT), key=lambda item: -item[1])
-    return ", ".join(f"{name} ({probability_text(p)})" for name, p in likely)
+    return "; ".join(
+        f"{name}, its numbers {TRUST[name].means} ({probability_text(p)})" for name, p in likely
+    )
 
 
 def cause_size(cause: Cause, between: str = ", ") -> str:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from elastic_arm.arrays import Array
 from elastic_arm.robot.parts import Inertia, placed, snap, tensor_of
 
 GROUND = -1
@@ -43,10 +44,10 @@ class Frame:
 
     parent: int  # index of the parent frame, :data:`GROUND` for the base
     # before, after: (4, 4), constant placements on either side of the turn or the slide
-    before: np.ndarray
+    before: Array
     axis: int  # 0, 1, 2 for x, y, z
     coordinate: int  # index into the generalized coordinates
-    after: np.ndarray
+    after: Array
     slides: bool = False  # whether it slides (a prismatic joint)
 
 
@@ -56,11 +57,11 @@ class Body:
 
     name: str
     frame: int  # index of the frame that carries it; :data:`GROUND` where it enters no equation
-    placement: np.ndarray  # (4, 4), of the body's own frame in the carrier's
+    placement: Array  # (4, 4), of the body's own frame in the carrier's
     parameters: tuple[int, ...]  # indices into Psi: ten of a link, or four of a solid of revolution
 
     @property
-    def inertia_map(self) -> np.ndarray:
+    def inertia_map(self) -> Array:
         """(10, k): the body's own parameters -> the ten about its frame's origin."""
         if len(self.parameters) == len(LINK_PARAMETERS):
             return moved(np.eye(10), self.placement)
@@ -79,7 +80,7 @@ class Spin:
     """
 
     frame: int
-    axis: np.ndarray
+    axis: Array
     gears: tuple[tuple[int, float], ...]
     parameter: int
 
@@ -98,7 +99,7 @@ class Spring:
 class Bodies:
     """A mechanism: everything the recursion needs."""
 
-    gravity: np.ndarray  # (3,), in the base frame ``O_0``, m/s^2
+    gravity: Array  # (3,), in the base frame ``O_0``, m/s^2
     coordinates: tuple[str, ...]  # names of the generalized coordinates
     # link_side, motor_side: indices of the coordinates in the first and second row of (1)
     link_side: tuple[int, ...]
@@ -142,7 +143,7 @@ class Bodies:
         return hashlib.sha256(json.dumps(content).encode()).hexdigest()
 
 
-def moved(parameters: np.ndarray, placement: np.ndarray) -> np.ndarray:
+def moved(parameters: Array, placement: Array) -> Array:
     """Express inertial parameters (10, ...) of a body about the origin of another frame.
 
     The body's own frame has `placement` there.
@@ -165,13 +166,13 @@ def moved(parameters: np.ndarray, placement: np.ndarray) -> np.ndarray:
     )
 
 
-def inertial_parameters(body: Inertia) -> np.ndarray:
+def inertial_parameters(body: Inertia) -> Array:
     """(10,) about the frame's origin."""
     about_com = np.array([body.mass, 0.0, 0.0, 0.0, *(body.inertia[index] for index in TENSOR)])
     return moved(about_com, placed(position=body.com))
 
 
-def pseudo_inertia(ten: np.ndarray) -> np.ndarray:
+def pseudo_inertia(ten: Array) -> Array:
     """Return the pseudo-inertia (4, 4) of a body's ten parameters about its frame's origin."""
     m, mx, my, mz, xx, xy, xz, yy, yz, zz = ten
     half = 0.5 * (xx + yy + zz)

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from elastic_arm.arrays import Array
 from elastic_arm.dynamics.bodies import (
     GROUND,
     LINK_PARAMETERS,
@@ -49,7 +50,7 @@ class _Assembly:
     parameters: list[ModelParameter] = field(default_factory=list)
 
     def add_parameters(
-        self, prefix: str, names: tuple[str, ...], units: tuple[str, ...], values: np.ndarray
+        self, prefix: str, names: tuple[str, ...], units: tuple[str, ...], values: Array
     ) -> range:
         start = len(self.parameters)
         self.parameters += [
@@ -92,7 +93,7 @@ class _Assembly:
             Spin(spin_on(frame), placement[:3, 2], ((self.robot.n + i, ratio),), indices[-1])
         )
 
-    def seat(self, i: int, component: Component) -> tuple[int, np.ndarray]:
+    def seat(self, i: int, component: Component) -> tuple[int, Array]:
         """Carrier's frame of a component of transmission i, and the component's placement in it."""
         joint = self.robot.joints[i]
         if component.carrier == joint.link_name:
@@ -215,7 +216,7 @@ def _bearing(joint: Joint) -> Bearing:
     return joint.transmission.bearing
 
 
-def on_link(joint: Joint, component: Component) -> np.ndarray:
+def on_link(joint: Joint, component: Component) -> Array:
     """Placement of a component at ``O_{i-1}`` in the frame of the link that a joint moves."""
     return snap(np.linalg.inv(joint.after) @ placed(position=component.position))
 
@@ -237,7 +238,7 @@ def exchanged(whole: Inertia, old: Inertia, new: Inertia) -> Inertia:
     return inertia_from(ten[0] + ten[1] - ten[2])
 
 
-def inertia_from(ten: np.ndarray) -> Inertia:
+def inertia_from(ten: Array) -> Inertia:
     """Inertia of a body whose ten parameters about its frame's origin are given.
 
     Raises a RobotError if no body has them.

@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 import casadi as ca
 import numpy as np
 
+from elastic_arm.arrays import Array
 from elastic_arm.dynamics import recursion
 from elastic_arm.dynamics.bodies import Bodies
 
@@ -160,6 +161,6 @@ def _function(
     return ca.Function(name, [getattr(s, i) for i in inputs], dense, list(inputs), list(outputs))
 
 
-def nominal(bodies: Bodies) -> np.ndarray:
+def nominal(bodies: Bodies) -> Array:
     """Psi of the description, (P,)."""
     return np.array([p.nominal for p in bodies.parameters])

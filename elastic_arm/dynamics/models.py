@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array, Indices
 from elastic_arm.codegen import kernels
 from elastic_arm.codegen.derivations import cached_program
 from elastic_arm.dynamics.bodies import Bodies, ModelParameter
@@ -19,7 +19,7 @@ from elastic_arm.robot.description import Robot, require_robot
 if TYPE_CHECKING:
     import casadi
 
-Columns = Sequence[int] | NDArray[np.intp]
+Columns = Sequence[int] | Indices
 # What shapes a derived program besides the bodies.
 _DERIVED_BY = tuple(
     Path(__file__).with_name(f"{name}.py") for name in ("bodies", "recursion", "derivation")
@@ -76,7 +76,7 @@ class Model:
         self._functions: dict[str, casadi.Function] = {}
         self._kernels: dict[tuple[str, tuple[int, ...] | None], kernels.Kernel] = {}
 
-    def at(self, Psi: np.ndarray) -> Model:
+    def at(self, Psi: Array) -> Model:
         """Return the model at other parameters (P,), physical or not."""
         moved = copy(self)
         moved.Psi = np.asarray(Psi, dtype=float)
@@ -97,9 +97,7 @@ class Model:
         """Names of x: q, theta, and the tilts with bearings."""
         return self.bodies.coordinates
 
-    def inverse_dynamics(
-        self, x: np.ndarray, dx: np.ndarray, ddx: np.ndarray, Psi: np.ndarray | None = None
-    ) -> np.ndarray:
+    def inverse_dynamics(self, x: Array, dx: Array, ddx: Array, Psi: Array | None = None) -> Array:
         """Left side of (1) with K and D: (N, dof), [0; tau_m] for a true motion.
 
         x, dx, ddx: (N, dof) rad, rad/s and rad/s²; Psi: (P,) parameters; the description's when
@@ -109,12 +107,12 @@ class Model:
 
     def regressor(
         self,
-        x: np.ndarray,
-        dx: np.ndarray,
-        ddx: np.ndarray,
+        x: Array,
+        dx: Array,
+        ddx: Array,
         columns: Columns | None = None,
-        out: np.ndarray | None = None,
-    ) -> np.ndarray:
+        out: Array | None = None,
+    ) -> Array:
         """Phi of (10), (N, dof, P), or only its `columns`.
 
         Written to `out`, if given, of that shape.
@@ -127,18 +125,18 @@ class Model:
             len(x), self.dof, width
         )
 
-    def mass_matrix(self, x: np.ndarray) -> np.ndarray:
+    def mass_matrix(self, x: Array) -> Array:
         """Whole matrix of (1), (N, dof, dof), in the order of x."""
         return self._run("mass_matrix", x, self.Psi)[0].reshape(len(x), self.dof, self.dof)
 
-    def bias(self, x: np.ndarray, dx: np.ndarray) -> np.ndarray:
+    def bias(self, x: Array, dx: Array) -> Array:
         """All of the left side of (1) that is not acceleration, K and D included: (N, dof).
 
         x, dx: (N, dof) rad and rad/s.
         """
         return self._run("bias", x, dx, self.Psi)[0]
 
-    def terms(self, x: np.ndarray, dx: np.ndarray) -> dict[str, np.ndarray]:
+    def terms(self, x: Array, dx: Array) -> dict[str, Array]:
         """M, S, B, c, c1, c2, g of (1) by name, samples first; the tilts count as link side.
 
         x, dx: (N, dof) rad and rad/s.
@@ -157,9 +155,7 @@ class Model:
             for name, value in zip(TERMS, values, strict=True)
         }
 
-    def forward_dynamics(
-        self, x: np.ndarray, dx: np.ndarray, f: np.ndarray, Psi: np.ndarray | None = None
-    ) -> np.ndarray:
+    def forward_dynamics(self, x: Array, dx: Array, f: Array, Psi: Array | None = None) -> Array:
         """Accelerations ddx (N, dof) under generalized forces f (N, dof).
 
         x, dx: (N, dof) rad and rad/s; f: (N, dof) generalized forces, Nm; Psi: (P,) parameters; the
@@ -167,9 +163,7 @@ class Model:
         """
         return self._run("forward_dynamics", x, dx, f, self._psi(Psi))[0]
 
-    def energy(
-        self, x: np.ndarray, dx: np.ndarray, Psi: np.ndarray | None = None
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def energy(self, x: Array, dx: Array, Psi: Array | None = None) -> tuple[Array, Array]:
         """Kinetic and potential energy, (N,) each, J.
 
         Springs are included; gravity counts from the ground's origin.
@@ -199,9 +193,9 @@ class Model:
             self._kernels[key] = kernels.make(program, self._engine, shared=("Psi",))
         return self._kernels[key]
 
-    def _psi(self, Psi: np.ndarray | None) -> np.ndarray:
+    def _psi(self, Psi: Array | None) -> Array:
         return self.Psi if Psi is None else np.asarray(Psi, dtype=float)
 
-    def _run(self, name: str, *arrays: np.ndarray) -> tuple[np.ndarray, ...]:
+    def _run(self, name: str, *arrays: Array) -> tuple[Array, ...]:
         result = self.kernel(name)(*arrays)
         return result if isinstance(result, tuple) else (result,)

@@ -23,7 +23,7 @@ from scipy.interpolate import BSpline
 from scipy.linalg import block_diag
 from scipy.signal import lfilter
 
-from elastic_arm.arrays import Array
+from elastic_arm.arrays import Array, median_step
 from elastic_arm.estimation.regressors import Signals
 from elastic_arm.estimation.whitening import WhitenedData
 from elastic_arm.robot import Transmission
@@ -274,7 +274,7 @@ def _relaxed(load: Argument, constants: Sequence[float]) -> Argument:
 
     def shapes(signals: Signals) -> Array:
         values = load(signals)
-        step = float(np.median(np.diff(signals.t)))
+        step = median_step(signals.t)
         start = values[0]
         found = []
         for constant in constants:

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from elastic_arm.arrays import rms
 from elastic_arm.effects.arm_equations import ArmEquations
 from elastic_arm.effects.effect import Effect, EffectInstance, SensorEffect
 from elastic_arm.effects.parameters import Parameter
@@ -110,7 +111,7 @@ def allowed_values(feature: Feature, parameter: Parameter, data: WhitenedData) -
             (part.signals.model_torques["tau_m"], part.stretch.quiet.tau_m) for part in data.parts
         ]
         needed, made = (np.concatenate(one)[:, joint] for one in zip(*torques, strict=True))
-        low = float(np.sqrt(np.mean(needed**2)))
+        low = float(rms(needed, None))
         high = float(np.abs(made).max())
     elif parameter.bounded_by == "error":
         errors = [part.signals.values["r"] - part.stretch.quiet.theta for part in data.parts]

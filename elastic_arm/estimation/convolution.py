@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 
-from elastic_arm.arrays import Array
+from elastic_arm.arrays import Array, Indices, Mask
 from elastic_arm.codegen.parallel import threads
 
 # Blocks this many times as long as the response waste little on overlap and stay in the cache.
@@ -122,7 +122,7 @@ class CircularGains(NamedTuple):
     harmonics: Harmonics  # of what they leave
     by_frequency: NDArray[np.complexfloating]  # (H, R, R)
     by_row: NDArray[np.complexfloating]  # the same, (R, R, H)
-    first: NDArray[np.intp]  # (R,) the first row in which each shows
+    first: Indices  # (R,) the first row in which each shows
 
 
 def frequencies(harmonics: Harmonics, rate: float) -> Array:
@@ -174,8 +174,8 @@ def circular_gains(gains: NDArray[np.complexfloating], samples: int, edge: int) 
 
 
 def _alike(
-    acting: NDArray[np.bool_],
-) -> Iterator[tuple[NDArray[np.intp], NDArray[np.intp] | slice]]:
+    acting: Mask,
+) -> Iterator[tuple[Indices, Indices | slice]]:
     """Yield rows and some of the columns that act in just these rows (R, k)."""
     groups: dict[bytes, list[int]] = {}
     for column, rows in enumerate(np.ascontiguousarray(acting.T)):

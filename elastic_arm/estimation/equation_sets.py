@@ -31,9 +31,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from elastic_arm.arrays import Array
+from elastic_arm.arrays import Array, Mask
 from elastic_arm.dynamics import Model
 from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.motion import Motion
@@ -182,7 +181,7 @@ class EquationSet:
         return EquationSet(self.n, tuple(entries))
 
     @property
-    def live(self) -> NDArray[np.bool_]:
+    def live(self) -> Mask:
         """Which rows (R,) are no void ones."""
         return np.array([equation.combination != VOID for equation, _ in self.entries])
 

@@ -8,9 +8,8 @@ from typing import Any, Self
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
-from elastic_arm.arrays import Array
+from elastic_arm.arrays import Array, Indices, Mask
 from elastic_arm.dynamics import Model
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.noise import StateNoise, noise_filter
@@ -45,7 +44,7 @@ class Motion:
     laws: Array | None = None
     # (N, n) where a joint sticks, so that its dry friction may take any value; None where that does
     # not matter
-    stuck: NDArray[np.bool_] | None = None
+    stuck: Mask | None = None
     noise: StateNoise | None = (
         None  # of positions and their derivatives; None where they are taken for exact
     )
@@ -66,7 +65,7 @@ class Motion:
     def __len__(self) -> int:
         return len(self.t)
 
-    def __getitem__(self, part: slice | NDArray[np.intp]) -> Self:
+    def __getitem__(self, part: slice | Indices) -> Self:
         kept: dict[str, Any] = {name: values[part] for name, values in self.channels().items()}
         return replace(self, **kept)
 
@@ -79,7 +78,7 @@ class Motion:
         """Return the names of the channels that a joint has, by its index."""
         return frozenset(name for name in self.recorded if (name, joint) not in self.lacking)
 
-    def unrecorded(self, channel: str, n: int) -> NDArray[np.bool_]:
+    def unrecorded(self, channel: str, n: int) -> Mask:
         """Return which of n joints (n,) lack a channel."""
         return np.array([channel not in self.recorded_at(j) for j in range(n)])
 
@@ -206,7 +205,7 @@ def _moved(
     angles: tuple[Array, Array, Array],
     sign: float,
     wound: Sequence[Array],
-    where: NDArray[np.bool_],
+    where: Mask,
 ) -> tuple[Array, Array, Array]:
     """Return angles and their rates (N, n) with a deflection added at some joints."""
     position, rate, acceleration = (
@@ -216,7 +215,7 @@ def _moved(
 
 
 def with_filtered_deflection(
-    motion: Motion, rate: float, f: Array, noise: Array, finer_motors: NDArray[np.bool_]
+    motion: Motion, rate: float, f: Array, noise: Array, finer_motors: Mask
 ) -> Motion:
     """Return motion with less noise in the deflections.
 

@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from elastic_arm.arrays import Array
+from elastic_arm.arrays import Array, Mask
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.motion import (
     Motion,
@@ -311,7 +311,7 @@ class Observation:
         return np.where(self._finer_motors, motor, link) * self.quiet_gain(f)[:, None] ** 2
 
     @cached_property
-    def _finer_motors(self) -> NDArray[np.bool_]:
+    def _finer_motors(self) -> Mask:
         """Whether the motor's encoder is finer than the link's, where a joint (n,) has both."""
         link = self.position_spectrum("link", self._quiet_frequencies)
         motor = self.position_spectrum("motor", self._quiet_frequencies)

@@ -15,9 +15,8 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
-from elastic_arm.arrays import Array
+from elastic_arm.arrays import Array, Indices
 from elastic_arm.codegen import kernels
 from elastic_arm.codegen.recursion import Recursion
 from elastic_arm.effects import SymbolicMotion
@@ -220,8 +219,8 @@ class Entries:
 
     values: Array  # (N, m) of these entries
     # rows, columns: (m,) where they stand
-    rows: NDArray[np.intp]
-    columns: NDArray[np.intp]
+    rows: Indices
+    columns: Indices
     shape: tuple[int, int]  # numbers of rows, 3 n, and of columns, k
 
     @staticmethod
@@ -369,7 +368,7 @@ class CompiledColumns:
         known = ca.vec(ca.substitute(columns, Psi, numbers) if engine == "numpy" else columns)
         kept = [int(k) for k in known.sparsity().row() if not known[int(k)].is_zero()]
         flat = ca.vec(ca.cse(columns))
-        self.places: NDArray[np.intp] = np.array(kept, dtype=int)
+        self.places: Indices = np.array(kept, dtype=int)
         function = ca.Function(
             "columns",
             [*symbols.values(), argument, state, self._equations.Psi],

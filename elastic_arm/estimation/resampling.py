@@ -16,7 +16,7 @@ import numpy as np
 from numpy.polynomial.legendre import legvander
 from numpy.typing import NDArray
 
-from elastic_arm.arrays import Array
+from elastic_arm.arrays import Array, Indices
 from elastic_arm.errors import IdentificationError
 from elastic_arm.recording import Samples
 from elastic_arm.recording.inspection.report import UNIT, wrong_rate
@@ -69,7 +69,7 @@ class Grid:
     def __len__(self) -> int:
         return len(self.t)
 
-    def __getitem__(self, part: slice | NDArray[np.intp]) -> Grid:
+    def __getitem__(self, part: slice | Indices) -> Grid:
         kept: dict[str, Any] = {name: values[part] for name, values in self.channels().items()}
         return replace(self, t=self.t[part], **kept)
 
@@ -257,7 +257,7 @@ class Placing:
         return Grid(np.interp(points, position, piece.t), rate, **filled, lacking=lacking)
 
 
-def read_at(t: Array, read: Array | None) -> NDArray[np.intp]:
+def read_at(t: Array, read: Array | None) -> Indices:
     """Return which of the times t (N,) are those at which torques were read.
 
     All where none are given.

@@ -13,13 +13,12 @@ from typing import TypeAlias
 
 import numpy as np
 from numpy.polynomial.legendre import legvander
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.linalg import cho_factor, cho_solve
 from scipy.ndimage import binary_dilation, binary_opening, find_objects, label
 from scipy.sparse import csr_array
 
-from elastic_arm.arrays import Array
+from elastic_arm.arrays import Array, Indices, Mask
 from elastic_arm.dynamics import Model
 from elastic_arm.estimation.band import Band
 from elastic_arm.estimation.equation_sets import DRIVE, LINK, MOTOR, EquationSet
@@ -90,7 +89,7 @@ class Stretch:
     band: Band  # at the recording's rate
     kept: slice  # which of the rows that the band gives for the motion they are
     # samples of the motion at which torques were read, where that is not at all of them
-    read: NDArray[np.intp] | None = None
+    read: Indices | None = None
 
     def in_band(self, values: Array) -> Array:
         """Return columns (N, k) in the band, (N', k), where torques were known."""
@@ -176,7 +175,7 @@ class FreeTorque:
     # Rows beside these instants that hold no such torque, and (m, instants + beside) what they and
     # the instants estimate of the torque: least squares by the noise, which goes on from the rows
     # beside.
-    beside: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, dtype=int))
+    beside: Indices = field(default_factory=lambda: np.zeros(0, dtype=int))
     estimate: Array | None = None
 
 
@@ -339,7 +338,7 @@ def _operators(torques: Sequence[FreeTorque], length: int) -> tuple[_Matrix, _Ma
     return _matrix(bases, (length, m)), _matrix(estimates, (m, length))
 
 
-_Block = tuple[NDArray[np.intp], NDArray[np.intp], Array]  # rows, columns, and what stands there
+_Block = tuple[Indices, Indices, Array]  # rows, columns, and what stands there
 _Matrix: TypeAlias = csr_array | Array
 
 
@@ -374,7 +373,7 @@ def standing_speed(fastest: Array | float, noise: Array | float) -> Array:
     return np.maximum(np.maximum(SLOW * fastest, STANDS), UNTOLD * noise)
 
 
-def sticking(t: Array, velocity: Array, standing: Array, around: float = 0.0) -> NDArray[np.bool_]:
+def sticking(t: Array, velocity: Array, standing: Array, around: float = 0.0) -> Mask:
     """Return where joints stick, (N, n): slower than `standing` (n,) rad/s for as long as STICKING.
 
     t: (N,) s, at one rate, that of the recording: of fewer instants a reversal seems to last
@@ -395,13 +394,13 @@ def sticking(t: Array, velocity: Array, standing: Array, around: float = 0.0) ->
     )
 
 
-def _held(t: Array, velocity: Array, band: Band, steps: Array) -> NDArray[np.bool_]:
+def _held(t: Array, velocity: Array, band: Band, steps: Array) -> Mask:
     """Return where encoders hold one code for so long that the band shows it, (N, n)."""
     # At a constant speed the error is a sawtooth of one period a step.
     return _lasting(t, np.abs(velocity) < steps * band.cutoff)
 
 
-def _lasting(t: Array, slow: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _lasting(t: Array, slow: Mask) -> Mask:
     """Return where joints are slow (N, n) for as long as STICKING."""
     length = np.ones(max(1, round(STICKING / (t[1] - t[0]))))
     return np.stack([binary_opening(column, length) for column in slow.T], axis=1)
@@ -410,7 +409,7 @@ def _lasting(t: Array, slow: NDArray[np.bool_]) -> NDArray[np.bool_]:
 def _courses(
     stretch: Stretch,
     band: Band,
-    when: NDArray[np.bool_],
+    when: Mask,
     bases: dict[FreeTimes, Array],
     known: Mapping[FreeTimes, Array],
 ) -> list[tuple[slice, FreeTimes | None]]:
@@ -453,7 +452,7 @@ def _basis(times: FreeTimes, band: Band) -> Array:
     return np.asarray(left[:, singular > 0.02 * singular[0]])
 
 
-def _estimate(basis: Array, rows: slice, beside: NDArray[np.intp], noise: Array) -> Array:
+def _estimate(basis: Array, rows: slice, beside: Indices, noise: Array) -> Array:
     """Return (m, rows + beside) what rows estimate of a torque that is in some of them.
 
     Noise of encoders grows with its frequency. Cut off at an instant it would be noise of all

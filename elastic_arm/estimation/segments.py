@@ -11,10 +11,9 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
-from elastic_arm.arrays import Array
+from elastic_arm.arrays import Array, Mask, median_step
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.recording import Recording
 from elastic_arm.recording.inspection.stuck_channels import moves
@@ -47,7 +46,7 @@ def in_parts(recording: Recording, least: int = 2) -> list[Recording]:
     t = (stamps - stamps[0]) * 1e-9
     count = least
     if len(t) > 1:
-        seconds = len(t) * float(np.median(np.diff(t)))
+        seconds = len(t) * median_step(t)
         count = max(least, round(seconds / SEGMENT))
     begins = np.linspace(0, len(t), count, endpoint=False).astype(int)
     return _cut(recording, t[begins].tolist())
@@ -99,7 +98,7 @@ def _stamps(recording: Recording) -> Stamps:
     return max((side.stamp_ns for side in recording.measured().values()), key=len)
 
 
-def _unbroken(stamps: Stamps) -> NDArray[np.bool_]:
+def _unbroken(stamps: Stamps) -> Mask:
     """Return between which stamps there is no hole."""
     steps = np.diff(stamps)
     return np.asarray(steps < HOLE * np.median(steps)) if len(steps) else steps > 0
@@ -213,7 +212,7 @@ def _information(side: Side, model: Model) -> Array:
     """Return C'C / s² (P, P) of a motion, for independent samples one 20th of a second apart."""
     assert side.position is not None
     position = np.nan_to_num(side.position)
-    step = max(float(np.median(np.diff(side.stamp_ns))) * 1e-9, 1e-9) if len(side) > 1 else 1.0
+    step = max(median_step(side.stamp_ns) * 1e-9, 1e-9) if len(side) > 1 else 1.0
     width = max(round(WINDOW / step) // 2 * 2 + 1, 5)
     if len(position) <= 2 * width:
         position = np.zeros((2 * width + 1, model.n))  # too short to tell anything

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from elastic_arm.arrays import Array
+from elastic_arm.arrays import Array, rms
 from elastic_arm.codegen.parallel import share_out
 from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.convolution import convolve
@@ -359,6 +359,6 @@ def _moves_at_ends(grid: Grid, count: int) -> bool:
     if position is None:
         return False
     speed = np.diff(position, axis=0)
-    whole = np.sqrt(np.mean(speed**2))
+    whole = rms(speed, None)
     ends = np.sqrt(np.mean(np.concatenate([speed[:count], speed[-count:]]) ** 2))
     return bool(ends > MOVING * whole)

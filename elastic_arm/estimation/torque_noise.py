@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elastic_arm.arrays import Array
+from elastic_arm.arrays import Array, median_step, rms
 from elastic_arm.estimation.resampling import Grid, read_at
 from elastic_arm.recording.inspection.torque_spectrum import TorqueSpectrum
 
@@ -29,7 +29,7 @@ class Readings:
     @staticmethod
     def of(times: Array, rate: float) -> Readings:
         """Return the readings at `times`, s, beside channels of `rate` samples per second."""
-        every = float(np.median(np.diff(times))) * rate
+        every = median_step(times) * rate
         return Readings(times, rate / every, every)
 
 
@@ -100,6 +100,5 @@ def _with_low_pass(
     if level is None or spectrum is None or not spectrum.low_passed.any():
         return level
     knee = np.minimum(np.maximum(spectrum.knee, NARROWEST_BAND), rate / 2)
-    rms = np.sqrt(np.mean(torque**2, axis=0))
-    ordinary = ORDINARY_NOISE * rms * np.sqrt(0.5 * rate / knee)
+    ordinary = ORDINARY_NOISE * rms(torque) * np.sqrt(0.5 * rate / knee)
     return np.where(spectrum.low_passed, np.maximum(level, ordinary), level)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.integrate import trapezoid
 from scipy.linalg import block_diag
 
-from elastic_arm.arrays import Array
+from elastic_arm.arrays import Array, Indices, Mask
 from elastic_arm.dynamics import Model
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.band import Band, LowPass
@@ -571,11 +571,11 @@ class WhitenedData:
         return [np.repeat(frequencies(own, part.stretch.band.kept_rate), 2) for part, own in each]
 
     @cached_property
-    def _order(self) -> NDArray[np.intp]:
+    def _order(self) -> Indices:
         return np.argsort(np.concatenate(self._of_each), kind="stable")
 
     @cached_property
-    def _places(self) -> list[NDArray[np.intp]]:
+    def _places(self) -> list[Indices]:
         """Where the rows of one residual of each stretch are among those of all."""
         ends = np.cumsum([len(own) for own in self._of_each])[:-1]
         return np.split(np.argsort(self._order), ends)
@@ -609,7 +609,7 @@ class WhitenedData:
         return [noise.whitening_gains(len(own.t), own.band).harmonics for noise, own in stretches]
 
 
-def _moving(observations: Sequence[Observation]) -> tuple[NDArray[np.bool_], Array]:
+def _moving(observations: Sequence[Observation]) -> tuple[Mask, Array]:
     """Return which joints (n,) move anywhere, and their highest speeds (n,) rad/s, by the motors
     where there are such.
 

@@ -17,9 +17,8 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from elastic_arm.arrays import Array
+from elastic_arm.arrays import Array, Indices, Mask
 from elastic_arm.evidence.grams import Bands, Grams, kept
 from elastic_arm.evidence.keys import Ident, Key
 from elastic_arm.evidence.posterior import Posterior, Prior, posterior
@@ -230,9 +229,9 @@ class LinearModel:
     bands: Bands  # of the rows
     # (K,) prior means of the numbers' coefficients; their standard deviation is the trust
     mean: Array
-    kinds: NDArray[np.intp]  # (K,) kinds of the numbers (:data:`KINDS`)
+    kinds: Indices  # (K,) kinds of the numbers (:data:`KINDS`)
     # (K,) whether the residuals depend on a number's value; the others act linearly
-    moving: NDArray[np.bool_]
+    moving: Mask
     always: tuple[Term, ...] = ()  # terms of all sets
     # contributions of other terms to columns of the numbers (:func:`.shares_of`)
     shares: tuple[ShareTerm, ...] = ()
@@ -240,7 +239,7 @@ class LinearModel:
     # ln of the density of the recorded values over that of the rows (:attr:`.WhitenedData.density`)
     density: float = 0.0
     # (rows,) whether a row belongs to a fitted recording; None for all
-    fitted_rows: NDArray[np.bool_] | None = None
+    fitted_rows: Mask | None = None
     # terms that every real drive has and the description does not state
     usual: frozenset[Key] = frozenset()
     # the same data without the validation rows
@@ -253,7 +252,7 @@ class LinearModel:
     )
 
     @cached_property
-    def basis(self) -> tuple[Array, NDArray[np.intp]]:
+    def basis(self) -> tuple[Array, Indices]:
         """Combinations V (K, k) of the numbers that the data determine, and their kinds (k,).
 
         Priors of equal width stay equal in any orthonormal basis. The posterior of all other
@@ -280,7 +279,7 @@ class LinearModel:
         found.basis = self.basis
         return found
 
-    def factors(self, kinds: NDArray[np.intp]) -> Array:
+    def factors(self, kinds: Indices) -> Array:
         """Return the factors on the prior standard deviations of numbers, by their kinds."""
         sensor = self.trust if self.trust < EXACT else 1.0
         return np.array([self.trust, sensor, 1.0, sensor * self.assumed.zeros])[kinds]

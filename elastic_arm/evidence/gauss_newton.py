@@ -11,9 +11,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from elastic_arm.arrays import Array
+from elastic_arm.arrays import Array, Mask
 from elastic_arm.estimation.known_torques import ActingEffect
 from elastic_arm.evidence.fit import KINDS, Fit, Frame, LinearModel
 from elastic_arm.evidence.grams import Bands
@@ -142,7 +141,7 @@ def moved(linear: Linearisation, fit: Fit, share: float = 1.0) -> Linearisation:
     return linear.moved(np.where(fit.model.moving, there, 0.0), _acting(fit))
 
 
-def moving_numbers(problem: Problem) -> NDArray[np.bool_]:
+def moving_numbers(problem: Problem) -> Mask:
     """Return the numbers (K,) on whose values the residuals depend."""
     return np.array([p.moves_model for p in problem.numbers], dtype=bool)
 

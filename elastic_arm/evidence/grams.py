@@ -10,9 +10,8 @@ from itertools import pairwise
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from elastic_arm.arrays import Array
+from elastic_arm.arrays import Array, Indices, Mask
 from elastic_arm.estimation.whitening import WhitenedData
 from elastic_arm.evidence.keys import Ident
 from elastic_arm.evidence.posterior import Products
@@ -55,14 +54,14 @@ class Bands:
         told = [data.of_stretches(shares[:, place]) for place in range(self.places)]
         self._count(np.concatenate(of_rows), np.concatenate(told))
 
-    def among(self, rows: NDArray[np.bool_]) -> Bands:
+    def among(self, rows: Mask) -> Bands:
         """Return the bands of some of the rows (rows,)."""
         found = Bands.__new__(Bands)
         found.places = self.places
         found._count(self.of_rows[rows], self._told[rows])
         return found
 
-    def _count(self, of_rows: NDArray[np.intp], told: Array) -> None:
+    def _count(self, of_rows: Indices, told: Array) -> None:
         octaves = len(OCTAVES) + 1
         self.of_rows = of_rows
         self._told = told

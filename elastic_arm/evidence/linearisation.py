@@ -14,9 +14,8 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from elastic_arm.arrays import Array
+from elastic_arm.arrays import Array, Mask
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.effects.arm_equations import ArmEquations
 from elastic_arm.effects.parameters import Parameter
@@ -99,7 +98,7 @@ class Linearisation:
         return found
 
     @cached_property
-    def fitted_rows(self) -> NDArray[np.bool_]:
+    def fitted_rows(self) -> Mask:
         """Whether each whitened row (rows,) belongs to a fitted recording."""
         fitted = len(self.problem.observed[FITTED])
         of_stretches = [part.recording < fitted for part in self.data.parts]

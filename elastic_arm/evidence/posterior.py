@@ -16,11 +16,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import lapack
 from scipy.special import log_ndtr
 
-from elastic_arm.arrays import Array
+from elastic_arm.arrays import Array, Indices
 
 STEPS = 60  # iterations of the noise powers; numerical
 SETTLED = 0.01  # change of their logarithms that counts as zero; numerical
@@ -61,7 +60,7 @@ def posterior(
     products: Products,
     n: Array,
     prior: Prior,
-    place: NDArray[np.intp],
+    place: Indices,
     coloured: float,
     start: Array | None = None,
 ) -> Posterior:

@@ -25,15 +25,16 @@ class Trust(NamedTuple):
     factor: float  # on the standard deviations of the numbers
     prior: float  # prior probability
     coloured: float  # prior odds that the noise of a place has a spectrum of its own
+    means: str  # what its numbers are taken for, in words
 
 
 # "as measured" means a simulation, "as calibrated" an identified arm, "as built" drawings and
 # catalogues; convention.
 TRUST = {
-    "as measured": Trust(1e-5, 0.3, 1e-3),
-    "as calibrated": Trust(0.2, 0.3, 0.1),
-    "as built": Trust(1.0, 0.3, 0.1),
-    "rough": Trust(4.0, 0.1, 0.1),
+    "as measured": Trust(1e-5, 0.3, 1e-3, "exact, as in a simulation"),
+    "as calibrated": Trust(0.2, 0.3, 0.1, "off by a fifth of ordinary deviations"),
+    "as built": Trust(1.0, 0.3, 0.1, "off by ordinary deviations"),
+    "rough": Trust(4.0, 0.1, 0.1, "off by four times ordinary deviations"),
 }
 # Common scale of the zeros and drifts of an arm's torque channels, with its probability: the
 # sensors have one make and the same temperature. Twice as large is half as probable.

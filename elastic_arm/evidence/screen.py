@@ -14,11 +14,10 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.special import logsumexp
 
-from elastic_arm.arrays import Array
+from elastic_arm.arrays import Array, Indices
 from elastic_arm.evidence.fit import Fit, LinearModel
 from elastic_arm.evidence.grams import Grams, kept
 from elastic_arm.evidence.keys import Ident
@@ -51,7 +50,7 @@ class FirstGains(NamedTuple):
     mean: dict[int, Array]  # coefficients of each term
     chosen: dict[int, float]  # sizes of laws
     CS: Array  # (c, p) products with the fit times its covariance
-    at: NDArray[np.intp]  # (T' + 1,) first column of each term
+    at: Indices  # (T' + 1,) first column of each term
 
 
 class Group(NamedTuple):
@@ -67,7 +66,7 @@ class Beside(NamedTuple):
 
     C: Array  # (c, p) products with the columns of the fit, at its noise
     left: Array  # (c, B) products with the residual of the fit
-    needed: NDArray[np.intp]  # the stored columns that they combine
+    needed: Indices  # the stored columns that they combine
     groups: list[Group]  # products of these columns
     moved: Array  # (M, K) combinations of the shares in the numbers' columns
 
@@ -168,7 +167,7 @@ class Screen:
             kept(self._with, t.ident, partial(known.__getitem__, t.ident), PRODUCTS) for t in terms
         ]
 
-    def _beside(self, fit: Fit, among: NDArray[np.intp] | None = None) -> Beside:
+    def _beside(self, fit: Fit, among: Indices | None = None) -> Beside:
         """Return the products of columns of terms with a fit.
 
         among: indices of the terms; None for all.
@@ -295,7 +294,7 @@ class Screen:
         gains[some[short]] += self._quieter(fit, moved)
         return Gained(gains, chosen | first.chosen)
 
-    def _first_gains(self, fit: Fit, some: NDArray[np.intp], beside: Beside) -> FirstGains:
+    def _first_gains(self, fit: Fit, some: Indices, beside: Beside) -> FirstGains:
         """Return the gains of some terms (T',) at the noise of a fit."""
         w = 1.0 / fit.found.v
         C = beside.C
@@ -329,10 +328,10 @@ class Screen:
     def _less_with_fit(
         self,
         fit: Fit,
-        some: NDArray[np.intp],
+        some: Indices,
         beside: Beside,
         first: FirstGains,
-        short: NDArray[np.intp],
+        short: Indices,
     ) -> Array:
         """Return by how much a few terms reduce the squares of each band (B, T'').
 

@@ -7,13 +7,12 @@ rows of the candidates of an arm, and nearly half of those of nonparametric laws
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from elastic_arm.arrays import Array
+from elastic_arm.arrays import Array, Indices
 from elastic_arm.evidence.grams import Bands
 from elastic_arm.evidence.tails import Tail
 
-Chosen = NDArray[np.intp] | slice
+Chosen = Indices | slice
 
 
 def tail_of(bands: Bands, columns: Array) -> Tail:
@@ -89,7 +88,7 @@ class SideBySide:
         """Return the index of the group of some columns."""
         return int(np.searchsorted(self.begins, columns.start, side="right")) - 1
 
-    def among(self, columns: NDArray[np.intp]) -> list[Chosen]:
+    def among(self, columns: Indices) -> list[Chosen]:
         """Return the columns of each group among some columns, given in ascending order."""
         if len(columns) == self.count:
             return [slice(None)] * len(self.groups)

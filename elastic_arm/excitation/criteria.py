@@ -17,9 +17,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
-from elastic_arm.arrays import Array
+from elastic_arm.arrays import Array, Indices
 from elastic_arm.dynamics import Model
 from elastic_arm.errors import ExcitationError
 from elastic_arm.excitation.fourier import FourierTrajectory
@@ -72,14 +71,14 @@ class BaseRegressor:
 
     model: Model  # whose regressor
     # of the base parameters (``BaseParameters.columns`` of the identification)
-    columns: Sequence[int] | NDArray[np.intp]
+    columns: Sequence[int] | Indices
     # (dof,) standard deviation of each equation's error, by which its rows are divided, Nm; None:
     # all alike
     noise: Array | None = None
     samples: int = 150  # of the period
     # indices into `columns` of those that count; None: all. (One compiled regressor serves every
     # choice.)
-    picked: NDArray[np.intp] | None = None
+    picked: Indices | None = None
 
     def __call__(self, trajectory: FourierTrajectory) -> Array:
         """Return W, (samples * dof, B)."""
@@ -91,7 +90,7 @@ class BaseRegressor:
         return W if self.picked is None else W[:, self.picked]
 
 
-def distinct_columns(W: Array) -> NDArray[np.intp]:
+def distinct_columns(W: Array) -> Indices:
     """Return the largest set of columns of W (rows, B) that can be distinguished.
 
     Sorted indices, (at most B,).

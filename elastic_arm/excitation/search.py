@@ -13,9 +13,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from elastic_arm.arrays import Array
+from elastic_arm.arrays import Array, Indices
 from elastic_arm.dynamics import Model
 from elastic_arm.excitation.criteria import BaseRegressor, find_criterion
 from elastic_arm.excitation.fourier import FourierTrajectory, require
@@ -87,7 +86,7 @@ class ExcitationResult:
 def optimise(
     model: Model,
     limits: MotionLimits,
-    columns: Sequence[int] | NDArray[np.intp],
+    columns: Sequence[int] | Indices,
     *,
     rng: np.random.Generator,
     shape: Shape | None = None,

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 
+from elastic_arm.arrays import Array
 from elastic_arm.errors import ExcitationError, require_libraries
 from elastic_arm.excitation.fourier import FourierTrajectory, require
 from elastic_arm.output_files import write_result
@@ -65,9 +66,7 @@ def _write_episode(path: Path, trajectory: FourierTrajectory, rate: float) -> No
     write_result(path, content.getvalue(), ExcitationError, REMEDY)
 
 
-def _sampled(
-    trajectory: FourierTrajectory, rate: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def _sampled(trajectory: FourierTrajectory, rate: float) -> tuple[Array, Array, Array, Array]:
     require(
         np.isfinite(rate) and rate > 0.0,
         f"{rate:g} set-points per second are requested",
@@ -77,6 +76,6 @@ def _sampled(
     return t, *trajectory.evaluate(t)
 
 
-def _rounded(row: Sequence[np.ndarray]) -> list[list[float]]:
+def _rounded(row: Sequence[Array]) -> list[list[float]]:
     # 0.0 is added so that no zero has a sign.
     return [[round(float(v), 7) + 0.0 for v in values] for values in row]

@@ -5,9 +5,8 @@ from typing import Self
 
 import numpy as np
 import scipy  # its parts are loaded when they are used
-from numpy.typing import NDArray
 
-from elastic_arm.arrays import Array
+from elastic_arm.arrays import Array, Indices
 from elastic_arm.excitation.fourier import require
 from elastic_arm.robot.description import Robot
 from elastic_arm.robot.kinematics import link_points, link_radius
@@ -25,8 +24,8 @@ class Workspace:
     floor: float | None
     # indices of the link ends (:func:`elastic_arm.robot.kinematics.link_points`) that must stay
     # above the floor
-    heights: NDArray[np.intp]
-    pairs: NDArray[np.intp]  # (P, 2) links that must stay clear of each other
+    heights: Indices
+    pairs: Indices  # (P, 2) links that must stay clear of each other
 
     @classmethod
     def of(cls, robot: Robot, *, radius: float | None = None, floor: float | None = 0.0) -> Self:
@@ -78,7 +77,7 @@ def _upward(robot: Robot) -> Array:
     return -robot.gravity / size if size > 0.0 else np.array([0.0, 0.0, 1.0])
 
 
-def _distances(points: Array, pairs: NDArray[np.intp]) -> Array:
+def _distances(points: Array, pairs: Indices) -> Array:
     """Return the distances (N, P) between the line segments of links.
 
     Segment k runs from `points[:, k]` to `points[:, k + 1]`; either may be a point (C. Ericson,

@@ -10,7 +10,7 @@ from elastic_arm.lazy_names import lazily
 if TYPE_CHECKING:
     from elastic_arm.effects.text import parse_laws
     from elastic_arm.identification.batch.derivatives import DerivativeStage
-    from elastic_arm.identification.batch.identify import as_followed, identify, identify_with
+    from elastic_arm.identification.batch.identify import identify, identify_with
     from elastic_arm.identification.batch.selection import IdentificationSettings, identifier_of
     from elastic_arm.identification.result import Estimate, Identification
     from elastic_arm.identification.stream import Identifier
@@ -21,7 +21,6 @@ __all__ = [
     "Identification",
     "IdentificationSettings",
     "Identifier",
-    "as_followed",
     "identifier_of",
     "identify",
     "identify_with",
@@ -30,7 +29,7 @@ __all__ = [
 
 _MODULES = {
     **dict.fromkeys(("Estimate", "Identification"), f"{__name__}.result"),
-    **dict.fromkeys(("as_followed", "identify", "identify_with"), f"{__name__}.batch.identify"),
+    **dict.fromkeys(("identify", "identify_with"), f"{__name__}.batch.identify"),
     **dict.fromkeys(("IdentificationSettings", "identifier_of"), f"{__name__}.batch.selection"),
     "DerivativeStage": f"{__name__}.batch.derivatives",
     "Identifier": f"{__name__}.stream",

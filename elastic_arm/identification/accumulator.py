@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from elastic_arm.arrays import Array
+from elastic_arm.arrays import Array, median_step
 from elastic_arm.estimation.equation_sets import MOTOR
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.identification.base_regression import BaseRegression
@@ -121,7 +121,7 @@ def averaged(
 ) -> tuple[Array, int]:
     """Return factors of rows averaged over :data:`AVERAGED`, and the number of averages."""
     unit = unit or len(motion)
-    step = float(np.median(np.diff(motion.t))) if len(motion) > 1 else AVERAGED
+    step = median_step(motion.t) if len(motion) > 1 else AVERAGED
     parts = min(max(round(unit * step / AVERAGED), 1), unit)
     inner = np.linspace(0, unit, parts, endpoint=False).astype(int)
     starts = (np.arange(0, len(motion), unit)[:, None] + inner).ravel()

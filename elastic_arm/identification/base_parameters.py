@@ -13,9 +13,8 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
-from numpy.typing import NDArray
 
-from elastic_arm.arrays import Array
+from elastic_arm.arrays import Array, Indices
 
 # A column counts as new when it leaves this share of its length beside the columns before it.
 INDEPENDENT = 1e-8
@@ -48,7 +47,7 @@ PREFERENCE = (
 class BaseParameters:
     """The map from all parameters to those that the equations can determine."""
 
-    columns: NDArray[np.intp]  # (B,) indices of the base columns among all parameters
+    columns: Indices  # (B,) indices of the base columns among all parameters
     T: Array  # (B, P): Psi_base = T Psi, and Phi Psi = Phi[:, columns] Psi_base
     names: tuple[str, ...]  # readable combinations
     units: tuple[str, ...]
@@ -90,7 +89,7 @@ def _preferred(names: Sequence[str]) -> list[int]:
     return sorted(range(len(names)), key=rank)
 
 
-def _independent(Phi: Array, order: list[int]) -> tuple[NDArray[np.intp], dict[int, Array]]:
+def _independent(Phi: Array, order: list[int]) -> tuple[Indices, dict[int, Array]]:
     """Orthogonalise the columns one after another; return the new ones and the others as
     combinations of them."""
     basis = np.zeros((len(Phi), 0))

@@ -39,7 +39,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elastic_arm.arrays import Array
+from elastic_arm.arrays import Array, Indices, Mask
 from elastic_arm.dynamics import Model
 from elastic_arm.dynamics.composition import ARMATURE
 from elastic_arm.errors import IdentificationError
@@ -133,7 +133,7 @@ class BaseRegression:
     def rows(self, motion: Motion) -> Array:
         """Return base columns of the regressor and the measured side, (groups, N, B + 1).
 
-        Rows that contain the friction of a joint that sticks are zero.
+        Indices that contain the friction of a joint that sticks are zero.
         """
         wanted = self.base.columns
         own = wanted[wanted < self._own]
@@ -152,7 +152,7 @@ class BaseRegression:
             counts[k] -= np.count_nonzero(stuck)
         return counts
 
-    def _stuck(self, motion: Motion) -> Iterator[tuple[int, NDArray[np.bool_]]]:
+    def _stuck(self, motion: Motion) -> Iterator[tuple[int, Mask]]:
         """Yield the groups that contain friction of joints that may stick, and where these stick,
         (N,)."""
         if motion.stuck is not None:
@@ -213,7 +213,7 @@ class BaseRegression:
         """
         return self._by_side(self.rows(motion)[..., :-1] @ Psi_base)
 
-    def left_out(self, motion: Motion) -> dict[str, NDArray[np.bool_]]:
+    def left_out(self, motion: Motion) -> dict[str, Mask]:
         """Return where equations contain the friction of a joint that sticks, side -> (N, n)."""
         rows = np.zeros((len(self.groups), len(motion)), dtype=bool)
         for k, stuck in self._stuck(motion):
@@ -272,9 +272,7 @@ class BaseRegression:
             stacked[:, :, k] = column.values(motion)
         return stacked
 
-    def _all_rows(
-        self, motion: Motion, own: NDArray[np.intp], extra: NDArray[np.intp], beside: int = 0
-    ) -> Array:
+    def _all_rows(self, motion: Motion, own: Indices, extra: Indices, beside: int = 0) -> Array:
         """Return rows (groups, N, columns) of the model's parameters `own`, the columns `extra`,
         and `beside` zeros."""
         laws = motion.laws if motion.laws is not None else self.laws(motion)
@@ -321,7 +319,7 @@ class BaseRegression:
         block: Array,
         phi: Array,
         of: tuple[Equation, slice | list[int]],
-        own: NDArray[np.intp],
+        own: Indices,
     ) -> None:
         """Add the model's columns to the rows of one equation and some joints."""
         by_line = phi.transpose(1, 0, 2)

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elastic_arm.arrays import Array
+from elastic_arm.arrays import Array, rms
 from elastic_arm.dynamics.composition import ARMATURE, inertia_from
 from elastic_arm.effects import EffectInstance
 from elastic_arm.errors import IdentificationError, RobotError
@@ -83,7 +83,7 @@ def consistent(
     trust = trust or _most_probable_trust(A, b, chart)
     x, exact = _solve(A, b, chart, trust)
     Psi = chart.Psi0 + chart.G @ (x - chart.x0)
-    size = np.sqrt(np.mean((fit.weights * fit.noise) ** 2))
+    size = rms(fit.weights * fit.noise, None)
     apart = fit.factor[:-1, :-1] @ (equations.base.T @ Psi - fit.Psi)
     return Consistent(
         Psi, trust, float(np.linalg.norm(apart) / size / np.sqrt(max(fit.samples, 1))), exact
@@ -171,7 +171,7 @@ def unit_equations(fit: Fit, correlated: float) -> tuple[Array, Array]:
     """
     excess = np.sqrt(max(1.0, inflation(fit.covariance, fit.white_covariance), correlated))
     # Ordinary least squares has weights of one: its rows are still in Nm.
-    size = np.sqrt(np.mean((fit.weights * fit.noise) ** 2))
+    size = rms(fit.weights * fit.noise, None)
     scaled = fit.factor[:-1, :] / (excess * size)
     return scaled[:, :-1], scaled[:, -1]
 

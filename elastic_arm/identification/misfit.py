@@ -16,7 +16,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.signal import csd, welch
 
-from elastic_arm.arrays import Array
+from elastic_arm.arrays import Array, median_step
 from elastic_arm.effects.library.friction import DRY
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.identification.base_regression import BaseRegression
@@ -95,7 +95,7 @@ def resonance(
     inertial = inertial - equations.predict(replace(motion, **still), Psi_base)[side][:, joint]
     inertial = inertial - _friction(motion, joint, inertial, acceleration)
     given = {
-        "fs": 1.0 / float(np.median(np.diff(motion.t))),
+        "fs": 1.0 / median_step(motion.t),
         "nperseg": 2 * len(motion) // (SEGMENTS + 1),
     }
     f, density = welch(inertial, **given)

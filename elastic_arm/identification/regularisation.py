@@ -14,9 +14,8 @@ import functools
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from elastic_arm.arrays import Array
+from elastic_arm.arrays import Array, Indices
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.consistent import description_covariance
 from elastic_arm.identification.least_squares import Blocks, Fit, Prior
@@ -97,7 +96,7 @@ def _ordinary(equations: BaseRegression) -> Array:
 
 
 @functools.lru_cache(maxsize=1)  # asked for at every width that is tried
-def description_errors(equations: BaseRegression) -> tuple[NDArray[np.intp], Array]:
+def description_errors(equations: BaseRegression) -> tuple[Indices, Array]:
     """Return which base parameters belong to the arm, and the covariance of their description for a
     relative error of 1."""
     base = equations.base
@@ -175,7 +174,7 @@ def chosen_width(
     return WIDTHS[max(near, default=best) - 1]
 
 
-def _gram(blocks: Blocks, part: NDArray[np.intp], weights: Array) -> Array:
+def _gram(blocks: Blocks, part: Indices, weights: Array) -> Array:
     """Return the weighted sums (B + 1, B + 1) of some blocks."""
     found = np.zeros((blocks.width, blocks.width))
     for k in part.tolist():

@@ -5,9 +5,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from elastic_arm.arrays import Array
+from elastic_arm.arrays import Array, Indices, Mask
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.formatting import rounded
 from elastic_arm.identification.base_regression import BaseRegression
@@ -100,7 +99,7 @@ class MotionStatistics:
         return float(np.sqrt(np.max(acceleration[moves] / speed[moves])) / (2 * np.pi))
 
     @property
-    def one_way(self) -> NDArray[np.intp]:
+    def one_way(self) -> Indices:
         """Joints that move in only one direction."""
         speed = np.atleast_1d(self.speed)
         forward = np.atleast_1d(self.forward)
@@ -226,12 +225,12 @@ def directions(undetermined: Array, names: Sequence[str]) -> tuple[str, ...]:
     return tuple(found)
 
 
-def impossible(equations: BaseRegression, Psi: Array) -> NDArray[np.bool_]:
+def impossible(equations: BaseRegression, Psi: Array) -> Mask:
     """Return which base parameters (B,) are negative although all their parts are positive."""
     return (Psi < 0) & _positive(equations)
 
 
-def _positive(equations: BaseRegression) -> NDArray[np.bool_]:
+def _positive(equations: BaseRegression) -> Mask:
     """Return which base parameters (B,) are sums of numbers that cannot be negative."""
     never = np.array([NEVER_NEGATIVE.search(name) is not None for name in equations.names])
     return np.array(

@@ -13,9 +13,8 @@ from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-from elastic_arm.arrays import Array
+from elastic_arm.arrays import Array, Indices
 from elastic_arm.effects import Catalogue, EffectInstance, StructuralEffect, robot_effects
 from elastic_arm.effects.arm_equations import ArmEquations
 from elastic_arm.effects.effect_set import EffectSet
@@ -246,7 +245,7 @@ def _passive(model: Any, data: Any) -> None:
         attachment.act(data)
 
 
-Addresses = tuple[NDArray[np.intp], NDArray[np.intp]]
+Addresses = tuple[Indices, Indices]
 
 
 def _addresses(model: Any, robot: Robot) -> tuple[Addresses, Addresses]:

@@ -9,13 +9,12 @@ accelerations only at the end of a step, so they are those of the previous step.
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from elastic_arm.arrays import Array
+from elastic_arm.arrays import Array, Indices
 from elastic_arm.robot.mjcf import engine
 
 
-def carried(model: Any, data: Any, dofs: NDArray[np.intp]) -> Array:
+def carried(model: Any, data: Any, dofs: Indices) -> Array:
     """Return the torques (n,) Nm behind the gears of some dofs."""
     moved = np.empty(model.nv)
     engine().mj_mulM(model, data, moved, data.qacc)

@@ -18,9 +18,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from elastic_arm.arrays import Array
+from elastic_arm.arrays import Array, Indices, Mask
 from elastic_arm.mujoco.friction_by_step import acting_by_step, laws_beside, with_laws
 from elastic_arm.recording import Recording
 from elastic_arm.robot import JointController, Robot
@@ -254,7 +253,7 @@ def plays_by_step(arm: MjcfArm) -> bool:
     return bool(len(others)) or beside or engine().get_mjcb_passive() is not None
 
 
-def beside_actuators(arm: MjcfArm) -> NDArray[np.bool_]:
+def beside_actuators(arm: MjcfArm) -> Mask:
     """Return the joints (n,) whose set-points hold what their actuators have not: a dead band, an
     integral, a supply that sags."""
     return (_dead_bands(arm) > 0.0) | (_beside(arm) > 0.0) | _sagging(arm)
@@ -274,7 +273,7 @@ def held(arm: MjcfArm) -> Callable[[Any], None]:
     return hold
 
 
-def _rolled_out(arm: MjcfArm, data: Any, given: NDArray[np.intp], commands: Array) -> Array:
+def _rolled_out(arm: MjcfArm, data: Any, given: Indices, commands: Array) -> Array:
     from mujoco import rollout
 
     mj = engine()
@@ -288,7 +287,7 @@ def _rolled_out(arm: MjcfArm, data: Any, given: NDArray[np.intp], commands: Arra
     return states[0][:, 1 + arm.positions]  # the time first
 
 
-def _inputs(arm: MjcfArm) -> NDArray[np.intp]:
+def _inputs(arm: MjcfArm) -> Indices:
     """Return where each joint's set-point of the angle stands among the controls: the first of an
     actuator's inputs."""
     actuators = [drives_of(arm.model, joint)[0] for joint in arm.chain.joints]
@@ -350,7 +349,7 @@ def _beside(arm: MjcfArm) -> Array:
     )
 
 
-def _sagging(arm: MjcfArm) -> NDArray[np.bool_]:
+def _sagging(arm: MjcfArm) -> Mask:
     """Return the joints (n,) whose set-points hold their supply: one that sags, or the limit of a
     duty that the actuator has not."""
     found = np.zeros(arm.robot.n, dtype=bool)
@@ -362,7 +361,7 @@ def _sagging(arm: MjcfArm) -> NDArray[np.bool_]:
     return found
 
 
-def _integrating(arm: MjcfArm) -> NDArray[np.bool_]:
+def _integrating(arm: MjcfArm) -> Mask:
     """Return which joints (n,) have an integral of the error, beside their actuators or in them."""
     pid = int(engine().mjtGain.mjGAIN_PID)
     actuators = [drives_of(arm.model, joint)[0] for joint in arm.chain.joints]

@@ -16,9 +16,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from elastic_arm.arrays import Array
+from elastic_arm.arrays import Array, Mask
 from elastic_arm.errors import RobotError
 from elastic_arm.evidence.watch import Stage, Watch
 from elastic_arm.mujoco.closed_loop import Span, latest, play
@@ -73,7 +72,7 @@ class ClosedLoop:
         """Root mean squares, (n,) rad."""
         return np.sqrt(self.squares)
 
-    def worse_than(self, other: "ClosedLoop") -> NDArray[np.bool_]:
+    def worse_than(self, other: "ClosedLoop") -> Mask:
         """Return at which joints (n,) the model moves worse than another one, beyond what the
         recordings repeat."""
         more = self.squares - other.squares

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from elastic_arm.arrays import Array
+from elastic_arm.arrays import Array, rms
 from elastic_arm.dynamics import build_model
 from elastic_arm.effects import Catalogue, EffectInstance, SensorEffect, robot_effects
 from elastic_arm.effects.arm_equations import ArmEquations
@@ -172,7 +172,7 @@ class Swing:
         """Return root mean squares by joint, both sides of a joint together, of those that feel
         any."""
         torque = rows.reshape(self.samples, -1, self.robot.n).sum(axis=1)
-        sizes = np.sqrt(np.mean(torque**2, axis=0))
+        sizes = rms(torque)
         named = zip(self.robot.joint_names, sizes.tolist(), strict=True)
         return {
             name: float(f"{size:.4g}")

@@ -73,40 +73,32 @@ def record(
 
 
 def record_commands(
-    arm: MjcfArm,
-    commands: Array,
-    *,
-    rate: float,
-    recorded: float | None = None,
-    bits: int | None = None,
+    arm: MjcfArm, commands: Array, *, rate: float, bits: int | None = None
 ) -> Recording:
     """Let the model's own position servos follow commands (N, n), rad, and record commands and
     angles, no torques.
 
     The arm starts at rest at the first command, and each is held until the next, at a rate that is
-    a whole number of the model's time steps. Angles are `recorded` so often a second, as commands
-    when None, by encoders of `bits` over a turn, exact ones when None. Raises a SimulationError if
-    the model has no servos, or the motion leaves the finite numbers.
+    a whole number of the model's time steps. Angles are recorded as often as commands, by encoders
+    of `bits` over a turn, exact ones when None. Raises a SimulationError if the model has no
+    servos, or the motion leaves the finite numbers.
     """
     if not has_servos(arm):
         raise SimulationError("the model has no servos", "Give each joint one position actuator.")
     step = float(arm.model.opt.timestep)
-    recorded = recorded or rate
     every = max(1, round(1.0 / (rate * step)))
-    kept = max(1, round(1.0 / (recorded * step)))
     angles = servo_motion(arm, StartState.at_rest(commands[0]), np.repeat(commands, every, axis=0))
     if not np.isfinite(angles).all():
         raise SimulationError(
             "simulation diverged (NaN or infinity)", "Use slower commands or a smaller timestep."
         )
-    q = np.vstack([commands[:1], angles])[:-1:kept]
+    q = np.vstack([commands[:1], angles])[:-1:every]
     if bits is not None:
         code = 2.0 * np.pi / 2**bits
         q = code * np.round(q / code)
     # MuJoCo's angles are ahead of the forces that moved them.
     told = step * every * np.arange(len(commands))
-    measured = step * kept * np.arange(len(q))
-    stamps = [np.round(1e9 * t).astype(np.int64) for t in (told, measured + lead(arm.model, step))]
+    stamps = [np.round(1e9 * t).astype(np.int64) for t in (told, told + lead(arm.model, step))]
     return Recording(
         joints=arm.robot.joint_names,
         link=Side(stamps[1], position=q),

@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import lsq_linear
 
-from elastic_arm.arrays import Array
+from elastic_arm.arrays import Array, rms
 from elastic_arm.codegen.parallel import share_out
 from elastic_arm.errors import RobotError
 from elastic_arm.evidence.watch import Stage, Watch
@@ -117,7 +117,7 @@ class _Point:
     @property
     def words(self) -> str:
         """The root mean square of the errors of all joints, in words."""
-        return f"{1e3 * float(np.sqrt(np.mean(self.errors**2))):.3g} mrad"
+        return f"{1e3 * float(rms(self.errors, None)):.3g} mrad"
 
     def apart(self) -> Array:
         """Return the share of samples (n,) that are independent of one another."""

@@ -1,9 +1,9 @@
 """Replay of a recording in MuJoCo, with the errors of each model's motion and torque.
 
-Open loop, in windows: the arm starts in the recorded state and is driven by the recorded motor
-torque. Torque: MuJoCo's inverse dynamics of the recorded motion is compared with the recorded
-torque. Closed loop, for models with feedback actuators and recorded references: the reference is
-their input.
+Open loop, in windows: the arm starts in the recorded state and is driven by the motor torque: the
+recorded one, or the one that the described controllers or electrics make of commands or duty.
+Torque: MuJoCo's inverse dynamics of the recorded motion is compared with the same torque. Closed
+loop, for models with feedback actuators and recorded references: the reference is their input.
 """
 
 from collections.abc import Iterator, Sequence
@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from elastic_arm.arrays import Array
+from elastic_arm.arrays import Array, rms
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.estimation.observation import observe
@@ -67,6 +67,7 @@ class Replay:
     closed_loop: Array | None
     course: ReplayedCourse  # for figures
     prismatic: tuple[str, ...] = ()  # names of the joints that slide: their errors are in m and N
+    torque: str = "recorded"  # how the driving torques are known: "recorded" or "computed"
 
     @property
     def units(self) -> JointUnits:
@@ -120,7 +121,7 @@ def replay(recording: Recording, arm: MjcfArm, *, window: float = WINDOW, name: 
     course = _course(used, runs, needed, steps)
     windows = sum(int(np.isfinite(run[0][:, 0]).sum()) // steps for run in runs)
     played = play(arm, chosen)
-    closed = None if played is None else np.sqrt(np.mean(played.errors**2, axis=0))
+    closed = None if played is None else rms(played.errors)
     return Replay(
         name or arm.robot.name,
         arm.robot.joint_names,
@@ -130,6 +131,7 @@ def replay(recording: Recording, arm: MjcfArm, *, window: float = WINDOW, name: 
         closed,
         course,
         tuple(arm.robot.units.prismatic),
+        "computed" if made.made_by else "recorded",
     )
 
 
@@ -268,7 +270,7 @@ def _errors(
     return JointErrors(
         np.sqrt(np.nanmean(apart_q**2, axis=0)),
         np.sqrt(np.nanmean(apart_v**2, axis=0)),
-        np.sqrt(np.mean((torque - model) ** 2, axis=0)),
+        rms(torque - model),
         np.array([_correlation(torque[:, i], model[:, i]) for i in range(torque.shape[1])]),
         np.average(lags, axis=0, weights=weights),
     )

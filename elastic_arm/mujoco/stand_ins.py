@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import lsq_linear
 
-from elastic_arm.arrays import Array
+from elastic_arm.arrays import Array, rms
 from elastic_arm.effects import EffectInstance
 from elastic_arm.mujoco.changed_numbers import text_of
 from elastic_arm.mujoco.left_out import Motion, Swing
@@ -119,14 +119,14 @@ def _stand_ins(
             continue
         here = [replace(law, joint=name) for law in own]
         torque = swing.of_effects(here)[:, i]
-        whole = float(np.sqrt(np.mean(torque**2)))
+        whole = float(rms(torque, None))
         speed: Array = swing.motion[1][:, i]
         stated = arm.joints[i]
         columns = np.stack([np.sign(speed), speed], axis=1)
         least = np.array([-max(0.0, stated.friction_loss), 0.0])
         fit = lsq_linear(columns, torque, bounds=(least - NOTHING, np.inf))
         dry, viscous = (float(v) for v in np.maximum(fit.x, least))
-        left = float(np.sqrt(np.mean((torque - columns @ (dry, viscous)) ** 2)))
+        left = float(rms(torque - columns @ (dry, viscous), None))
         if whole - left > NOTHING * whole:
             yield StandIn(name, own, dry, viscous, left, whole, motion is not None)
 

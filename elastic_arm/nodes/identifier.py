@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 from elastic_arm_msgs.msg import ParameterEstimate
-from numpy.typing import NDArray
 from std_srvs.srv import Trigger
 
+from elastic_arm.arrays import rms
 from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.formatting import rounded
@@ -106,7 +106,7 @@ class IdentifierNode(SamplingNode):
             value=self._fit.Psi,
             std=self._fit.std,
             unit=list(base.units),
-            residual_rms=rms(self._fit.noise),
+            residual_rms=float(rms(self._fit.noise, None)),
             condition_number=self._fit.condition,
             samples=self._identifier.progress.samples,
         )
@@ -166,17 +166,12 @@ class IdentifierNode(SamplingNode):
         }
         if self._fit is not None:
             figures |= {
-                "residual RMS, Nm": rms(self._fit.noise),
+                "residual RMS, Nm": float(rms(self._fit.noise, None)),
                 "condition number": self._fit.condition,
             }
         return (
             [f"{absurd} samples contain implausible numbers and are excluded"] if absurd else []
         ), figures
-
-
-def rms(noise: NDArray[np.float64]) -> float:
-    """Return the RMS over all equations of the standard deviations of their residuals."""
-    return float(np.sqrt(np.mean(noise**2)))
 
 
 if __name__ == "__main__":

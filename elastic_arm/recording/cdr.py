@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from rosbags.interfaces import Nodetype
 from rosbags.interfaces.typing import Typesdict
 
+from elastic_arm.arrays import Mask
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording import limits, message_types
 from elastic_arm.recording.spans import Bytes, Offsets, Spans, column, offsets_of
@@ -74,17 +75,17 @@ class Layout:
                 self.words.append((begin, f"<u{width}", value))
                 begin += width
 
-    def matches(self, spans: Spans) -> NDArray[np.bool_]:
+    def matches(self, spans: Spans) -> Mask:
         """Return which messages (N,) have this layout and these names."""
         # Only messages of this length reach as far as the words.
-        same: NDArray[np.bool_] = spans.size == self.size
+        same: Mask = spans.size == self.size
         if same.all():
             return self._alike(spans.buffer, spans.begin)
         long = np.flatnonzero(same)
         same[long] = self._alike(spans.buffer, offsets_of(spans.begin)[long])
         return same
 
-    def _alike(self, buffer: Bytes, where: Offsets | slice) -> NDArray[np.bool_]:
+    def _alike(self, buffer: Bytes, where: Offsets | slice) -> Mask:
         begin, dtype, value = self.words[0]
         same = column(buffer, dtype, where, begin) == value
         for begin, dtype, value in self.words[1:]:

@@ -20,6 +20,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.interpolate import CubicSpline, PPoly
 
+from elastic_arm.arrays import median_step
 from elastic_arm.dynamics import build_model
 from elastic_arm.errors import RecordingError, RobotError
 from elastic_arm.recording.inspection.report import Finding
@@ -150,7 +151,7 @@ def with_made_torque(recording: Recording, robot: Robot) -> Recording:
         assert reference is not None
         given = (reference.stamp_ns - origin) * 1e-9
         latest = max(own.delay for own in commanded.values())
-        known = (t >= latest + float(np.median(np.diff(given)))) & (t <= given[-1])
+        known = (t >= latest + median_step(given)) & (t <= given[-1])
     t = t[known]
     angles = side.position[known]
     stamps = side.stamp_ns[known]
@@ -330,7 +331,7 @@ class _Command:
         angle = spline(reference.position)
         rate = spline(reference.velocity)
         self._delay = controller.delay
-        self._interval = float(np.median(np.diff(given)))
+        self._interval = median_step(given)
         self._held = controller.between == "held"
         self._begin = 0.0
         if controller.mode == "velocity":
@@ -361,7 +362,7 @@ def _torque(
     kp, kd, ki = controller.gains
     limit = np.inf if controller.torque is None else controller.torque
     q = CubicSpline(t, angle)
-    step = float(np.median(np.diff(t)))
+    step = median_step(t)
     at = t[:, None] + step * ((np.arange(FINER) + 0.5) / FINER - 0.5)
     r, dr = command(at)
     error = r - q(at)

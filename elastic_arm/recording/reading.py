@@ -25,16 +25,15 @@ from elastic_arm.recording.timebase.ordering import LATE_NS
 from elastic_arm.recording.topics import (
     JOINT_STATES,
     JOINT_TORQUES,
-    MOTOR_PWM,
     MOTOR_STATES,
-    MOTOR_SUPPLY,
+    OF_MOTOR,
     REFERENCE,
     ROBOT_DESCRIPTION,
     TYPES,
 )
 
 PART = 400_000  # messages of a part of a long bag: three minutes of two topics at 1 kHz
-_CONTRACT = (JOINT_STATES, MOTOR_STATES, JOINT_TORQUES, MOTOR_PWM, MOTOR_SUPPLY, REFERENCE)
+_CONTRACT = (JOINT_STATES, MOTOR_STATES, JOINT_TORQUES, *OF_MOTOR.values(), REFERENCE)
 _STATE = {name: name for name in ("position", "velocity", "effort")}
 _POINT = {
     "position": "points.0.positions",
@@ -324,7 +323,7 @@ def _contract_recording(
         for topic in (JOINT_STATES, MOTOR_STATES)
     }
     link, motor = _place_torques(sides[JOINT_STATES], sides[MOTOR_STATES], series, joints, found)
-    for topic, channel in ((MOTOR_PWM, "pwm"), (MOTOR_SUPPLY, "supply")):
+    for channel, topic in OF_MOTOR.items():
         own = _side(series.get(topic), joints, {channel: "effort"}, found)
         motor = _with_own(motor, own, topic, found)
     reference = _reference(series.get(REFERENCE), joints, found)

@@ -22,6 +22,7 @@ from elastic_arm.recording.sides import (
     matched_names,
 )
 from elastic_arm.recording.timebase.joining import join
+from elastic_arm.recording.topics import OF_MOTOR
 from elastic_arm.robot import JointController
 
 
@@ -84,7 +85,7 @@ class Recording:
                         f"{side_name} {channel} has {values.shape[1]} columns for {self.n} joints",
                         "Give one column per joint.",
                     )
-            for channel in sorted({"pwm", "supply"} & set(side.channels())):
+            for channel in sorted(OF_MOTOR.keys() & side.channels()):
                 if side_name != "motor":
                     raise RecordingError(
                         f"{side_name} has a {channel}",

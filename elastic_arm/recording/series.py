@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.arrays import Indices, Mask
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording import cdr, limits, message_types
 from elastic_arm.recording.inspection.report import Finding, moment
@@ -19,7 +20,6 @@ from elastic_arm.recording.storage.mcap_scan import McapBlock
 from elastic_arm.recording.storage.metadata import Topic
 from elastic_arm.recording.timebase.ordering import in_order
 
-Rows = NDArray[np.intp]
 _SECONDS = "header.stamp.sec"
 _NANOSECONDS = "header.stamp.nanosec"
 _FIRST = 1024  # messages that a table holds at first, when nothing is known
@@ -43,7 +43,7 @@ class Piece:
         """Return whether these messages contain numbers in field `path`."""
         return path in self.values and self.values[path].shape[1] > 0
 
-    def finite(self) -> NDArray[np.bool_]:
+    def finite(self) -> Mask:
         """Return which messages (m,) contain only finite numbers, apart from columns that are
         mostly non-finite."""
         good = np.ones(len(self.rows), np.bool_)
@@ -123,7 +123,7 @@ class Series:
         return full
 
     @cached_property
-    def _in_order(self) -> tuple[Stamps, Rows | slice, list[Finding]]:
+    def _in_order(self) -> tuple[Stamps, Indices | slice, list[Finding]]:
         """The stamps in order, the positions of their messages, and the corrections."""
         for piece in self.pieces:
             if piece.stamp_ns is None:
@@ -143,7 +143,7 @@ class Series:
             found.append(words)
         return stamp_ns, rows, found
 
-    def _once(self, stamp_ns: Stamps, rows: Rows) -> tuple[Stamps, Rows, Finding]:
+    def _once(self, stamp_ns: Stamps, rows: Indices) -> tuple[Stamps, Indices, Finding]:
         """Select one message per stamp: the first that does not contain only zeros."""
         paths = dict.fromkeys(
             path for piece in self.pieces for path in piece.values if piece.has(path)
@@ -175,7 +175,7 @@ class Series:
         return self._in_order[2]
 
     @cached_property
-    def order(self) -> Rows | slice:
+    def order(self) -> Indices | slice:
         """The positions of the used messages, in order of stamps, or otherwise of arrival."""
         if all(piece.stamp_ns is not None for piece in self.pieces):
             return self._in_order[1]

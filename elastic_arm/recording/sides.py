@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from elastic_arm.arrays import Array
+from elastic_arm.arrays import Array, Indices, Mask
 from elastic_arm.errors import RecordingError
 
 Stamps = NDArray[np.int64]
@@ -102,7 +102,7 @@ class Side:
         }
         return Side(self.stamp_ns, **{**mine, **both})
 
-    def at(self, index: slice | NDArray[np.intp] | NDArray[np.bool_]) -> Side:
+    def at(self, index: slice | Indices | Mask) -> Side:
         """Return the samples chosen by a slice, indices or a mask."""
         return Side(
             self.stamp_ns[index],
@@ -162,7 +162,7 @@ def _checked_stamps(values: object) -> Stamps:
     return stamps
 
 
-def joints_with(values: Array) -> NDArray[np.bool_]:
+def joints_with(values: Array) -> Mask:
     """Return which joints (n,) have a channel (N, n); others contain NaN throughout."""
     if len(values) and not np.isnan(values[0]).any():
         return np.ones(values.shape[1], np.bool_)

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.arrays import Indices
+
 Bytes = NDArray[np.uint8]
 Offsets = NDArray[np.int64]
 
@@ -96,7 +98,7 @@ def offsets_of(where: Offsets | slice) -> Offsets:
     return np.arange(where.start, where.stop, where.step) if isinstance(where, slice) else where
 
 
-def by_value(values: NDArray) -> dict[int, NDArray[np.intp] | slice]:
+def by_value(values: NDArray) -> dict[int, Indices | slice]:
     """Return the positions of each value in an array, in order and in one pass."""
     if not len(values):
         return {}

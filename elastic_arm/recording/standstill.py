@@ -5,8 +5,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Mask, median_step
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Side, Stamps, joints_with
 
@@ -69,7 +69,7 @@ def _moving(side: Side) -> Stamps:
     stamps = side.stamp_ns
     position = side.position
     assert position is not None
-    interval = float(np.median(np.diff(stamps))) if len(stamps) > 1 else 1.0
+    interval = median_step(stamps) if len(stamps) > 1 else 1.0
     length = max(1, round(AVERAGED * 1e9 / max(interval, 1.0)))
     starts = np.arange(0, len(stamps) - length + 1, length)
     if len(starts) < 2:
@@ -91,7 +91,7 @@ def _joined(spans: Stamps) -> Stamps:
     return np.stack([spans[first, 0], ends[np.append(np.flatnonzero(first)[1:] - 1, -1)]], axis=1)
 
 
-def _within(stamps: Stamps, spans: Stamps) -> NDArray[np.bool_]:
+def _within(stamps: Stamps, spans: Stamps) -> Mask:
     """Return which stamps lie in one of the spans (k, 2), which are in order and apart."""
     k = np.searchsorted(spans[:, 0], stamps, side="right") - 1
     return (k >= 0) & (stamps <= spans[np.maximum(k, 0), 1])

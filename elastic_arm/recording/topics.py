@@ -14,6 +14,9 @@ ROBOT_DESCRIPTION = "/robot_description"
 CLOCK = "/clock"
 TRANSFORMS = "/tf"
 
+# Channels that only motors have: the effort of a topic of their own.
+OF_MOTOR = {"pwm": MOTOR_PWM, "supply": MOTOR_SUPPLY}
+
 TYPES = {
     JOINT_STATES: "sensor_msgs/msg/JointState",
     MOTOR_STATES: "sensor_msgs/msg/JointState",

@@ -21,9 +21,8 @@ from elastic_arm.recording.storage.stream_writer import Compression, StreamWrite
 from elastic_arm.recording.topics import (
     JOINT_STATES,
     JOINT_TORQUES,
-    MOTOR_PWM,
     MOTOR_STATES,
-    MOTOR_SUPPLY,
+    OF_MOTOR,
     REFERENCE,
     ROBOT_DESCRIPTION,
     TRANSFORMS,
@@ -37,8 +36,7 @@ if TYPE_CHECKING:
 _DRAWN = 50.0  # Hz, of what is looked at
 _ROWS = 10_000  # messages of a topic that are laid out at a time
 _STATE = ("position", "velocity", "effort")
-_OF_MOTORS = {"pwm": MOTOR_PWM, "supply": MOTOR_SUPPLY}  # channels with a topic of their own
-_NOT_STATES = ("acceleration", *_OF_MOTORS)
+_NOT_STATES = ("acceleration", *OF_MOTOR)
 _TORQUES = ("joint_torque", "motor_torque", "joint_torque_std", "motor_torque_std")
 
 
@@ -174,11 +172,11 @@ def _streams(recording: Recording, further: Mapping[str, Side]) -> list[Stream]:
         channels = {
             name: values for name, values in side.channels().items() if name not in _NOT_STATES
         }
-        others = {name: values for name, values in side.channels().items() if name in _OF_MOTORS}
+        others = {name: values for name, values in side.channels().items() if name in OF_MOTOR}
         if channels or not others:
             streams.append(_of_joints(topic, joints, side.stamp_ns, _STATE, channels))
         for name, values in others.items():
-            own = _OF_MOTORS[name]
+            own = OF_MOTOR[name]
             streams.append(_of_joints(own, joints, side.stamp_ns, _STATE, {"effort": values}))
     has_motor = any(stream.topic == MOTOR_STATES for stream in streams)
     if recording.link is not None and recording.link.effort is not None and not has_motor:

@@ -8,7 +8,7 @@ from elastic_arm.diagnosis.comparison import SimulationComparison
 from elastic_arm.recording.inspection.differences import RecordingDifference
 from elastic_arm.recording.sides import SAMPLED
 from elastic_arm.report.html import Figure, Section, Table, Text
-from elastic_arm.report.style import draw_signal, drawing
+from elastic_arm.report.style import draw_signal, drawing, label_times
 
 UNITS = {
     name: {"position": "rad", "velocity": "rad/s"}.get(channel, "Nm")
@@ -70,10 +70,5 @@ def drawn(found: RecordingDifference) -> MplFigure:
             for k, joint in enumerate(found.joints):
                 draw_signal(axes[i, 0], found.t, one.apart[:, k], lw=0.9, label=joint)
             axes[i, 0].set_title(f"{one.channel} [{UNITS[one.channel]}]", loc="left")
-        axes[-1, 0].set_xlabel("time [s]")
-        figure.legend(
-            *axes[0, 0].get_legend_handles_labels(),
-            loc="outside upper center",
-            ncols=len(found.joints),
-        )
+        label_times(figure, axes, len(found.joints))
     return figure

@@ -19,6 +19,7 @@ from elastic_arm.diagnosis.words import (
     change_text,
     effect_at,
     event_notes,
+    left_text,
     listed_alternatives,
     log_likelihood_text,
     merged_notes,
@@ -242,7 +243,10 @@ def _friction(found: Diagnosis, context: DiagnosisContext, places: Sequence[int]
 
 
 def _unexplained(found: Diagnosis, context: DiagnosisContext) -> list[Block]:
-    rows = [[p.joint, p.side, p.regime.replace("_", " "), p.rmse] for p in found.unexplained]
+    rows = [
+        [p.joint, p.side, p.regime.replace("_", " "), left_text(p, found.units)]
+        for p in found.unexplained
+    ]
     first = found.unexplained[0]
     sides = context.validate.layout.sides
     n = len(found.joints)
@@ -252,7 +256,7 @@ def _unexplained(found: Diagnosis, context: DiagnosisContext) -> list[Block]:
     return [
         Text("Residuals that no effect of the catalogue explains, the largest first.", "warn"),
         *map(Text, unknown_sentences(found)),
-        Table(["joint", "side", "follows", f"left, {found.units.over('Nm')}"], rows, digits=3),
+        Table(["joint", "side", "follows", "left"], rows),
         *map(Text, event_notes(found.events)),
         Text(caption),
         *figures.residual_blocks(found, context, row, context.after, added),

@@ -14,7 +14,16 @@ from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.result import COMPARED
 from elastic_arm.identification.verdict import POORLY, WELL
 from elastic_arm.report.html import Block, Figure, Section, Table, Text, Written, fragment
-from elastic_arm.report.style import BLUE, GREEN, GREY, ORANGE, VERMILION, draw_signal, drawing
+from elastic_arm.report.style import (
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    VERMILION,
+    draw_signal,
+    drawing,
+    label_times,
+)
 
 COLOURS = {"well": GREEN, "poorly": ORANGE, "not": VERMILION}
 VERDICTS = {
@@ -90,8 +99,7 @@ def torques(equations: BaseRegression, motion: Motion, result: Identification) -
                 ax.set_title(
                     f"{joint}, {COMPARED[side]} [{result.units.at(joint, 'Nm')}]", loc="left"
                 )
-            axes[-1, column].set_xlabel("time [s]")
-        figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
+        label_times(figure, axes, 3)
     return figure
 
 
@@ -113,8 +121,7 @@ def residuals(equations: BaseRegression, motion: Motion, result: Identification)
                 left = measured[side][:, i] - found[side][:, i]
                 draw_signal(axes[i, 0], motion.t, left, color=colour, lw=0.7, label=COMPARED[side])
             axes[i, 0].set_title(f"{joint}, residual [{result.units.at(joint, 'Nm')}]", loc="left")
-        axes[-1, 0].set_xlabel("time [s]")
-        figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
+        label_times(figure, axes, 3)
     return figure
 
 

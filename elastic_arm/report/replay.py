@@ -8,7 +8,7 @@ from matplotlib.figure import Figure as MplFigure
 
 from elastic_arm.mujoco.replaying import Replay, labels
 from elastic_arm.report.html import Figure, Section, Table, Text
-from elastic_arm.report.style import CYCLE, GREY, draw_signal, drawing
+from elastic_arm.report.style import CYCLE, GREY, draw_signal, drawing, label_times
 
 SHOWN_SECONDS = 6.0  # of a recording in a figure: windows stay visible
 
@@ -17,8 +17,8 @@ def sections(found: Sequence[Replay]) -> list[Section]:
     """Return the sections, most important first."""
     first = found[0]
     how = Text(
-        f"In MuJoCo, the recorded motor torque drives the arm for {first.window:g} s from each"
-        f" of {first.windows} starting points. Torque: the recorded torque compared with"
+        f"In MuJoCo, the {first.torque} motor torque drives the arm for {first.window:g} s from"
+        f" each of {first.windows} starting points. Torque: the {first.torque} torque compared with"
         " MuJoCo's inverse dynamics of the recorded motion."
     )
     units = first.units
@@ -26,8 +26,8 @@ def sections(found: Sequence[Replay]) -> list[Section]:
         _table(found, "position", 1e3, units.over("mrad")),
         _table(found, "velocity", 1e3, units.over("mrad/s")),
         _table(found, "torque", 1.0, units.over("Nm")),
-        _table(found, "correlation", 1.0, "of required and recorded torque"),
-        _table(found, "lag", 1e3, "ms by which the recorded torque lags"),
+        _table(found, "correlation", 1.0, f"of required and {first.torque} torque"),
+        _table(found, "lag", 1e3, f"ms by which the {first.torque} torque lags"),
     ]
     shown = [
         Section("Errors of each model", [how, *tables]),
@@ -36,7 +36,7 @@ def sections(found: Sequence[Replay]) -> list[Section]:
             [Figure(positions(found), "Each window starts from the recorded state.")],
         ),
         Section(
-            "Torques, recorded and required",
+            f"Torques, {first.torque} and required",
             [Figure(torques(found), "Required: by MuJoCo's inverse dynamics.")],
         ),
     ]
@@ -68,15 +68,17 @@ def _table(found: Sequence[Replay], name: str, factor: float, unit: str) -> Tabl
 
 def positions(found: Sequence[Replay]) -> MplFigure:
     """Draw recorded angles and those of each model."""
-    return _overlay(found, "recorded", "replayed", "rad")
+    return _overlay(found, "recorded", "recorded", "replayed", "rad")
 
 
 def torques(found: Sequence[Replay]) -> MplFigure:
     """Draw recorded torques and those that each model needs."""
-    return _overlay(found, "torque_recorded", "torque_needed", "Nm")
+    return _overlay(found, found[0].torque, "torque_recorded", "torque_needed", "Nm")
 
 
-def _overlay(found: Sequence[Replay], recorded: str, model: str, unit: str) -> MplFigure:
+def _overlay(
+    found: Sequence[Replay], label: str, recorded: str, model: str, unit: str
+) -> MplFigure:
     joints = found[0].joints
     with drawing(len(joints), 1, size=(8.4, 1.5 * len(joints)), sharex=True) as (figure, axes):
         for i, joint in enumerate(joints):
@@ -84,7 +86,7 @@ def _overlay(found: Sequence[Replay], recorded: str, model: str, unit: str) -> M
             course = found[0].course
             kept = course.t <= course.t[0] + SHOWN_SECONDS
             values = getattr(course, recorded)[kept, i]
-            draw_signal(ax, course.t[kept], values, color=GREY, lw=2.6, alpha=0.6, label="recorded")
+            draw_signal(ax, course.t[kept], values, color=GREY, lw=2.6, alpha=0.6, label=label)
             for k, (name, one) in enumerate(zip(labels(found), found, strict=True)):
                 values = getattr(one.course, model)[:, i]
                 own = one.course.t <= one.course.t[0] + SHOWN_SECONDS
@@ -98,10 +100,5 @@ def _overlay(found: Sequence[Replay], recorded: str, model: str, unit: str) -> M
                     label=name,
                 )
             ax.set_title(f"{joint} [{found[0].units.at(joint, unit)}]", loc="left")
-        axes[-1, 0].set_xlabel("time [s]")
-        figure.legend(
-            *axes[0, 0].get_legend_handles_labels(),
-            loc="outside upper center",
-            ncols=1 + len(found),
-        )
+        label_times(figure, axes, 1 + len(found))
     return figure

@@ -79,6 +79,15 @@ def draw_signal(ax: Axes, t: np.ndarray, y: np.ndarray, **kwargs: Any) -> None:
     ax.plot(t[keep], y[keep], **kwargs)
 
 
+def label_times(figure: Figure, axes: np.ndarray, lines: int) -> None:
+    """Label the axes of times below, and above the figure the lines of its first axes, so many side
+    by side."""
+    for ax in axes[-1]:
+        ax.set_xlabel("time [s]")
+    keys = axes[0, 0].get_legend_handles_labels()
+    figure.legend(*keys, loc="outside upper center", ncols=lines)
+
+
 def envelope_indices(y: np.ndarray, points: int) -> np.ndarray:
     """Return sorted indices of minimum and maximum of each bin of `y` (N,).
 

@@ -9,6 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from elastic_arm.arrays import Array
 from elastic_arm.codegen.derivations import cached_functions
 from elastic_arm.dynamics.derivation import bias, mass_matrix, solve
 from elastic_arm.effects.arm_equations import ArmEquations
@@ -57,7 +58,7 @@ class System:
         """Number of internal states of effects."""
         return int(self.effect_set.z.numel())
 
-    def evaluate_constants(self, speed: np.ndarray) -> np.ndarray:
+    def evaluate_constants(self, speed: Array) -> Array:
         """Return the constants for the arm's parameters and speeds (2n,).
 
         Within these speeds friction is regularised.

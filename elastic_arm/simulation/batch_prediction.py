@@ -10,10 +10,9 @@ from typing import Protocol
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from elastic_arm.arrays import Array
+from elastic_arm.arrays import Array, Indices
 from elastic_arm.codegen import kernels
 from elastic_arm.dynamics import build_model
 from elastic_arm.effects import EffectInstance
@@ -81,7 +80,7 @@ class BatchPrediction:
         self._constants = np.zeros(0)
 
     def angles(
-        self, motion: MeasuredMotion, begins: NDArray[np.intp], steps: Sequence[int]
+        self, motion: MeasuredMotion, begins: Indices, steps: Sequence[int]
     ) -> tuple[Array, Array]:
         """Predict the angles some samples after each start."""
         n = self._system.n
@@ -96,7 +95,7 @@ class BatchPrediction:
                 motor.append(y[:, n : 2 * n] if self._system.dof > n else y[:, :n])
         return np.stack(link, axis=1), np.stack(motor, axis=1)
 
-    def _start(self, motion: MeasuredMotion, begins: NDArray[np.intp]) -> Array:
+    def _start(self, motion: MeasuredMotion, begins: Indices) -> Array:
         """Return states (S, 2 dof + states): measured motors, links behind them by the measured
         joint torque."""
         x, dx = self._coordinates(motion)

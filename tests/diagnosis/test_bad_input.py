@@ -106,7 +106,7 @@ def test_clocks_that_drift_apart_are_brought_together_with_a_remark(
 ) -> None:
     """Two topics stamped by clocks 10 or 100 us a second apart: stamps are as they were, and the
     figure is said."""
-    found, plain = usable(drifting(clean[0], rate)), clean[0]
+    found, plain = usable(drifting(clean[0], rate), ROBOT), clean[0]
     assert found.link is not None and found.motor is not None and plain.link is not None
     since = found.link.stamp_ns - found.motor.stamp_ns
     assert np.abs(since).max() < 0.1 * abs(rate) * np.ptp(plain.link.stamp_ns)
@@ -123,7 +123,7 @@ def test_no_effect_of_the_drive_is_taken_for_a_drift(effect: str) -> None:
     """What bends the deflection is no clock: stamps stay as they are."""
     recording = record(motions()[0], INSTANCES[effect][0])
     assert clock_drift(recording.samples()) is None
-    assert usable(recording) == recording
+    assert usable(recording, ROBOT) == recording
 
 
 def test_zeros_beside_joints_without_a_torque_are_no_torques(clean: list[Recording]) -> None:
@@ -136,7 +136,7 @@ def test_zeros_beside_joints_without_a_torque_are_no_torques(clean: list[Recordi
         "motor",
     )
     with pytest.raises(DiagnosisError, match="every torque channel"):
-        usable(bare)
+        usable(bare, ROBOT)
 
 
 @pytest.mark.parametrize("count", [5, 30, 300])

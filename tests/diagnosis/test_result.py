@@ -367,7 +367,10 @@ def test_the_summary_says_what_the_arm_has_and_how_right_the_model_is_then() -> 
 def test_trust_and_changes_are_sentences() -> None:
     """Trust leaves out what is excluded, a change has every recording."""
     found = diagnosis(cause())
-    assert trust_text(found.trust) == "as calibrated (97 %), as built (3 %)"
+    assert trust_text(found.trust) == (
+        "as calibrated, its numbers off by a fifth of ordinary deviations (97 %);"
+        " as built, its numbers off by ordinary deviations (3 %)"
+    )
     assert "6.00 ± 0.10 Nm in a; 9.00 ± 0.10 Nm in b" in change_text(found.changes[0])
 
 
@@ -393,20 +396,23 @@ def test_values_have_the_digits_that_their_deviation_warrants(
 
 
 def test_sizes_carry_units_and_leave_out_deviations_of_what_is_given() -> None:
-    """Whole orders have no deviation, undetermined ones a question mark, and vectors one for each
-    number."""
+    """Whole orders have no deviation, what is not determined has words, and vectors have a
+    deviation for each number."""
     told = estimates_text(
         {
             "amplitude": ParameterEstimate(2.0312e-5, 1.7e-7, "rad"),
             "order": ParameterEstimate(2.0, 0.0, "1"),
             "phase": ParameterEstimate(0.7, None, "rad"),
             "position": ParameterEstimate([0.0123, 0.1], [0.0011, 0.02], "m"),
+            "com": ParameterEstimate([0.0, 0.0, 0.0], [None] * 3, "m"),
+            "inertia": ParameterEstimate([0.0, 1.0], [None, 0.1], "1"),
         }
     )
     assert (
         told
-        == "amplitude 2.031e-05 ± 1.7e-07 rad, order 2, phase 0.7 ± ? rad, position (0.0123, 0.100)"
-        " ± (0.0011, 0.020) m"
+        == "amplitude 2.031e-05 ± 1.7e-07 rad, order 2, phase not determined, position (0.0123,"
+        " 0.100) ± (0.0011, 0.020) m, com not determined, inertia (not determined, 1.00) ± (–,"
+        " 0.10)"
     )
 
 
@@ -483,9 +489,9 @@ def test_a_scale_that_is_off_is_said_with_its_value() -> None:
         for joint, value in (("joint_1", 1.15), ("joint_2", 1.02))
     ]
     found = replace(diagnosis(), made=("joint_1", "joint_2"), imperfections=tuple(scales))
-    words = scale_sentence(found)
-    assert "1.15 ± 0.04 times the described one at joint_1" in words
-    assert "times the described one at joint_2" not in words
+    (words,) = [one for one in summary(found) if "kp" in one]
+    assert "make 1.150 ± 0.040 times the described torque at joint_1: kp," in words
+    assert "joint_2" not in words
 
 
 def test_scales_that_disagree_are_both_said(tmp_path: Path) -> None:

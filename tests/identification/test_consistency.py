@@ -122,7 +122,7 @@ def test_errors_count_as_alike_over_half_a_period_only_where_the_motion_repeats(
         velocity_noise=1e-4,
     )
     recording = recording_of(samples, true_robot)
-    _, identifier, _ = identify_with(
+    _, identifier, *_ = identify_with(
         recording, true_robot, IdentificationSettings(consistent=False)
     )
     half_period = identifier.fit().samples / identifier.statistics.effective_samples
@@ -160,7 +160,7 @@ def test_errors_of_averages_count_as_white_ones_at_least(
     half periods."""
     rigid = parse_urdf(to_urdf(true_robot))
     settings = IdentificationSettings(consistent=False)
-    _, identifier, _ = identify_with(of_rigid_arm(rigid, harmonics, trembles), rigid, settings)
+    _, identifier, *_ = identify_with(of_rigid_arm(rigid, harmonics, trembles), rigid, settings)
     assert correlation_of_errors(identifier, repeats=False) >= least
     assert correlation_of_errors(identifier, repeats=True) >= least
 

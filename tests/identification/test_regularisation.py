@@ -156,7 +156,7 @@ def test_what_a_rigid_arm_repeats_does_not_spoil_another_motion(
     def missed(widest: float) -> float:
         monkeypatch.setattr(batch, "LOOSE", widest)
         settings = IdentificationSettings(consistent=False)
-        found, identifier, _ = identify_with(fitted, rigid, settings)
+        found, identifier, *_ = identify_with(fitted, rigid, settings)
         predicted = identifier.equations.predict(held_out, found.Psi_base)["whole"]
         return float(np.sqrt(np.mean((predicted - held_out.tau_m) ** 2)))
 

@@ -10,10 +10,12 @@ import scipy
 
 from elastic_arm.recording import Recording, Side, read_recording, write_recording
 from elastic_arm.recording.foreign.arrays import import_arrays
-from elastic_arm.recording.inspection.check import check_bag
+from elastic_arm.recording.inspection.check import check_bag, misread
 from elastic_arm.recording.inspection.plausibility import implausible, smoothed_torques
+from elastic_arm.recording.inspection.report import WrongMotion
 from elastic_arm.recording.inspection.torque_spectrum import torque_spectra, torque_spectrum
 from tests.helpers.bags import JOINTS
+from tests.helpers.random_arms import random_arm
 
 ROOT = Path(__file__).parents[2]
 SHARED = ROOT.parent / "shared" / "data"
@@ -79,14 +81,31 @@ def test_ordinary_sensors_are_not_blamed(seed: int) -> None:
     assert codes(arm(late, late, seed)) == set()
 
 
-def test_a_velocity_in_another_unit_is_found_with_its_factor() -> None:
-    """Degrees a second in a place of radians: the factor is named; of one joint alone, that
-    joint."""
+@pytest.mark.parametrize("channel", ["position", "velocity"])
+def test_degrees_beside_radians_are_told_from_another_factor(channel: str) -> None:
+    """Degrees in one channel of a joint: that channel is named; of a factor that is no unit, the
+    factor. Angles in degrees are no motion of the arm to compare torques with."""
     recording = arm()
-    given = recording.link.velocity * [1.0, 180 / np.pi, 1.0]
-    (finding,) = implausible(changed(recording, "link", velocity=given))
+    given = getattr(recording.link, channel)
+    degrees = changed(recording, "link", **{channel: given * [1.0, 180 / np.pi, 1.0]})
+    (finding,) = implausible(degrees)
+    assert (finding.severity, finding.code) == ("warning", "other_unit")
+    assert f"link {channel} of joint_2 is probably in degrees" in finding.message
+    assert isinstance(finding, WrongMotion) == (channel == "position")
+    (finding,) = implausible(changed(recording, "link", **{channel: given * [1.0, 50.0, 1.0]}))
     assert (finding.severity, finding.code) == ("warning", "velocity")
-    assert "link velocity of joint_2 is 57.3 times" in finding.message
+    assert f"of joint_2 is {50.0 if channel == 'velocity' else 0.02:g} times" in finding.message
+
+
+@pytest.mark.parametrize("channel", ["position", "velocity"])
+def test_no_cause_is_sought_where_one_channel_is_in_degrees(channel: str) -> None:
+    """All angles, or all rates, in degrees are misread; as they were recorded, they are not."""
+    recording = replace(arm(), motor=None)
+    robot = random_arm(3, np.random.default_rng(0), elastic=False).with_(gravity=(0.0, 0.0, 0.0))
+    degrees = np.rad2deg(getattr(recording.link, channel))
+    assert misread([recording], robot, explained=True) is None
+    words = misread([changed(recording, "link", **{channel: degrees})], robot, explained=True)
+    assert words is not None and f"{channel} of all joints is probably in degrees" in words
 
 
 def test_a_velocity_of_another_joint_is_found() -> None:

@@ -131,7 +131,7 @@ def test_a_register_of_tenths_is_mapped(tmp_path: Path) -> None:
     read = load({"position": position}, {"supply": supply})
     assert read.motor is not None
     np.testing.assert_allclose(read.motor.supply[:, 0], VOLTS, atol=0.051)  # type: ignore[index]
-    with pytest.raises(RecordingError, match="supply under link: it is the voltage of the motor"):
+    with pytest.raises(RecordingError, match="supply under link: it is of the motor"):
         load({"position": position, "supply": supply}, {})
     with pytest.raises(RecordingError, match="supply is a voltage and has no ratio"):
         load({"position": position}, {"supply": {**supply, "ratio": 2.0}})

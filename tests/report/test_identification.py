@@ -43,7 +43,7 @@ def fitted() -> tuple[Any, ...]:
 def test_instants_at_which_a_joint_sticks_are_gaps_in_the_figures(fitted: tuple[Any, ...]) -> None:
     """They are left out of the fit, and no residual as large as the motor's torque is drawn
     there."""
-    result, identifier, motion = fitted
+    result, identifier, motion, _ = fitted
     stuck = np.zeros((len(motion), 3), dtype=bool)
     stuck[1000:1500, 1] = True
     motion = replace(motion, stuck=stuck)

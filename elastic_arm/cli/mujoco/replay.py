@@ -140,5 +140,5 @@ def print_replays(found: list[Replay]) -> None:
     seconds = found[0].window
     out.print(
         f"root mean squares over {found[0].windows} windows of {seconds:g} s, driven by the"
-        " recorded torque"
+        f" {found[0].torque} torque"
     )

@@ -13,9 +13,8 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from elastic_arm.arrays import Array
+from elastic_arm.arrays import Array, Indices
 from elastic_arm.codegen.parallel import ahead
 from elastic_arm.effects.effect import ControllerEffect, SensorEffect
 from elastic_arm.effects.parameters import Parameter
@@ -329,7 +328,7 @@ def monomials(points: Array) -> Array:
 
 
 @lru_cache
-def _products(k: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def _products(k: int) -> tuple[Indices, Indices]:
     """Return the factors of all products of two of k numbers."""
     return np.triu_indices(k)
 

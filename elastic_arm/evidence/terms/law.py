@@ -6,9 +6,8 @@ from itertools import groupby
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-from elastic_arm.arrays import Array
+from elastic_arm.arrays import Array, Mask
 from elastic_arm.codegen.parallel import ahead
 from elastic_arm.equations.formless import GeneralLaw, general_laws
 from elastic_arm.evidence.keys import Key
@@ -60,7 +59,7 @@ class LawTerm(Term):
         """Return it with its shapes."""
         return super().with_rows(made_of) if self.law is None else replace(self, shapes=made_of)
 
-    def among(self, rows: NDArray[np.bool_]) -> Self:
+    def among(self, rows: Mask) -> Self:
         """Return it at some of the rows (rows,)."""
         return replace(self, columns=self.parts[0][rows], shapes=None)
 

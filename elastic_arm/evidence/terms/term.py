@@ -7,9 +7,8 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Protocol, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-from elastic_arm.arrays import Array
+from elastic_arm.arrays import Array, Mask
 from elastic_arm.evidence.keys import Ident, Key
 from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.priors import ODDS, SCALES
@@ -147,7 +146,7 @@ class Term:
         ident = self.ident[:-1] if self.is_scaled else self.ident
         return replace(self, std=std, scale=scale, grid=grid, is_scaled=True, ident=(*ident, scale))
 
-    def among(self, rows: NDArray[np.bool_]) -> Self:
+    def among(self, rows: Mask) -> Self:
         """Return it at some of the rows (rows,)."""
         offset = None if self.offset is None else self.offset[rows]
         return replace(self, columns=self.columns[rows], offset=offset)

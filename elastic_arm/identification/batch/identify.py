@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,12 +15,9 @@ from elastic_arm.effects.text import parse_laws
 from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.identification.batch.derivatives import DerivativeStage
-from elastic_arm.identification.batch.ignored_commands import (
-    without,
-    without_ignored_commands,
-)
+from elastic_arm.identification.batch.ignored_commands import without_ignored_commands
 from elastic_arm.identification.batch.imperfections import nuisance_effects
-from elastic_arm.identification.batch.mounting import other_mounting
+from elastic_arm.identification.batch.mounting import other_mounting, states_tilt
 from elastic_arm.identification.batch.selection import (
     BatchChoice,
     BatchTrial,
@@ -104,7 +102,17 @@ def identify(
     RecordingError, RobotError
         If an argument has another type, or a channel contains implausible numbers.
     """
-    return identify_with(recordings, robot, settings, validate=validate, progress=progress)[0]
+    return identify_with(recordings, robot, settings, validate=validate, progress=progress).result
+
+
+class WithMotion(NamedTuple):
+    """The result of an identification, and what it was made with."""
+
+    result: Identification
+    identifier: Identifier  # the estimator
+    motion: Motion  # the first run of smoothed motion
+    # by recording: stretches in which commands were ignored, s from its first sample
+    ignored: dict[str, list[tuple[float, float]]]
 
 
 def identify_with(
@@ -114,11 +122,8 @@ def identify_with(
     *,
     validate: Sequence[Recording] = (),
     progress: ProgressCallback | None = None,
-) -> tuple[Identification, Identifier, Motion]:
-    """Identify as :func:`identify` does, and hand out the estimator and a run of motion too.
-
-    Returns the result, the estimator that it came from, and the first run of smoothed motion.
-    """
+) -> WithMotion:
+    """Identify as :func:`identify` does, and hand out more than the result."""
     require_robot(robot)
     settings = settings or IdentificationSettings()
     asked = settings.laws(robot)
@@ -128,8 +133,10 @@ def identify_with(
         raise IdentificationError("no recording was given", "Give at least one.")
     report = progress or (lambda what, share: None)
     robot = at_common_gain(robot, [*chosen, *validate])
-    chosen = [_cleared(one, robot, settings.model) for one in chosen]
+    ignored: dict[str, list[tuple[float, float]]] = {}
+    chosen = [_cleared(one, robot, settings.model, ignored) for one in chosen]
     prepared = [recording.samples() for recording in chosen]
+    validate = [_cleared(one, robot, settings.model, ignored) for one in validate]
     held_out = _held_out(validate, prepared[0], robot, settings.model)
     motored = any(samples.tau_m is not None for samples in prepared)
     armed = robot.with_armatures() if motored else robot
@@ -145,7 +152,7 @@ def identify_with(
     settings = replace(settings, effects=effects)
     trials = Trials(recorded, robot, settings, report, unasked=bool(known))
     choice = trials.selected()
-    if not any(instance.effect.id == TILT for instance in known):
+    if not states_tilt(known):
         trials, choice, mounting_notes = _mounted(trials, choice)
         notes += mounting_notes
     robot = trials.robot
@@ -161,7 +168,7 @@ def identify_with(
         # Of the arm that is written, after validation has had its say.
         odd = odd_masses(with_carried(robot, result.carried), result.identified)
         result = result.with_(notes=(*result.notes, *odd))
-    return result, trial.identifier, trial.derived[0].first
+    return WithMotion(result, trial.identifier, trial.derived[0].first, ignored)
 
 
 def _mounted(trials: Trials, choice: BatchChoice) -> tuple[Trials, BatchChoice, list[str]]:
@@ -194,31 +201,27 @@ def _channel_notes(
     return [f"{', '.join(names)}: {words}" for names, words in listed if names]
 
 
-def _cleared(recording: Recording, robot: Robot, model: str) -> Recording:
+def _cleared(
+    recording: Recording, robot: Robot, model: str, left_out: dict[str, list[tuple[float, float]]]
+) -> Recording:
     """Return the joints of the arm in motion, without outliers, by the encoders that its equations
-    take, and without stretches in which commands were ignored."""
-    followed, ignored = without_ignored_commands(_in_motion(recording, robot), robot, model)
+    take, and without stretches in which commands were ignored, which are added to `left_out`."""
+    moving = _in_motion(recording, robot)
+    followed, ignored = without_ignored_commands(moving, robot, model)
+    if not ignored:
+        return followed
     where = recording.source or "the recording"
     notes = [f"{where}: {one.words}" for one in ignored]
+    first = (moving.start_ns - recording.select(robot.joint_names).start_ns) * 1e-9
+    spans = [(first + one.begin, first + one.end) for one in ignored]
+    left_out[recording.source] = spans
     return replace(followed, notes=(*followed.notes, *notes))
-
-
-def as_followed(recording: Recording, robot: Robot, model: str) -> Recording:
-    """Return the joints of the arm as they were recorded, without the stretches in which commands
-    were ignored, which an identification leaves out."""
-    selected = recording.select(robot.joint_names)
-    moving = _in_motion(recording, robot)
-    _, ignored = without_ignored_commands(moving, robot, model)
-    if not ignored:
-        return selected
-    first = (moving.start_ns - selected.start_ns) * 1e-9
-    return without(selected, [(first + one.begin, first + one.end) for one in ignored])
 
 
 def _in_motion(recording: Recording, robot: Robot) -> Recording:
     """Return the joints of the arm in motion, without outliers, and with torques that are made."""
     moving = without_outliers(without_standstill(recording.select(robot.joint_names)))
-    moving, _ = without_dead_torques(moving)
+    moving, _ = without_dead_torques(moving, robot)
     return with_made_torque(by_motor_encoders(moving, robot), robot)
 
 
@@ -288,7 +291,7 @@ def _held_out(
     """
     stages = {}
     for recording in recordings:
-        samples = _cleared(recording, robot, model).samples()
+        samples = recording.samples()
         channels = identifier_of(robot, model)
         for each in (fitted, samples):
             channels.choose_equations(each)

@@ -26,7 +26,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elastic_arm.arrays import Array
+from elastic_arm.arrays import Array, median_step
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.estimation.observation import observe
 from elastic_arm.evidence.priors import EVENT
@@ -122,7 +122,7 @@ def _blocks(motion: Motion, robot: Robot, model: str) -> tuple[Array, Array, Arr
     """Return when blocks of a motion begin and end (M, 2) s, and the torques (M, samples, n) that
     it needs and that were made; None where it lacks channels or is shorter than a block."""
     torques = described_torques(robot, model, motion)
-    length = max(1, round(BLOCK / float(np.median(np.diff(motion.t)))))
+    length = max(1, round(BLOCK / median_step(motion.t)))
     count = len(motion) // length
     if torques is None or not count:
         return None

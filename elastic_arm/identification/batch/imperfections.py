@@ -18,6 +18,7 @@ from elastic_arm.effects import EFFECTS, Catalogue, EffectInstance, robot_effect
 from elastic_arm.effects.library.base_tilt import TILT
 from elastic_arm.effects.text import parse_laws
 from elastic_arm.estimation.effect_columns import torque_zeros
+from elastic_arm.evidence.priors import OFFSET_SHARE, ZEROS
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.law_columns import place_of
 from elastic_arm.identification.least_squares import Fit
@@ -33,9 +34,9 @@ LIKELY = 1.0
 # none; convention.
 NONE = 2.0
 KNOWN = 0.1
-# Ordinary size of a zero as a share of its joint's torques (rms): some percent of the rated torque,
-# of which motions take a third or so; convention.
-ZERO = 0.1
+# Ordinary size of a zero as a share of its joint's largest torque: that of a diagnosis, at the mean
+# of the scales that the zeros of an arm may have.
+ZERO = OFFSET_SHARE * sum(scale * probability for scale, probability in ZEROS.items())
 # Ordinary tilt of a base, rad: that of one which nobody has levelled; convention.
 LEVEL = 0.02
 
@@ -49,6 +50,7 @@ class NuisanceLaw:
         None  # Standard deviation of its prior, in the unit of its parameters; None where free
     )
     stated: bool = False  # Whether the description states it
+    channel: str | None = None  # Of a zero
 
     @property
     def place(self) -> tuple[str, str | None]:
@@ -87,7 +89,8 @@ def possible_imperfections(
         for at in parse_laws([law], robot, catalogue) if sizes else []:
             place = law, at.joint
             if place not in places and at.joint in sizes:
-                found.append(NuisanceLaw(stated.get(place, at), sizes[at.joint], place in stated))
+                known = stated.get(place, at)
+                found.append(NuisanceLaw(known, sizes[at.joint], place in stated, channel))
     return tuple(found)
 
 
@@ -102,7 +105,7 @@ def _ordinary_zeros(
     lacking = {
         robot.joint_names[j] for samples in recordings for c, j in samples.lacking if c == channel
     }
-    sizes = ZERO * np.sqrt(np.nanmean(np.concatenate(have) ** 2, axis=0))
+    sizes = ZERO * np.nanmax(np.abs(np.concatenate(have)), axis=0)
     named = zip(robot.joint_names, sizes.tolist(), strict=True)
     return {joint: size for joint, size in named if joint not in lacking and size > 0.0}
 
@@ -110,14 +113,12 @@ def _ordinary_zeros(
 def told_apart(
     possible: Sequence[NuisanceLaw], equations: BaseRegression
 ) -> tuple[NuisanceLaw, ...]:
-    """Return the laws without a tilt that is equivalent to another parameter of the equations.
+    """Return zeros, and of other laws those that no other parameter of the equations can replace.
 
     About a horizontal first axis, a tilt is equivalent to another centre of mass; for a sliding
     axis, to a zero.
     """
-    return tuple(
-        e for e in possible if e.stated or e.place[0] != TILT or _is_by_itself(e, equations)
-    )
+    return tuple(e for e in possible if e.stated or e.channel or _is_by_itself(e, equations))
 
 
 def _is_by_itself(each: NuisanceLaw, equations: BaseRegression) -> bool:
@@ -173,19 +174,19 @@ def _names(each: NuisanceLaw, equations: BaseRegression) -> list[str]:
 def described_imperfections(found: Sequence[NuisanceLaw]) -> list[str]:
     """Return in words which imperfections were identified, and how."""
     shown = [each.place for each in found if each.ordinary is None and not each.stated]
-    held = {each.place[0] for each in found if each.ordinary is not None}
+    held = [each for each in found if each.ordinary is not None]
     notes = []
     usual = []
     if shown:
         free = ", ".join(f"{law}:{joint}" if joint else law for law, joint in shown)
         notes.append(f"also identified, as they differ from zero in the recordings: {free}")
-    if held - {TILT}:
+    if any(each.channel for each in held):
         others = "the other " if shown else "the "
         usual.append(
-            f"{others}zeros of torques ({ZERO:.0%} of the joint's torque; unconstrained in"
+            f"{others}zeros of torques ({ZERO:.0%} of the joint's largest torque; unconstrained in"
             " robot.yaml)"
         )
-    if TILT in held:
+    if not all(each.channel for each in held):
         usual.append(f"the tilt of the base ({1e3 * LEVEL:g} mrad)")
     if usual:
         notes.append("also identified, constrained to their usual size: " + ", ".join(usual))

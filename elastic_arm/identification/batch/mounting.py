@@ -7,7 +7,7 @@ a wrong mounting, all other estimates are far from linear, and masses and gains 
 it. Therefore the mounting is determined first.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,16 +16,13 @@ from scipy.spatial.transform import Rotation
 from scipy.special import fdtrc
 
 from elastic_arm.arrays import Array
+from elastic_arm.effects import EffectInstance
 from elastic_arm.effects.arm_equations import ArmEquations
+from elastic_arm.effects.library.base_tilt import TILT
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.formatting import short_numbers
 from elastic_arm.identification.verdict import MotionStatistics
-from elastic_arm.recording.inspection.described_gravity import (
-    LEFT,
-    SIZE,
-    TURNED,
-    angle_between,
-)
+from elastic_arm.recording.inspection.described_gravity import angle_between, is_turned
 from elastic_arm.robot import Robot
 from elastic_arm.robot.parts import placed
 
@@ -96,6 +93,11 @@ class Mounting:
         return x_std, y_std
 
 
+def states_tilt(instances: Iterable[EffectInstance]) -> bool:
+    """Return whether a tilt of the base is among effects: then the mounting is not looked for."""
+    return any(instance.effect.id == TILT for instance in instances)
+
+
 def mounted(robot: Robot, x: float, y: float) -> Robot:
     """Return the arm with its base turned by Rx(x) Ry(y) in the ground frame, rad."""
     base = placed(turned(x, y)) @ robot.base_placement
@@ -152,12 +154,9 @@ def other_mounting(robot: Robot, model: str, motions: Sequence[Motion]) -> Mount
     if float(np.min([stands, reversed_, sprung], axis=0).sum()) < left:
         return None
     shown = coefficients[:3]
-    if (
-        angle_between(shown, described) <= TURNED
-        or not SIZE[0] * size <= np.linalg.norm(shown) <= SIZE[1] * size
-        or left >= LEFT * before
-        or _chance(before, left, longest, joints.shape[1:]) > CHANCE
-    ):
+    if not is_turned(shown, described, left, before):
+        return None
+    if _chance(before, left, longest, joints.shape[1:]) > CHANCE:
         return None
     x, y = (np.radians(STEP * round(np.degrees(angle) / STEP)) for angle in tilt_of(shown))
     return Mounting(float(x), float(y), shown, described)

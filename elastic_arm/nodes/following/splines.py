@@ -15,7 +15,7 @@ import numpy as np
 from numpy.polynomial.polynomial import polyder, polyval
 from numpy.typing import NDArray
 
-from elastic_arm.arrays import Array
+from elastic_arm.arrays import Array, Indices, Mask
 
 # Degree of the polynomial that a point allows: by its position alone, with its velocity, with its
 # acceleration too.
@@ -31,7 +31,7 @@ class Row(NamedTuple):
     velocity: Array
     acceleration: Array
 
-    def at(self, index: int | NDArray[np.intp] | NDArray[np.bool_]) -> Row:
+    def at(self, index: int | Indices | Mask) -> Row:
         """Return some of several points, or one."""
         return Row(self.position[index], self.velocity[index], self.acceleration[index])
 
@@ -60,7 +60,7 @@ class Points:
             self.stamps[-1:], Row(*(values[-1:] for values in self.row)), self.degree[-1:]
         )
 
-    def where(self, chosen: NDArray[np.bool_]) -> Points:
+    def where(self, chosen: Mask) -> Points:
         """Return some of the points."""
         return Points(self.stamps[chosen], self.row.at(chosen), self.degree[chosen])
 

@@ -17,11 +17,11 @@ from elastic_arm.nodes.support.wire import Inbox
 from elastic_arm.recording import Samples, topics
 from elastic_arm.recording.foreign.channels import (
     CHANNEL_NAMES,
-    OF_MOTOR,
     ChannelMap,
     SideChannels,
 )
 from elastic_arm.recording.sides import SAMPLED
+from elastic_arm.recording.topics import OF_MOTOR
 
 FIELDS = ("position", "velocity", "effort")
 NAMED = {topics.JOINT_STATES: "link", topics.MOTOR_STATES: "motor"}

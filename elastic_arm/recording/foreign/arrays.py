@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Annotated, Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, model_validator
 
+from elastic_arm.arrays import Mask
 from elastic_arm.errors import RecordingError
 from elastic_arm.input_files import Number, WholeNumber, read_text
 from elastic_arm.recording.foreign.array_files import FILE_INDEX, load_arrays
@@ -456,9 +456,7 @@ def _read_side(arrays: Arrays, rules: ArrayMap, side: SideName, notes: list[str]
     return _SideTable(times, values, tables)
 
 
-def _runs(
-    arrays: Mapping[str, np.ndarray], rules: ArrayMap
-) -> list[tuple[str, NDArray[np.bool_] | None]]:
+def _runs(arrays: Mapping[str, np.ndarray], rules: ArrayMap) -> list[tuple[str, Mask | None]]:
     """Return the runs by name, each with its rows; None for all rows."""
     if rules.rows is None:
         return [("", None)]
@@ -480,7 +478,7 @@ def _runs(
 
 
 def _recording(
-    rules: ArrayMap, tables: Mapping[SideName, _SideTable], chosen: NDArray[np.bool_] | None
+    rules: ArrayMap, tables: Mapping[SideName, _SideTable], chosen: Mask | None
 ) -> Recording:
     """Build the recording of one run; rows with missing numbers are omitted from their side."""
     notes: list[str] = []

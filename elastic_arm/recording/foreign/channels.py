@@ -14,6 +14,7 @@ from elastic_arm.errors import RecordingError
 from elastic_arm.input_files import Number, WholeNumber, explain, read_fields, refuse_truth
 from elastic_arm.recording.sides import MOST_DUTY, Array, Side
 from elastic_arm.recording.storage.metadata import TORQUE_CHANNELS
+from elastic_arm.recording.topics import OF_MOTOR
 
 SideName = Literal["link", "motor", "command"]
 SIDE_NAMES: tuple[SideName, ...] = ("link", "motor", "command")
@@ -29,8 +30,7 @@ Sign = Annotated[Literal[1, -1], BeforeValidator(refuse_truth)]
 REMEDY = "See docs/channel_maps.md."
 REFERENCE = "docs/channel_maps.md shows every key"
 MOST_JOINTS = 1000
-NOT_OF_MOTOR = "{0} under {1}: it is the {2} of the motor, list it under motor"
-OF_MOTOR = {"pwm": "duty", "supply": "voltage"}
+NOT_OF_MOTOR = "{0} under {1}: it is of the motor, list it under motor"
 DUTY_AND_TORQUE = (
     "both effort and pwm of the motor: map the effort if it is a measured torque or current,"
     " otherwise pwm"
@@ -262,9 +262,9 @@ def from_currents(link: Sequence[str | None], motor: Sequence[str | None]) -> tu
 def check_sides(present: Mapping[str, Mapping[ChannelName, Any]]) -> None:
     """Raise a ValueError if sides other than the motor's have a channel of motors."""
     for side, channels in present.items():
-        for name, what in OF_MOTOR.items():
+        for name in OF_MOTOR:
             if name in channels:
-                raise ValueError(NOT_OF_MOTOR.format(name, side, what))
+                raise ValueError(NOT_OF_MOTOR.format(name, side))
 
 
 class JointChannels(Strict):

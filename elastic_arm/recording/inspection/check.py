@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from elastic_arm.arrays import median_step
 from elastic_arm.errors import RecordingError, RobotError
 from elastic_arm.recording.foreign.channels import ChannelMap
 from elastic_arm.recording.inspection.commands import followed
@@ -14,7 +15,7 @@ from elastic_arm.recording.inspection.described_gravity import contradicted, mis
 from elastic_arm.recording.inspection.magnitudes import beyond_limits, of_no_arm
 from elastic_arm.recording.inspection.outliers import cleared, without_zeros
 from elastic_arm.recording.inspection.percent import in_percent
-from elastic_arm.recording.inspection.plausibility import implausible
+from elastic_arm.recording.inspection.plausibility import implausible, in_degrees
 from elastic_arm.recording.inspection.report import (
     REPAIR,
     Finding,
@@ -180,6 +181,7 @@ def misread(
     for recording in recordings:
         whole = cleared(recording)[0]
         words = [] if explained else [finding.message for finding in disagreeing(whole)]
+        words += in_degrees(whole)
         of_commands = len(joints_with_duty(whole)) < whole.n
         # Torques would be made of commands that no drive received.
         if of_commands and is_commanded(whole):
@@ -193,11 +195,11 @@ def misread(
 
 def _seen(whole: Recording, recording: Recording, robot: Robot | None) -> list[Finding]:
     found = [
-        *channel_findings(whole),
+        *channel_findings(whole, robot),
         *frozen(recording),
         *implausible(whole),
         *disagreeing(whole),
-        *followed(whole),
+        *followed(whole, robot),
     ]
     found += _sizes(whole, recording, robot)
     return found if robot is None else [*found, *other_supply(whole, robot)]
@@ -330,7 +332,7 @@ def _check_drift(content: Content, report: Report) -> None:
     if len(both) < 2 or any(len(series.stamp_ns) < 100 for series in both):
         return
     drift = _clock_rate(both[1]) - _clock_rate(both[0])
-    steps = [float(np.median(np.diff(series.stamp_ns))) for series in both]
+    steps = [median_step(series.stamp_ns) for series in both]
     rates = [_counted_interval(series.stamp_ns) for series in both]
     # rates this close are meant to be equal
     if abs(drift) <= _DRIFT and abs(rates[1] / rates[0] - 1) < 0.01:

@@ -5,14 +5,15 @@ from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from elastic_arm.arrays import Mask, median_step
 from elastic_arm.recording.inspection.report import Finding, about, warning
-from elastic_arm.recording.inspection.stuck_channels import MOVED, STILL
+from elastic_arm.recording.inspection.stuck_channels import STILL, least_travel
 from elastic_arm.recording.made_torque import FEWEST
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Array, joints_with, listed, span_of
+from elastic_arm.robot import Robot
 
 LAGS = np.linspace(-0.5, 1.0, 301)  # s that are tried
 DIGITS = 1e-6  # of the positions' spread, beside torques
@@ -30,7 +31,7 @@ MISTAKEN = (180.0 / np.pi, np.pi / 180.0, 2 * np.pi, 0.5 / np.pi, 1e3, 1e-3, 1e2
 NEAR = 1.15  # times such a factor; a loop's own gain is off by less, and servos of 0.2 are seen
 
 
-def followed(recording: Recording) -> Iterator[Finding]:
+def followed(recording: Recording, robot: Robot | None = None) -> Iterator[Finding]:
     """Yield the findings about commands: lag, rate, and whether the arm can have followed them."""
     fit = _fitted(recording)
     if fit is None:
@@ -54,7 +55,7 @@ def followed(recording: Recording) -> Iterator[Finding]:
     )
     words = "is constant while the joint moves"
     # A joint that is held in one place gives way to its load a little.
-    untold = fit.moves & ~fit.told & (fit.travel > MOVED)
+    untold = fit.moves & ~fit.told & (fit.travel > least_travel(recording, robot))
     yield from about(joints, untold, "constant_command", "command", words, told)
     late = f"lag the commands by {span_of(1e3 * fit.lag[good])} ms (delay and drive together)"
     error = f"deviations {span_of(1e2 * fit.left[good])} % of their spread"
@@ -78,8 +79,8 @@ def followed(recording: Recording) -> Iterator[Finding]:
 class _Fit(NamedTuple):
     """Angles compared with their commands, (n,) each: angle(t) = gain command(t - lag) + rest."""
 
-    moves: NDArray[np.bool_]  # joints that do, and have a command
-    told: NDArray[np.bool_]  # those of them whose command changes
+    moves: Mask  # joints that do, and have a command
+    told: Mask  # those of them whose command changes
     travel: Array  # rad, of the angle
     lag: Array  # s
     gain: Array
@@ -116,11 +117,11 @@ def _fitted(recording: Recording) -> _Fit | None:
         others = [k for k in np.flatnonzero(there) if k != j]
         rests = [_lag(given, reference.position[:, k], t, side.position[:, j])[2] for k in others]
         least_other[j] = min(rests, default=np.inf)
-    steps = (float(np.median(np.diff(given))), float(np.median(np.diff(t))))
+    steps = (median_step(given), median_step(t))
     return _Fit(moves, told, np.ptp(side.position, axis=0), lag, gain, left, least_other, *steps)
 
 
-def _copied(joints: Sequence[str], fit: _Fit, copied: NDArray[np.bool_]) -> Iterator[Finding]:
+def _copied(joints: Sequence[str], fit: _Fit, copied: Mask) -> Iterator[Finding]:
     """Yield which commands are copies of the positions, by the number of samples by which they are
     shifted."""
     told = "they were computed from the recording; record the commands sent to the drives"
@@ -141,7 +142,7 @@ def _lag(given: Array, command: Array, t: Array, angle: Array) -> tuple[float, f
     spline = CubicSpline(given, command)
     every = max(1, len(t) // MOST)
     # Whole samples, too, by which a log may be shifted to make commands of it.
-    lags = np.union1d(LAGS, float(np.median(np.diff(t))) * np.arange(-SHIFTED, SHIFTED + 1))
+    lags = np.union1d(LAGS, median_step(t) * np.arange(-SHIFTED, SHIFTED + 1))
     inside = (t - lags[-1] >= given[0]) & (t - lags[0] <= given[-1])
     t = t[inside][::every]
     angle = angle[inside][::every]

@@ -8,11 +8,12 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from elastic_arm.recording.inspection.stuck_channels import MOVED
+from elastic_arm.arrays import Mask
+from elastic_arm.recording.inspection.stuck_channels import least_travel
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import joints_with, listed
+from elastic_arm.robot import Robot
 
 TORQUES = {
     "link": "joint torque (effort of the link side)",
@@ -20,11 +21,11 @@ TORQUES = {
 }
 
 
-def without_dead_torques(recording: Recording) -> tuple[Recording, tuple[str, ...]]:
+def without_dead_torques(recording: Recording, robot: Robot) -> tuple[Recording, tuple[str, ...]]:
     """Return a recording without torques that are constant, and the torques that are so at all
     joints; its notes name them."""
     where = recording.source or "the recording"
-    moving = _moving(recording)
+    moving = _moving(recording, robot)
     kept: dict[str, Any] = {}
     notes = []
     dead = []
@@ -54,10 +55,11 @@ def without_dead_torques(recording: Recording) -> tuple[Recording, tuple[str, ..
     return replace(recording, **kept, notes=(*recording.notes, *notes)), tuple(dead)
 
 
-def _moving(recording: Recording) -> NDArray[np.bool_]:
+def _moving(recording: Recording, robot: Robot) -> Mask:
     """Return which joints (n,) move for certain, on either side."""
     found = np.zeros(recording.n, np.bool_)
+    least = least_travel(recording, robot)
     for side in recording.measured().values():
         if side.position is not None and len(side):
-            found |= np.ptp(side.position, axis=0) > MOVED
+            found |= np.ptp(side.position, axis=0) > least
     return found

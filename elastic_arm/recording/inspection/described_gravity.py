@@ -21,6 +21,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import t as student
 
+from elastic_arm.arrays import rms
 from elastic_arm.effects.arm_equations import ArmEquations
 from elastic_arm.formatting import short_numbers
 from elastic_arm.recording.inspection.arrangements import (
@@ -53,8 +54,7 @@ FAR = (0.2, 5.0)
 # masses are off, and a small angle is not a small part of a sine
 LIKE_DEGREES = (57.3 / 2.5, 57.3 * 2.5)
 LIKE_KILO = (0.5e-3, 2e-3)
-# Another direction of gravity, here and where `identification.batch.mounting` looks for it;
-# conventions.
+# Another direction of gravity; conventions.
 TURNED = 0.35  # rad from the described direction: beyond the tilts that linear columns describe
 SIZE = (0.6, 1.5)  # of the described gravity: masses are off as well
 LEFT = 0.3  # of the squares that the described direction leaves
@@ -212,7 +212,7 @@ def _findings(comparison: _Comparison) -> tuple[Findings, Findings]:
     few = motion.every(max(1, len(motion.q) // 500))  # are tried with every other arrangement
     # Of joints that creep friction is of either sign, by the encoders' steps, and its error
     # outweighs what is compared.
-    several = len(motion.measured) > 1 and float(np.sqrt(np.mean(motion.dq**2))) > CREEP
+    several = len(motion.measured) > 1 and float(rms(motion.dq, None)) > CREEP
     confused = _size(fit, side, of_duty=motion.of_duty)
     arm = Arm.of(robot, side)
     # No gravity was subtracted from a duty: it is what the motor received.
@@ -317,9 +317,7 @@ def _judged(fit: GravityFit, side: str, robot: Robot, upside: bool | None) -> li
     shown = _shown(fit)
     left = float(np.sum((target - columns @ shown) ** 2))
     straight = float(np.sum((target - columns @ (fit.factor * robot.gravity)) ** 2))
-    turned = angle_between(shown, robot.gravity)
-    size = float(np.linalg.norm(shown) / np.linalg.norm(robot.gravity))
-    if left < LEFT * straight and turned > TURNED and SIZE[0] < size < SIZE[1]:
+    if is_turned(shown, np.asarray(robot.gravity), left, straight):
         message = (
             f"{side} effort shows gravity of {short_numbers(shown)} m/s², but the description"
             f" has {short_numbers(robot.gravity)}"
@@ -345,6 +343,16 @@ def _judged(fit: GravityFit, side: str, robot: Robot, upside: bool | None) -> li
         message = f"{side} effort contains {part} gravity predicted by the description ({times})"
         return [warning(MISSING, message, TAKEN)]
     return []
+
+
+def is_turned(shown: Array, described: Array, left: float, straight: float) -> bool:
+    """Return whether gravity (3,) m/s² that torques show has another direction than described.
+
+    left, straight: squares of the torques that the shown and the described direction leave.
+    """
+    size = float(np.linalg.norm(shown) / np.linalg.norm(described))
+    turned = angle_between(shown, described) > TURNED
+    return left < LEFT * straight and turned and SIZE[0] < size < SIZE[1]
 
 
 def angle_between(one: Array, other: Array) -> float:

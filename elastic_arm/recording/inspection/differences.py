@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from elastic_arm.arrays import Array
+from elastic_arm.arrays import Array, rms
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording.recording import Recording
 
@@ -94,12 +94,12 @@ def _channel(
     rate = other(t + offset, 1)
     spread = values.std(axis=0)
     power = np.sum(rate**2, axis=0)
+    size = rms(apart)
     with np.errstate(divide="ignore", invalid="ignore"):
         lag = np.where(power > 0.0, -np.sum(apart * rate, axis=0) / power, np.nan)
-        share = np.where(spread > 0.0, np.sqrt(np.mean(apart**2, axis=0)) / spread, np.nan)
-    rms = np.sqrt(np.mean(apart**2, axis=0))
+        share = np.where(spread > 0.0, size / spread, np.nan)
     largest = np.abs(apart).max(axis=0)
-    return ChannelDifference(name, rms, largest, apart.mean(axis=0), share, lag, apart)
+    return ChannelDifference(name, size, largest, apart.mean(axis=0), share, lag, apart)
 
 
 def _origin(recording: Recording) -> int:

@@ -5,8 +5,8 @@ They indicate a wrong unit: degrees instead of radians, millimetres instead of m
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Mask, median_step, rms
 from elastic_arm.recording.inspection.plausibility import is_motion
 from elastic_arm.recording.inspection.report import FEWEST, Finding, WrongMotion, about
 from elastic_arm.recording.recording import Recording
@@ -88,7 +88,7 @@ def of_no_arm(recording: Recording) -> list[Finding]:
 
 def _advance(position: Array, stamp_ns: Stamps) -> Array:
     """Return the rates of positions (N, n) over 0.1 s, in which angles advance beyond noise."""
-    step = float(np.median(np.diff(stamp_ns))) * 1e-9
+    step = median_step(stamp_ns) * 1e-9
     width = min(max(round(0.1 / max(step, 1e-9)), 1), len(position) - 1)
     seconds = (stamp_ns[width:] - stamp_ns[:-width])[:, None] * 1e-9
     return (position[width:] - position[:-width]) / seconds
@@ -96,7 +96,7 @@ def _advance(position: Array, stamp_ns: Stamps) -> Array:
 
 def _size(values: Array) -> Array:
     """Return the root mean square (n,) of values (N, n); zero for a joint without them."""
-    return np.nan_to_num(np.sqrt(np.mean(values**2, axis=0)))
+    return np.nan_to_num(rms(values))
 
 
 def beyond_limits(recording: Recording, robot: Robot) -> list[Finding]:
@@ -169,7 +169,7 @@ def _speeds(name: str, velocity: Array, robot: Robot) -> list[Finding]:
     """Check the root mean square of the velocities; for a joint that always moves at its limit it
     equals the limit."""
     limit = np.array([joint.limits.velocity or np.inf for joint in robot.joints])
-    share = np.sqrt(np.mean(velocity**2, axis=0)) / limit
+    share = rms(velocity) / limit
     found = share > 3.0  # 3.0 times the limit of the velocity; controllers may pass that a little
     if not found.any():
         return []
@@ -183,7 +183,7 @@ def _speeds(name: str, velocity: Array, robot: Robot) -> list[Finding]:
     return about(robot.joint_names, found, "beyond_limits", f"{name} velocity", times, remedy)
 
 
-def _other_units(robot: Robot, found: NDArray[np.bool_]) -> tuple[Array, str]:
+def _other_units(robot: Robot, found: Mask) -> tuple[Array, str]:
     """Return the factor (n,) by which positions are too large in the most frequently mistaken unit,
     and that unit."""
     slides = np.array([joint.prismatic for joint in robot.joints])

@@ -8,9 +8,9 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import fftconvolve
 
+from elastic_arm.arrays import Mask
 from elastic_arm.recording.inspection.report import FEWEST, Finding, warning
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Array, Side, joints_with
@@ -93,7 +93,7 @@ def _shift_ns(base: Side, side: Side) -> int | None:
     return round(1e9 * (whole if abs(ahead - whole) < _WHOLE else ahead))
 
 
-def _even(side: Side, step: float, joints: NDArray[np.bool_]) -> Array:
+def _even(side: Side, step: float, joints: Mask) -> Array:
     """Return positions (N, m) of the joints at equidistant times, without their means."""
     assert side.position is not None
     t = (side.stamp_ns - side.stamp_ns[0]) * 1e-9

@@ -18,8 +18,8 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Indices, Mask, median_step
 from elastic_arm.codegen.parallel import share_out
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording.inspection.one_clock import by_one_clock
@@ -78,7 +78,7 @@ class Outliers:
     side: str
     channel: str
     joint: str
-    rows: NDArray[np.intp]
+    rows: Indices
     largest: float
     why: str
 
@@ -159,7 +159,7 @@ def without_zeros(recording: Recording, found: list[Finding]) -> Recording:
     return replace(recording, **kept) if kept else recording
 
 
-def _sent_again(side: Side, q: Array) -> tuple[NDArray[np.intp], str]:
+def _sent_again(side: Side, q: Array) -> tuple[Indices, str]:
     """Return the samples of zeros, or otherwise those of the sample that recurs most often, and a
     description."""
     zero = np.flatnonzero(~np.nan_to_num(q).any(axis=1))
@@ -172,7 +172,7 @@ def _sent_again(side: Side, q: Array) -> tuple[NDArray[np.intp], str]:
     return (zero, "only zeros") if len(zero) else (same, "the same repeated values")
 
 
-def _most_often(numbers: Array) -> NDArray[np.intp]:
+def _most_often(numbers: Array) -> Indices:
     """Return the positions of the number (N,) that recurs most often after other numbers."""
     ordered = np.sort(numbers)
     if not (ordered[1:] == ordered[:-1]).any():
@@ -188,7 +188,7 @@ def _most_often(numbers: Array) -> NDArray[np.intp]:
 
 
 def _without_far_samples(recording: Recording, found: list[Finding]) -> Recording:
-    good: dict[str, NDArray[np.bool_]] = {}
+    good: dict[str, Mask] = {}
     for outliers in find_outliers(recording):
         side: Side = getattr(recording, outliers.side)
         good.setdefault(outliers.side, np.ones(len(side), np.bool_))[outliers.rows] = False
@@ -202,11 +202,11 @@ class _Continuous(NamedTuple):
     `rows`, and where its speed continues."""
 
     q: Array
-    turned: NDArray[np.intp]
+    turned: Indices
     turn: float
-    rows: NDArray[np.intp]
+    rows: Indices
     size: Array
-    runs_on: NDArray[np.bool_]
+    runs_on: Mask
 
 
 def _in_one_piece(recording: Recording, found: list[Finding]) -> Recording:
@@ -281,9 +281,7 @@ def _jumped(what: str, joint: str, side: Side, each: _Continuous, remedy: str) -
     return Finding("warning", "jumps", f"{words}: {remedy}", joint=joint, time=float(time))
 
 
-def _zero_was_set(
-    effort: Array | None, each: _Continuous, jumping: Mapping[int, int]
-) -> NDArray[np.bool_]:
+def _zero_was_set(effort: Array | None, each: _Continuous, jumping: Mapping[int, int]) -> Mask:
     """Return after which jumps of a joint everything else continues, and no other joint jumps."""
     alone = [jumping[row] == 1 and _runs_on(effort, row) for row in each.rows.tolist()]
     return np.array(alone) & each.runs_on
@@ -377,7 +375,7 @@ def _less(q: Array, jumps: Array) -> Array:
     return q - np.concatenate([[0.0], np.cumsum(jumps)])
 
 
-def _jumps(t: Array, q: Array) -> tuple[NDArray[np.intp], Array, Array, NDArray[np.bool_]]:
+def _jumps(t: Array, q: Array) -> tuple[Indices, Array, Array, Mask]:
     """Return after which samples an angle (N,) moves much faster than before and after, faster than
     any force could move a joint.
 
@@ -402,7 +400,7 @@ def _jumps(t: Array, q: Array) -> tuple[NDArray[np.intp], Array, Array, NDArray[
     # 0.05 rad, that play and wind-up of a drive release at once where it turns round
     limit = 0.05 + _SPIKE * noise + 0.5 * _ACCELERATION * lasting**2 + _STEPS * _resolution(q)
     # A sample that is some cycles late moves as far as the joint does in them.
-    usual = float(np.median(np.diff(t)))
+    usual = median_step(t)
     limit += 3.0 * fastest * usual  # 3.0 cycles that a sample may be late
     # Where samples are missing a joint may have gone anywhere.
     together = t[rows + 1] - t[rows] < 2.5 * usual
@@ -469,7 +467,7 @@ def _of_channel(
             yield Outliers(name, channel, joints[j], rows, largest, why)
 
 
-def _far(column: Array, low: float, high: float, channel: str) -> NDArray[np.intp]:
+def _far(column: Array, low: float, high: float, channel: str) -> Indices:
     """Return which samples are several ranges away from the median of their neighbours, or
     extremely far from all others."""
     width = high - low
@@ -487,8 +485,8 @@ def _far(column: Array, low: float, high: float, channel: str) -> NDArray[np.int
 
 
 def _off_neighbours(
-    column: Array, step: float, regular: NDArray[np.bool_], channel: str, turning: NDArray[np.intp]
-) -> tuple[NDArray[np.intp], str]:
+    column: Array, step: float, regular: Mask, channel: str, turning: Indices
+) -> tuple[Indices, str]:
     """Return which single samples are far from the cubic through their neighbours, and a
     description of the distance.
 
@@ -538,7 +536,7 @@ def _off_neighbours(
     )
 
 
-def _returns(column: Array, rows: NDArray[np.intp], apart: Array) -> NDArray[np.bool_]:
+def _returns(column: Array, rows: Indices, apart: Array) -> Mask:
     """Return which samples deviate by at least 0.7 of `apart` to the same side from the lines
     before and after them.
 
@@ -552,7 +550,7 @@ def _returns(column: Array, rows: NDArray[np.intp], apart: Array) -> NDArray[np.
     return (before * after > 0.0) & (np.minimum(np.abs(before), np.abs(after)) > 0.7 * apart)
 
 
-def _late(column: Array, rows: NDArray[np.intp], apart: Array) -> NDArray[np.bool_]:
+def _late(column: Array, rows: Indices, apart: Array) -> Mask:
     """Return which samples were taken one cycle late or early: they equal the sample before or
     after them."""
     slope = 0.5 * np.abs(column[rows + 1] - column[rows - 1])
@@ -562,7 +560,7 @@ def _late(column: Array, rows: NDArray[np.intp], apart: Array) -> NDArray[np.boo
     return (beside < 0.3 * slope) & (apart < 1.5 * slope)
 
 
-def _turning(position: Array | None) -> NDArray[np.intp]:
+def _turning(position: Array | None) -> Indices:
     """Return at which samples any joint reverses, or hardly moves, so that its friction may have
     either sign.
 

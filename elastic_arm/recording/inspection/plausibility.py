@@ -7,16 +7,27 @@ Position and velocity describe the same motion. Over an interval from t to t + w
 with the gain g = 1 and the lag tau = 0 of the velocity relative to the position. If g or tau
 differs, a unit, a sign, a filter or a clock is wrong. If samples were not taken at their stamps,
 all joints deviate along their motion by the same time, which sensor noise cannot cause.
+
+Degrees in one of both channels and radians in the other have g = 180 / pi or its inverse, to within
+the calibration of a velocity. Against a factor g of any size these two are weighed by Bayes' rule.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
+from scipy.stats import norm
 
-from elastic_arm.recording.inspection.report import FEWEST, Finding, Severity, about, warning
+from elastic_arm.arrays import Mask, median_step, rms
+from elastic_arm.recording.inspection.report import (
+    FEWEST,
+    Finding,
+    Severity,
+    WrongMotion,
+    about,
+    warning,
+)
 from elastic_arm.recording.inspection.torque_spectrum import torque_spectra
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Array, Samples, Side, joints_with, span_of
@@ -27,6 +38,8 @@ _STILL = 1e-3  # rad/s rms below which a joint does not move
 _SMOOTH = "smooth_torque"
 _GAIN = 0.03  # a unit or a sign is off by more
 _FILTERED = 0.2  # of a velocity, that a filter or a calibration takes or adds
+_OTHER_UNIT = "other_unit"  # code of degrees in one channel of a side beside radians in the other
+_DECADES = 4.0  # within which a factor of any size is taken to lie, up and down; convention
 _JITTER = 0.02  # of the interval: stamps that spread more must be those of the motion
 _PARTS = 20  # of a recording, whose scatter shows how certain its work is
 
@@ -47,7 +60,7 @@ class _Compared(NamedTuple):
     lag: Array
     share: Array
     doubt: Array
-    slow: NDArray[np.bool_]
+    slow: Mask
     step: float
 
 
@@ -57,19 +70,39 @@ def implausible(recording: Recording) -> list[Finding]:
     For a long recording, velocities and stamps are judged by its middle, because such faults affect
     all parts of it.
     """
-    sides = {name: _whole(side, recording.joints) for name, side in recording.measured().items()}
-    if not all(_is_motion(side) for side, _ in sides.values()):
+    sides = _whole_sides(recording)
+    if not sides:
         return []
     findings = _same_arrays(recording)
-    for name, (side, joints) in sides.items():
-        if len(side) < FEWEST:
-            continue
-        if side.position is not None and side.velocity is not None:
-            begin = max(0, (len(side) - _ENOUGH) // 2)
-            motion = _compared(side.at(slice(begin, begin + _ENOUGH)))
-            findings += _velocities(name, motion, joints)
-            findings += _stamps(name, motion)
+    for name, joints, motion in _motions(sides):
+        findings += _velocities(name, motion, joints)
+        findings += _stamps(name, motion)
     return [*findings, *_noiseless(recording), *_backwards(recording)]
+
+
+def in_degrees(recording: Recording) -> list[str]:
+    """Return in words which positions or velocities are in degrees beside radians in the other."""
+    found: list[Finding] = []
+    for name, joints, motion in _motions(_whole_sides(recording)):
+        found += _velocities(name, motion, joints)
+    return [one.message for one in found if one.code == _OTHER_UNIT]
+
+
+def _whole_sides(recording: Recording) -> dict[str, tuple[Side, Sequence[str]]]:
+    """Return each side with the joints that have all of its channels; none at all if any is no
+    motion."""
+    sides = {name: _whole(side, recording.joints) for name, side in recording.measured().items()}
+    return sides if all(_is_motion(side) for side, _ in sides.values()) else {}
+
+
+def _motions(
+    sides: Mapping[str, tuple[Side, Sequence[str]]],
+) -> Iterator[tuple[str, Sequence[str], _Compared]]:
+    """Yield the middle of each side that has positions and velocities, with its joints."""
+    for name, (side, joints) in sides.items():
+        if len(side) >= FEWEST and side.position is not None and side.velocity is not None:
+            begin = max(0, (len(side) - _ENOUGH) // 2)
+            yield name, joints, _compared(side.at(slice(begin, begin + _ENOUGH)))
 
 
 def _whole(side: Side, joints: Sequence[str]) -> tuple[Side, Sequence[str]]:
@@ -93,17 +126,17 @@ def _compared(side: Side) -> _Compared:
     """Fit the module's equation to every joint."""
     assert side.position is not None and side.velocity is not None
     t = (side.stamp_ns - side.stamp_ns[0]) * 1e-9
-    q = np.unwrap(side.position, axis=0)
+    q = side.position
     v = side.velocity
     # 0.02 s: a velocity is compared with the advance of the position over more than encoder steps
-    width = min(max(round(0.02 / float(np.median(np.diff(t)))), 1), len(t) // 20)
+    width = min(max(round(0.02 / median_step(t)), 1), len(t) // 20)
     advance, mean, change = _advances(t, q, v, width)
     fits = np.full((4, q.shape[1]), np.nan)
-    slow = np.sqrt(np.mean(advance**2, axis=0)) < _STILL
+    slow = rms(advance) < _STILL
     # Stamps in a wrong unit make any motion slow, but do not change the velocities. 0.05 rad is a
     # distance that a slow joint has moved nevertheless.
     is_short = np.ptp(q, axis=0) < 0.05
-    is_slow_by_velocity = np.sqrt(np.mean(v**2, axis=0)) < _STILL
+    is_slow_by_velocity = rms(v) < _STILL
     still = slow & (is_short | is_slow_by_velocity)
     for j in np.flatnonzero(~still).tolist():
         columns = np.column_stack([mean[:, j], change[:, j]])
@@ -112,7 +145,7 @@ def _compared(side: Side) -> _Compared:
         rounding = float(np.sum((tick / (t[width:] - t[:-width])) ** 2)) / 6.0
         fits[:, j] = _agreement(advance[:, j], columns, width, rounding)
     gain, lag, share, doubt = fits
-    return _Compared(t, q, v, gain, lag, share, doubt, slow, float(np.median(np.diff(t))))
+    return _Compared(t, q, v, gain, lag, share, doubt, slow, median_step(t))
 
 
 def _agreement(
@@ -155,7 +188,7 @@ def is_motion(t: Array, position: Array) -> bool:
         return False
     speed = np.diff(np.unwrap(position, axis=0), axis=0) / np.diff(t)[:, None]
     # 500.0 rad/s rms from sample to sample; beyond, the numbers are no motion of an arm
-    return bool((np.sqrt(np.mean(speed**2, axis=0)) < 500.0).all())
+    return bool((rms(speed) < 500.0).all())
 
 
 def _advances(t: Array, q: Array, v: Array, width: int) -> tuple[Array, Array, Array]:
@@ -189,8 +222,17 @@ def _velocities(name: str, motion: _Compared, joints: Sequence[str]) -> list[Fin
     columns = "check the columns, units and signs"
     derivative = "the derivative of the position"
     findings = about(joints, strange, "velocity", what, f"is not {derivative}", columns)
-    degrees: tuple[tuple[NDArray[np.bool_], Severity], ...] = (
-        (far, "warning"),
+    positions = far & _is_size(motion.gain, 180.0 / np.pi)
+    velocities = far & _is_size(motion.gain, np.pi / 180.0)
+    for which, chosen, other, kind in (
+        ("position", positions, "velocity", WrongMotion),
+        ("velocity", velocities, "position", Finding),
+    ):
+        words = f"is probably in degrees beside radians in the {other}"
+        unit = "their rates differ by 57.3: give its unit (deg) in the map"
+        findings += about(joints, chosen, _OTHER_UNIT, f"{name} {which}", words, unit, kind=kind)
+    degrees: tuple[tuple[Mask, Severity], ...] = (
+        (far & ~positions & ~velocities, "warning"),
         (scaled & ~far, "note"),
     )
     for chosen, severity in degrees:
@@ -203,6 +245,16 @@ def _velocities(name: str, motion: _Compared, joints: Sequence[str]) -> list[Fin
             joints, chosen, "velocity_lag", what, size, "one of the two was filtered", "note"
         )
     return findings
+
+
+def _is_size(gain: Array, size: float) -> Mask:
+    """Return which gains (n,) are more probably a size than any other number.
+
+    The logarithm of the former has the standard deviation of a calibration, that of the latter a
+    uniform distribution.
+    """
+    off = np.log(np.maximum(gain, 1e-300) / size)
+    return norm.pdf(off, scale=_GAIN) > 0.5 / (_DECADES * np.log(10.0))
 
 
 def _stamps(name: str, motion: _Compared) -> list[Finding]:
@@ -231,7 +283,7 @@ def _arrival_stamps(name: str, motion: _Compared) -> list[Finding]:
     return [warning("arrival_stamps", message, "arrival times of regular samples?")]
 
 
-def _generated_stamps(name: str, motion: _Compared, good: NDArray[np.bool_]) -> list[Finding]:
+def _generated_stamps(name: str, motion: _Compared, good: Mask) -> list[Finding]:
     """Find perfectly regular stamps of samples that were not taken regularly.
 
     Two groups of joints each show how many intervals too late every sample was taken.
@@ -329,7 +381,7 @@ def _backwards(recording: Recording) -> list[Finding]:
     lent = 1.5 * np.ptp(side.position, axis=0) + 0.05 * np.abs(path).sum(axis=0)
     # standard deviations
     certain = work.mean(axis=0) < -3.0 * work.std(axis=0, ddof=1) / np.sqrt(_PARTS)
-    found = takes_out & certain & (work.sum(axis=0) < -np.sqrt(np.mean(effort**2, axis=0)) * lent)
+    found = takes_out & certain & (work.sum(axis=0) < -rms(effort) * lent)
     words = "removes energy from the motion in addition to its friction"
     return about(
         joints,

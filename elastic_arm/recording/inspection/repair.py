@@ -5,8 +5,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Mask
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording.foreign.channels import ChannelMap
 from elastic_arm.recording.reading import contents
@@ -17,13 +17,12 @@ from elastic_arm.recording.storage.stream_writer import StreamWriter
 from elastic_arm.recording.topics import (
     JOINT_STATES,
     JOINT_TORQUES,
-    MOTOR_PWM,
     MOTOR_STATES,
-    MOTOR_SUPPLY,
+    OF_MOTOR,
     TYPES,
 )
 
-_MENDED = (JOINT_STATES, MOTOR_STATES, JOINT_TORQUES, MOTOR_PWM, MOTOR_SUPPLY)
+_MENDED = (JOINT_STATES, MOTOR_STATES, JOINT_TORQUES, *OF_MOTOR.values())
 
 
 @dataclass
@@ -84,7 +83,7 @@ def repair_bag(
     return repair
 
 
-def _finite(series: Series, fields: set[str] | None, dropped: list[str]) -> NDArray[np.bool_]:
+def _finite(series: Series, fields: set[str] | None, dropped: list[str]) -> Mask:
     """Return which messages (N,) of a topic, in log order, contain finite numbers; `dropped`
     receives those left out."""
     good = np.ones(series.count, np.bool_)

@@ -6,8 +6,8 @@ from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Mask
 from elastic_arm.errors import RecordingError, one_line
 from elastic_arm.recording.sides import Side, Stamps, joints_with, listed
 
@@ -68,7 +68,7 @@ def warning(code: str, message: str, remedy: str = "") -> Finding:
 
 def about(
     joints: Sequence[str],
-    chosen: NDArray[np.bool_],
+    chosen: Mask,
     code: str,
     what: str,
     words: str,

@@ -10,6 +10,7 @@ from typing import NamedTuple, Self
 import numpy as np
 from scipy.signal import fftconvolve, savgol_coeffs, savgol_filter
 
+from elastic_arm.arrays import median_step
 from elastic_arm.recording.inspection.plausibility import is_motion
 from elastic_arm.recording.inspection.report import FEWEST
 from elastic_arm.recording.made_torque import joints_with_duty, with_made_torque
@@ -109,7 +110,7 @@ def side_motions(recording: Recording, robot: Robot) -> Iterator[tuple[str, Side
 
 
 def _motion(samples: Samples, position: Array, channel: str) -> SideMotion:
-    step = float(np.median(np.diff(samples.t)))
+    step = median_step(samples.t)
     # 0.1 s over which all is smoothed: gravity changes more slowly
     width = max(round(0.1 / step) // 2 * 2 + 1, 5)
 

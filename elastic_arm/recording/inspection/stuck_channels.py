@@ -7,17 +7,19 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from elastic_arm.arrays import Indices, Mask, median_step, rms
+from elastic_arm.formatting import JointUnits
 from elastic_arm.recording.inspection.report import FEWEST, Finding, Severity, about, warning
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Array, Side, joints_with, span_of
+from elastic_arm.robot import Robot
 
 # An arm whose joints all travel less than this, rad, stands still.
 STILL = 1e-3
-# rad (m) that a joint has moved for certain: beyond play, wind-up and the steps of encoders.
-MOVED = 0.05
+# How far a joint has moved for certain: beyond play, wind-up and the steps of encoders. Convention.
+MOVED = {"rad": 0.05, "m": 0.005}
 # Channels that need not follow the motion of an arm.
 NOT_OF_MOTION = ("acceleration", "supply")
 NO_MOTION = "Record an excitation from `elastic-arm excite`"
@@ -83,7 +85,14 @@ def moves(recording: Recording) -> bool:
     )
 
 
-def channel_findings(recording: Recording) -> list[Finding]:
+def least_travel(recording: Recording, robot: Robot | None) -> Array:
+    """Return how far (n,) rad or m each joint has to travel to have moved for certain; without a
+    description, all joints turn."""
+    units = JointUnits(recording.joints) if robot is None else robot.units
+    return np.array([MOVED[units.at(joint, "rad")] for joint in recording.joints])
+
+
+def channel_findings(recording: Recording, robot: Robot | None = None) -> list[Finding]:
     """Return which channels do not follow the motion.
 
     All rules look at each channel of each joint once.
@@ -92,6 +101,7 @@ def channel_findings(recording: Recording) -> list[Finding]:
         words = "the recording contains no motion: identify and diagnose cannot use it"
         return [warning("no_motion", f"{words}. {NO_MOTION}")]
     travel = _travels(recording)
+    least = least_travel(recording, robot)
     findings = []
     for name, side in recording.measured().items():
         if len(side) < FEWEST:
@@ -99,7 +109,7 @@ def channel_findings(recording: Recording) -> list[Finding]:
         position = position_at(recording, side)
         for channel, values in side.channels().items():
             if channel not in NOT_OF_MOTION:
-                others = [far > MOVED for what, far in travel.items() if what != (name, channel)]
+                others = [far > least for what, far in travel.items() if what != (name, channel)]
                 moving = np.any(others, axis=0) if others else np.zeros(recording.n, np.bool_)
                 findings += _of_channel(
                     recording, f"{name} {channel}", side, values, position, moving
@@ -113,7 +123,7 @@ def _of_channel(
     side: Side,
     values: Array,
     position: Array | None,
-    moving: NDArray[np.bool_],
+    moving: Mask,
 ) -> list[Finding]:
     """Return what one channel of all joints shows; `moving` are the joints that others show to
     move."""
@@ -192,7 +202,7 @@ def at_updates(recording: Recording, found: list[Finding]) -> Recording:
                     slowest = periods[j]
                     read_ns = stamps[at]
             filled[channel] = column
-            rate = 1e9 / float(np.median(np.diff(stamps)))
+            rate = 1e9 / median_step(stamps)
             rates = f"{span_of(rate / periods[held])} Hz in a recording of {rate:.4g} Hz"
             words = f"is held: it changes every {span_of(periods[held])} samples, {rates}"
             remedy = "only these updates are used, and they may be older than their stamps"
@@ -223,7 +233,7 @@ def _periods(values: Array, position: Array | None) -> Array:
     return periods
 
 
-def _updates(column: Array, period: float) -> NDArray[np.intp]:
+def _updates(column: Array, period: float) -> Indices:
     """Return the samples at which a channel (N,) has a new value; while the value stays the same,
     one sample per period counts as new."""
     at = np.flatnonzero(np.diff(column)) + 1
@@ -235,7 +245,7 @@ def _updates(column: Array, period: float) -> NDArray[np.intp]:
     return np.sort(np.concatenate([at, *same]).astype(np.intp))
 
 
-def _held(column: Array, moving: NDArray[np.bool_]) -> tuple[float, float]:
+def _held(column: Array, moving: Mask) -> tuple[float, float]:
     """Return the share of samples that repeat the previous value although the channel changes
     before and after, and the number of samples per update.
 
@@ -251,7 +261,7 @@ def _held(column: Array, moving: NDArray[np.bool_]) -> tuple[float, float]:
         return 0.0, 1.0
     smallest = size.min()
     # 0.1 of the usual change
-    clear = size > max(_CLEAR * smallest, 0.1 * float(np.sqrt(np.mean(size**2))))
+    clear = size > max(_CLEAR * smallest, 0.1 * float(rms(size, None)))
     runs = np.diff(changes)
     between = clear[:-1] & clear[1:] & moving[changes[:-1] + 1]
     # Longer ones are standstills, or the recording froze.
@@ -264,7 +274,7 @@ def _held(column: Array, moving: NDArray[np.bool_]) -> tuple[float, float]:
     return repeats / float(runs[between].sum()), float(np.median(runs[between]))
 
 
-def filled_in(column: Array, moving: NDArray[np.bool_]) -> float:
+def filled_in(column: Array, moving: Mask) -> float:
     """Return the share of zeros between values of one sign that are further from zero than from
     each other.
 
@@ -312,7 +322,7 @@ def position_at(recording: Recording, side: Side) -> Array | None:
     return np.column_stack(columns)
 
 
-def _changing(position: Array) -> NDArray[np.bool_]:
+def _changing(position: Array) -> Mask:
     """Return where the position of a joint (N,) differs from those some samples earlier and
     later."""
     padded = np.pad(position, _AROUND, mode="edge")
@@ -322,7 +332,7 @@ def _changing(position: Array) -> NDArray[np.bool_]:
     return (before != after) & ((before != position) | (after != position))
 
 
-def _going(position: Array) -> NDArray[np.bool_]:
+def _going(position: Array) -> Mask:
     """Return where a joint (N,) advances by more than the steps and the noise of its encoder at
     rest."""
     padded = np.pad(position, _AROUND, mode="edge")
@@ -336,7 +346,7 @@ def _going(position: Array) -> NDArray[np.bool_]:
     return np.asarray(advance > 1.5 * resolution + 6.0 * np.sqrt(2.0) * noise)
 
 
-def _piled(torque: Array, moving: NDArray[np.bool_]) -> dict[float, float]:
+def _piled(torque: Array, moving: Mask) -> dict[float, float]:
     """Return the ends of the range of a torque (N,) at which its samples accumulate, with their
     shares."""
     values, counts = np.unique(torque[moving], return_counts=True)
@@ -390,7 +400,7 @@ def frozen(recording: Recording) -> list[Finding]:
     ]
 
 
-def _hidden_speeds(t: Array, q: Array, begin: NDArray[np.intp], end: NDArray[np.intp]) -> Array:
+def _hidden_speeds(t: Array, q: Array, begin: Indices, end: Indices) -> Array:
     """Return the speeds (k, n) of joints while samples are repeated from `begin` to `end` (k,); 0
     for joints at rest.
 
@@ -416,7 +426,7 @@ def _hidden_speeds(t: Array, q: Array, begin: NDArray[np.intp], end: NDArray[np.
     # A joint that stood goes a sample's way in the one behind: across the stretch that is far
     # slower.
     went = one_way & alike & (size > 0.5 * usual) & (size < 2.0 * usual)
-    sample = float(np.median(np.diff(t)))
+    sample = median_step(t)
     # 60.0 rad/s² within a sample, from a speed that was not falling
     advance = np.abs(q[begin] - q[np.maximum(begin - 1, 0)])
     stopped = (end == last)[:, None] & (advance > 60.0 * sample**2)

@@ -19,9 +19,9 @@ from collections.abc import Callable
 from typing import NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import lapack
 
+from elastic_arm.arrays import Indices, Mask
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.recording.inspection.side_motion import SideMotion, independent
 from elastic_arm.recording.sides import Array
@@ -41,8 +41,8 @@ class Arm(NamedTuple):
     regressor: Callable[[Array, Array, Array], Array]
     mean: Array
     spread: Array
-    body: NDArray[np.intp]
-    of_last_link: NDArray[np.bool_]
+    body: Indices
+    of_last_link: Mask
 
     @classmethod
     def of(cls, robot: Robot, side: str) -> Self:
@@ -68,7 +68,7 @@ class Arm(NamedTuple):
         return self.regressor(motion.q, still, still) @ self.mean
 
 
-def _spread(model: Model) -> tuple[Array, NDArray[np.intp]]:
+def _spread(model: Model) -> tuple[Array, Indices]:
     """Return the scale of the mass, first moments and inertias of each body, (P,), and the number
     of the body; stiffness and damping have scale zero."""
     names = [parameter.name.rpartition(".") for parameter in model.parameters]
@@ -113,7 +113,7 @@ class Products(NamedTuple):
     columns: list[Array]  # (N, Q) of each joint
     rows: list[Array]  # (N, T) of each joint
     measured: list[int]
-    body: NDArray[np.intp]  # (Q,), -1 of gains
+    body: Indices  # (Q,), -1 of gains
     samples: int
 
     @classmethod

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Mask, median_step
 from elastic_arm.recording.inspection.report import FEWEST
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Array, joints_with
@@ -30,8 +30,8 @@ class TorqueSpectrum:
     # spectrum
     level: Array
     # (n,) whether it is that of white noise, and yet less than any converter's
-    computed: NDArray[np.bool_]
-    low_passed: NDArray[np.bool_]  # (n,) whether there is none at all
+    computed: Mask
+    low_passed: Mask  # (n,) whether there is none at all
     # (n,) Hz, above which a torque that was low-passed holds nothing; infinite for others
     end: Array
     # (n,) Hz, from which on it falls as steeply as nothing but a low pass does, up to its end;
@@ -98,7 +98,7 @@ def torque_spectra(recording: Recording) -> dict[str, TorqueSpectrum]:
         return found
     for name, side in (("link", recording.link), ("motor", recording.motor)):
         if side is not None and side.effort is not None and len(side) >= FEWEST:
-            rate = 1e9 / float(np.median(np.diff(side.stamp_ns)))
+            rate = 1e9 / median_step(side.stamp_ns)
             found[name] = torque_spectrum(side.effort, rate)
     return found
 

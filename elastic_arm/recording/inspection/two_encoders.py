@@ -10,10 +10,10 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from scipy.signal import fftconvolve
 
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording.inspection.report import FEWEST, Finding, about
+from elastic_arm.recording.inspection.side_motion import independent
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Array, Samples, joints_with, listed, span_of
 from elastic_arm.robot import Robot
@@ -116,10 +116,8 @@ def _differences(behind: Array, others: list[Array], spread: float) -> Array:
     fit, *_ = np.linalg.lstsq(unit, behind, rcond=None)
     rest = behind - columns @ (fit / scale)
     square = float(rest @ rest)
-    correlation = fftconvolve(rest, rest[::-1])[len(rest) :] / max(square, 1e-300)
-    fewer = 1.0 + 2.0 * float(correlation @ correlation)
     variance = np.diag(np.linalg.pinv(unit.T @ unit, hermitian=True))
-    std = np.sqrt(variance * square / len(rest) * fewer)
+    std = np.sqrt(variance * square / independent(rest, rest))
     # Angles that do not go together are not those of one joint.
     together = square < _TOGETHER * len(rest) * spread
     sure = together & (np.abs(fit[:3]) > 5.0 * std[:3])

@@ -2,8 +2,8 @@
 recording."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Indices, Mask
 from elastic_arm.recording.inspection.report import Finding, check_stamped, moment
 from elastic_arm.recording.sides import Stamps
 
@@ -11,9 +11,7 @@ LATE_NS = 1_000_000_000  # no message is on its way for longer
 _AROUND = 50  # messages on either side of a step back that show whether the clock stays behind
 
 
-def in_order(
-    stamp_ns: Stamps, topic: str, log_ns: Stamps
-) -> tuple[Stamps, NDArray[np.intp], list[Finding]]:
+def in_order(stamp_ns: Stamps, topic: str, log_ns: Stamps) -> tuple[Stamps, Indices, list[Finding]]:
     """Return stamps (N',) in order, the position of each message, and the corrections.
 
     If the clock was set back, the later stamps continue from the earlier ones, or one second later
@@ -89,7 +87,7 @@ def _one_clock(stamp_ns: Stamps, topic: str, log_ns: Stamps) -> tuple[Stamps, li
     return stamp_ns, found
 
 
-def _far_off(stamp_ns: Stamps, rows: NDArray[np.intp]) -> NDArray[np.bool_]:
+def _far_off(stamp_ns: Stamps, rows: Indices) -> Mask:
     """Return which sorted stamps, of messages that arrived as `rows`, are isolated at an end
     although they did not arrive there."""
     far = np.zeros(len(rows), np.bool_)

@@ -12,9 +12,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from elastic_arm.arrays import Array
+from elastic_arm.arrays import Array, Indices
 from elastic_arm.errors import RobotError
 from elastic_arm.robot.description import Inertia, Joint, Robot
 from elastic_arm.robot.kinematics import lumped, moved
@@ -46,12 +45,12 @@ class MjcfArm:
     laws: tuple[Any, ...] = ()
 
     @property
-    def positions(self) -> NDArray[np.intp]:
+    def positions(self) -> Indices:
         """Where the chain's angles stand in MuJoCo's qpos, (n,)."""
         return np.asarray(self.model.jnt_qposadr[list(self.chain.joints)], dtype=np.intp)
 
     @property
-    def dofs(self) -> NDArray[np.intp]:
+    def dofs(self) -> Indices:
         """Where their rates stand in qvel, (n,)."""
         return np.asarray(self.model.jnt_dofadr[list(self.chain.joints)], dtype=np.intp)
 

@@ -139,9 +139,7 @@ class MarginalInformation:
 
     def residuals(self, read: TrueChannels) -> Array:
         """Return what torques exceed the arm's own equations by, (N / 10, R, n)."""
-        tree = KinematicTree(self._robot)
-        now = TrueMotion.of(read)
-        left = np.array([tree.torque(*row) for row in zip(*now.rows(), strict=True)])
+        left = self._torque(self._robot, TrueMotion.of(read).rows())
         spring = self._K * (read.theta - read.q) + self._D * (read.dtheta - read.dq)
         slow = {
             name: decimate(getattr(read, name), EVERY, ftype="fir", axis=0)

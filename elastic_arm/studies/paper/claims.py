@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from elastic_arm.arrays import Array, rms
 from elastic_arm.studies.paper.identification_study import (
     ErrorShares,
     mean_shares,
@@ -28,7 +29,6 @@ from elastic_arm.studies.paper.torques import (
     TorqueErrors,
     line_over_ratio,
     link_errors_of,
-    rms,
 )
 
 SECTIONS = ("IV-A", "IV-C", "V", "VI-A", "VI-B", "VII")
@@ -77,7 +77,7 @@ def beyond_noise(difference: float, noise: float) -> bool | None:
     return None if abs(difference) <= DECIDED * noise else difference > 0.0
 
 
-def listed(values: np.ndarray | Sequence[float], digits: int = 2) -> str:
+def listed(values: Array | Sequence[float], digits: int = 2) -> str:
     """Write numbers, one a joint, in a row."""
     return ", ".join(f"{value:.{digits}g}" for value in np.atleast_1d(values))
 
@@ -295,7 +295,7 @@ def _smallest(errors: LinkErrors) -> list[bool]:
     ]
 
 
-def _in_columns(table: np.ndarray) -> str:
+def _in_columns(table: Array) -> str:
     """Write (models, n) joint by joint, the models of each apart by strokes."""
     return "; ".join(" / ".join(f"{value:.3g}" for value in column) for column in table.T)
 
@@ -351,7 +351,7 @@ def _motor_inertia_dominates(result: StudyResult) -> Judged:
     return finding, [*(B > 10 * S), *(drive < B)]
 
 
-def _largest_motor_errors(result: StudyResult) -> np.ndarray:
+def _largest_motor_errors(result: StudyResult) -> Array:
     """Largest e_max over models and ratios of each joint's tau^m, (n,), mod1 and mod2 with respect
     to mod3."""
     e_max = result.against_mod3.e_max

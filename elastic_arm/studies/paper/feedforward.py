@@ -13,6 +13,7 @@ from dataclasses import astuple, dataclass
 
 import numpy as np
 
+from elastic_arm.arrays import Array, rms
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.excitation import FourierTrajectory
 from elastic_arm.robot.description import Robot
@@ -28,9 +29,9 @@ class Command:
     At the harmonic-drive output.
     """
 
-    theta: np.ndarray
-    dtheta: np.ndarray
-    tau_m: np.ndarray
+    theta: Array
+    dtheta: Array
+    tau_m: Array
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,7 @@ class FeedforwardLaw:
     name: str
     r_tot: float
     model: str
-    Psi: np.ndarray | None
+    Psi: Array | None
 
 
 @dataclass(frozen=True)
@@ -69,7 +70,7 @@ class Tracking:
 def together(runs: Sequence[Tracking]) -> Tracking:
     """Put the same law's runs along several motions together: rms over all, largest of all."""
     values = np.array([astuple(run)[2:-1] for run in runs])
-    whole = np.sqrt((values**2).mean(axis=0))
+    whole = rms(values)
     whole[1] = values[:, 1].max()
     each = tuple((run.tool_rms, run.joints_rms) for run in runs)
     tool, largest, joints, angle, feedback = map(float, whole)
@@ -78,9 +79,7 @@ def together(runs: Sequence[Tracking]) -> Tracking:
     )
 
 
-def invert(
-    model: Model, Psi: np.ndarray, q: tuple[np.ndarray, np.ndarray, np.ndarray], period: float
-) -> Command:
+def invert(model: Model, Psi: Array, q: tuple[Array, Array, Array], period: float) -> Command:
     """Return the command that drives a model's link along one period of q, dq, ddq (M, n)."""
     n = model.n
     names = [parameter.name.rpartition(".")[2] for parameter in model.parameters]
@@ -97,7 +96,7 @@ def invert(
     return Command(q[0] + delta[0], q[1] + delta[1], forces[:, n:] + K * delta[0] + D * delta[1])
 
 
-def gains(model: Model, frequency: float, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def gains(model: Model, frequency: float, at: Array) -> tuple[Array, Array]:
     """Return gains kp and kd (n,) for a natural frequency (rad/s) and damping ratio 0.7."""
     n = model.n
     mass = np.diag(model.mass_matrix(np.concatenate([at, at])[None])[0])
@@ -139,7 +138,7 @@ def assess(
     command = _command(robot, law, reference.evaluate(grid), period)
     stiffness, damping = gains(build_model(robot, "mod3"), frequency, reference.q0)
 
-    def torque(half: int, theta: np.ndarray, dtheta: np.ndarray) -> np.ndarray:
+    def torque(half: int, theta: Array, dtheta: Array) -> Array:
         k = half % len(grid)
         lag = command.theta[k] - theta
         slip = command.dtheta[k] - dtheta
@@ -157,23 +156,19 @@ def assess(
     return Tracking(
         law.name,
         law.r_tot,
-        tool_rms=1e3 * _rms(away),
+        tool_rms=1e3 * float(rms(away, None)),
         tool_max=1e3 * float(away.max()),
-        joints_rms=1e3 * _rms(np.linalg.norm(rigid - place, axis=1)),
-        angle_rms=1e3 * _rms(run.q[kept] - wanted),
-        feedback_rms=_rms(run.tau_m[kept] - sent),
+        joints_rms=1e3 * float(rms(np.linalg.norm(rigid - place, axis=1), None)),
+        angle_rms=1e3 * float(rms(run.q[kept] - wanted, None)),
+        feedback_rms=float(rms(run.tau_m[kept] - sent, None)),
     )
 
 
 def _command(
-    robot: Robot, law: FeedforwardLaw, q: tuple[np.ndarray, np.ndarray, np.ndarray], period: float
+    robot: Robot, law: FeedforwardLaw, q: tuple[Array, Array, Array], period: float
 ) -> Command:
     """Invert the law's model along one period; without one, command the link's motion to the motor
     and no torque."""
     if law.Psi is None:
         return Command(q[0], q[1], np.zeros_like(q[0]))
     return invert(build_model(robot, law.model), law.Psi, q, period)
-
-
-def _rms(values: np.ndarray) -> float:
-    return float(np.sqrt((values**2).mean()))

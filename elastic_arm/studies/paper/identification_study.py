@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import spearmanr
 
+from elastic_arm.arrays import Array, Indices, rms
 from elastic_arm.dynamics import build_model
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.excitation import ExcitationResult, MotionLimits, Shape, optimise
@@ -38,7 +39,7 @@ class ErrorShares:
     beyond: float
 
 
-def shares(error: np.ndarray) -> ErrorShares:
+def shares(error: Array) -> ErrorShares:
     """Sort relative errors (coefficients,), in percent, into the paper's categories."""
     size = np.abs(error)
     low = size < LOW
@@ -81,11 +82,11 @@ class CoefficientFit:
         )
         return [self.fit(one) for one in noisy]
 
-    def percent(self, estimate: np.ndarray) -> np.ndarray:
+    def percent(self, estimate: Array) -> Array:
         """Return Psi_err of (13), in percent."""
         return 100.0 * (estimate - self.true) / self.true
 
-    def percent_unfolded(self, estimate: np.ndarray) -> np.ndarray | None:
+    def percent_unfolded(self, estimate: Array) -> Array | None:
         """Return Psi_err where splines are no part of the true links, or None.
 
         None where the model has them as bodies.
@@ -95,7 +96,7 @@ class CoefficientFit:
         true = self.equations.base.T @ build_model(_without_splines(self.model.robot), "mod1").Psi
         return 100.0 * (estimate - true) / true
 
-    def full(self, estimate: np.ndarray) -> np.ndarray:
+    def full(self, estimate: Array) -> Array:
         """Return a whole Psi (P,) that predicts as the estimate does.
 
         Zero wherever the equations cannot see.
@@ -116,7 +117,7 @@ def _without_splines(robot: Robot) -> Robot:
     return robot.with_(joints=tuple(joints))
 
 
-def merged_error(found: Fit, true: np.ndarray, kept: np.ndarray) -> np.ndarray:
+def merged_error(found: Fit, true: Array, kept: Indices) -> Array:
     """Return Psi_err (K,) of the coefficients `kept`, the others merged into them.
 
     As the data's columns depend on them.
@@ -145,26 +146,26 @@ class CoefficientEstimate:
     r_tot: float
     names: tuple[str, ...]
     estimable: int  # parameters
-    true: np.ndarray
-    estimate: np.ndarray
-    error: np.ndarray  # as in the paper: 10 Hz, no noise
+    true: Array
+    estimate: Array
+    error: Array  # as in the paper: 10 Hz, no noise
     # of mod1 against true coefficients without the splines it counts with the links
-    unfolded_error: np.ndarray | None
-    model_error: np.ndarray  # with the bushing locked
-    noise_spread: np.ndarray  # standard deviation over seeds at 10 Hz, and at 1 kHz
-    fast_noise_spread: np.ndarray
-    merged_error: np.ndarray  # with what this motion cannot separate merged
+    unfolded_error: Array | None
+    model_error: Array  # with the bushing locked
+    noise_spread: Array  # standard deviation over seeds at 10 Hz, and at 1 kHz
+    fast_noise_spread: Array
+    merged_error: Array  # with what this motion cannot separate merged
     # Of each seed
     merged_noisy_shares: tuple[ErrorShares, ...]
     noisy_shares: tuple[ErrorShares, ...]
     fast_noisy_shares: tuple[ErrorShares, ...]
-    torque: np.ndarray  # what each coefficient contributes to the equations, rms Nm
+    torque: Array  # what each coefficient contributes to the equations, rms Nm
     residual: float  # rms Nm
     condition: float  # of F with columns of unit length
-    Psi: np.ndarray
+    Psi: Array
 
     @property
-    def bushing_error(self) -> np.ndarray:
+    def bushing_error(self) -> Array:
         """What the bushing adds to the model's own error, percent (B,)."""
         return self.error - self.model_error
 
@@ -215,7 +216,7 @@ def study(
         noisy_shares=tuple(shares(problem.percent(one.Psi)) for one in noisy),
         fast_noisy_shares=tuple(shares(problem.percent(one.Psi)) for one in fast_noisy),
         torque=np.abs(problem.true) * np.sqrt((rows[:, :, :-1] ** 2).mean(axis=(0, 1))),
-        residual=float(np.sqrt((left**2).mean())),
+        residual=float(rms(left, None)),
         condition=plain.condition,
         Psi=problem.full(plain.Psi),
     )

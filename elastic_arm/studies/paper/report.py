@@ -13,6 +13,7 @@ from matplotlib.figure import Figure as MplFigure
 from matplotlib.patches import Patch
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
+from elastic_arm.arrays import Array, rms
 from elastic_arm.dynamics import build_model
 from elastic_arm.report.html import Block, Figure, Section, Table, Text, write_report
 from elastic_arm.report.style import (
@@ -38,7 +39,6 @@ from elastic_arm.studies.paper.torques import (
     SIDES,
     ModelComparison,
     TorqueErrors,
-    rms,
 )
 from elastic_arm.studies.paper.virtual_prototype.mechanism import Bushing, transmissions
 
@@ -196,7 +196,7 @@ def _turned(k: int, row: DH) -> str:
     return f"theta_{k}" if row.offset == 0.0 else f"theta_{k} + {offset}"
 
 
-def _arm(ax: Axes3D, robot: Robot, pose: np.ndarray) -> np.ndarray:
+def _arm(ax: Axes3D, robot: Robot, pose: Array) -> Array:
     """Draw links and joints' axes; return the turned joint frames (n, 4, 4)."""
     (joints,), (links,) = link_placements(robot, pose)
     corners = [np.zeros(3)]

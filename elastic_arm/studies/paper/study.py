@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from elastic_arm.arrays import Array
 from elastic_arm.dynamics import build_model
 from elastic_arm.excitation import ExcitationResult
 from elastic_arm.processes import Advance, ProcessPool, Results, Task
@@ -95,7 +96,7 @@ class StudyResult:
     smooth: ModelComparison
     against_mod3: TorqueErrors
     against_prototype: TorqueErrors
-    inertial: Mapping[str, np.ndarray]
+    inertial: Mapping[str, Array]
     locked_link: float
     translations: list[LinkErrors]
     coupling: SymbolicCoupling

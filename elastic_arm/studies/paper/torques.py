@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from elastic_arm.arrays import Array, rms
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.errors import RobotError
 from elastic_arm.processes import Task
@@ -26,10 +27,10 @@ SIDES = ("motor", "link")
 class Torques:
     """Torques of a model on a motion: `motor` is tau_m, `link` is tau_l, each (N, n), Nm."""
 
-    motor: np.ndarray
-    link: np.ndarray
+    motor: Array
+    link: Array
 
-    def side(self, name: str) -> np.ndarray:
+    def side(self, name: str) -> Array:
         """Return one side by its name."""
         return self.motor if name == "motor" else self.link
 
@@ -46,7 +47,7 @@ class ModelComparison:
     run: PrototypeRun
     torques: Mapping[str, Torques]
 
-    def error(self, model: str, reference: str, side: str) -> np.ndarray:
+    def error(self, model: str, reference: str, side: str) -> Array:
         """Return a model's torque less the reference's (N, n), Nm."""
         return self.torques[model].side(side) - self.torques[reference].side(side)
 
@@ -60,8 +61,8 @@ class TorqueErrors:
 
     reference: str
     ratios: tuple[float, ...]
-    e_max: Mapping[tuple[str, str], np.ndarray]
-    e_rmse: Mapping[tuple[str, str], np.ndarray]
+    e_max: Mapping[tuple[str, str], Array]
+    e_rmse: Mapping[tuple[str, str], Array]
 
     def rows(self) -> list[dict[str, Any]]:
         """Return a row a ratio, side, model and joint, which counts from 1."""
@@ -98,11 +99,6 @@ def compare(robot: Robot, r_tot: float, run: PrototypeRun) -> ModelComparison:
     return ModelComparison(r_tot, run, torques)
 
 
-def rms(values: np.ndarray, axis: int = 0) -> np.ndarray:
-    """Return root mean squares along an axis, that of the samples by default."""
-    return np.sqrt((values**2).mean(axis=axis))
-
-
 def torque_errors(comparisons: Sequence[ModelComparison], reference: str) -> TorqueErrors:
     """Return the errors of all models but the reference: mod3 (Fig. 4b) or mod_ad (Fig. 4c)."""
     models = [name for name in MODELS if name != reference]
@@ -134,7 +130,7 @@ class LinearTrend:
     highest: float
 
 
-def line_over_ratio(ratios: Sequence[float], e_max: np.ndarray) -> LinearTrend:
+def line_over_ratio(ratios: Sequence[float], e_max: Array) -> LinearTrend:
     """Fit e_max (ratios,) = constant + slope r_tot."""
     r_tot = np.array(ratios)
     slope, constant = np.polyfit(r_tot, e_max, 1)
@@ -157,8 +153,8 @@ class LinkErrors:
     """
 
     stiffness: float
-    e_max: np.ndarray
-    e_rmse: np.ndarray
+    e_max: Array
+    e_rmse: Array
 
 
 def studied_ratios(robot: Robot) -> tuple[float, ...]:
@@ -207,7 +203,7 @@ def link_errors_of(compared: ModelComparison, stiffness: float) -> LinkErrors:
     return LinkErrors(stiffness, np.abs(errors).max(axis=1), rms(errors, axis=1))
 
 
-def motor_terms(robot: Robot, run: PrototypeRun) -> dict[str, np.ndarray]:
+def motor_terms(robot: Robot, run: PrototypeRun) -> dict[str, Array]:
     """Return the parts of tau_m (1), mod3, on a run, rms per joint (n,).
 
     Of B ddtheta, S' ddq, c2 and the drive.

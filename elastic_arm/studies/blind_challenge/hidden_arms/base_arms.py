@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from elastic_arm.arrays import Array
 from elastic_arm.robot import (
     DH,
     Bearing,
@@ -103,7 +104,7 @@ def as_urdf(robot: Robot) -> Robot:
     return read.with_(joints=tuple(joints), gravity=robot.gravity, notes=())
 
 
-def joint_sizes(robot: Robot) -> np.ndarray:
+def joint_sizes(robot: Robot) -> Array:
     """Return how large each joint (n,) is: 1 for those of a large arm, less for a wrist."""
     rated = np.array(
         [
@@ -149,7 +150,7 @@ def imprecise(robot: Robot, rng: np.random.Generator) -> Robot:
     return robot.with_(joints=tuple(joints))
 
 
-def strained(inertia: np.ndarray, strain: np.ndarray) -> np.ndarray:
+def strained(inertia: Array, strain: Array) -> Array:
     """Return the inertia (3, 3) of a body after a homogeneous deformation 1 + strain.
 
     About its centre of mass.
@@ -204,7 +205,7 @@ def _small_drive(carrier: str) -> Transmission:
     return Transmission(part, part, part, 1.0, 0.0, 1.0, 1.0)
 
 
-def _link_inertias(robot: Robot, rng: np.random.Generator) -> np.ndarray:
+def _link_inertias(robot: Robot, rng: np.random.Generator) -> Array:
     """Mean inertia (n,) about each joint over some poses, kg m²."""
     tree = KinematicTree(robot)
     n = robot.n

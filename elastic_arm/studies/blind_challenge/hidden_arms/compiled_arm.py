@@ -192,7 +192,7 @@ def _pointer(array: Array) -> Any:
     return array.ctypes.data_as(ctypes.c_void_p)
 
 
-def inertial_numbers(tree: KinematicTree) -> np.ndarray:
+def inertial_numbers(tree: KinematicTree) -> Array:
     """Return the numbers (10 bodies,) of all bodies of a tree."""
     rows = [
         [b.mass, *b.lever, *np.asarray(b.inertia)[np.triu_indices(3)]]
@@ -303,7 +303,7 @@ def _turn(k: int, angle: Any) -> Any:
     return R
 
 
-def _snapped(values: np.ndarray) -> np.ndarray:
+def _snapped(values: Array) -> Array:
     values = np.array(values, dtype=float)
     values[np.abs(values) < 1e-15] = 0.0
     return values

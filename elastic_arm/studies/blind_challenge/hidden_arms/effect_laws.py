@@ -12,6 +12,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from elastic_arm.arrays import Array
+
 SENSOR_EFFECTS = frozenset({
     "motor_torque_gain", "joint_torque_gain", "motor_torque_offset", "joint_torque_offset",
     "encoder_offset", "encoder_eccentricity", "time_delay", "torque_drift", "torque_lowpass",
@@ -70,9 +72,7 @@ def variation(effect: str, rng: np.random.Generator) -> dict[str, float]:
     return {"coupled": float(rng.random() < 0.5)} if effect == "rotor_inertia_mismatch" else {}
 
 
-def joint_numbers(
-    faults: Sequence[Fault], n: int, r_hd: np.ndarray, r_tot: np.ndarray
-) -> dict[str, np.ndarray]:
+def joint_numbers(faults: Sequence[Fault], n: int, r_hd: Array, r_tot: Array) -> dict[str, Array]:
     """Return the :data:`NUMBERS` (n,) of joints with these effects.
 
     Stiffness, damping, standstill and armature are left 0.

@@ -10,6 +10,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from elastic_arm.arrays import Array
 from elastic_arm.studies.blind_challenge.hidden_arms.effect_laws import Fault
 
 # Effects of the contract that need the larger set of equations.
@@ -61,7 +62,7 @@ def needs_further_laws(faults: Sequence[Fault]) -> bool:
     return any(fault.effect in FURTHER or fault.effect in FOREIGN for fault in faults)
 
 
-def further_numbers(faults: Sequence[Fault], n: int, duration: float) -> dict[str, np.ndarray]:
+def further_numbers(faults: Sequence[Fault], n: int, duration: float) -> dict[str, Array]:
     """Return the numbers (n,) by name, of joints with these effects."""
     found = {name: np.full(n, value) for name, value in NEUTRAL.items()}
     found["duration"][:] = duration

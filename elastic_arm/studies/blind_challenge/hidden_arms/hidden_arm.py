@@ -7,6 +7,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
+from elastic_arm.arrays import Array
 from elastic_arm.errors import SimulationError
 from elastic_arm.recording import Recording
 from elastic_arm.robot import Inertia, Robot, Transmission
@@ -86,14 +87,14 @@ class HiddenArm:
         self._numbers = [inertial_numbers(base), gravity, *numbers.values()], tilts
         self._parameters = self._all_numbers(1.0)
 
-    def _all_numbers(self, duration: float) -> np.ndarray:
+    def _all_numbers(self, duration: float) -> Array:
         """Return all numbers of arm and effects as the engine takes them, for a run of so many
         seconds."""
         numbers, tilts = self._numbers
         others = further_numbers(self.faults, self.n, duration).values() if self._further else ()
         return np.concatenate([*numbers, *others, tilts])
 
-    def _added_inertia(self) -> np.ndarray:
+    def _added_inertia(self) -> Array:
         """Inertia (n,) that the motors have in B alone."""
         added = np.zeros(self.n)
         M, _ = self.tree.terms(np.zeros(self.tree.dof), np.zeros(self.tree.dof))
@@ -103,7 +104,7 @@ class HiddenArm:
                 added[fault.joint or 0] += (fault.parameters["inertia"] - 1.0) * M[at, at]
         return added
 
-    def _tilts(self, scale: float) -> np.ndarray:
+    def _tilts(self, scale: float) -> Array:
         """Stiffness and damping of the bearings, ordered [q_x of all joints, q_y of all joints]."""
         gears = [joint.transmission for joint in self.robot.joints if joint.transmission]
         bearings = [gear.bearing for gear in gears if gear.bearing]
@@ -111,7 +112,7 @@ class HiddenArm:
             [*(scale * b.stiffness for b in bearings * 2), *(b.damping for b in bearings * 2)]
         )
 
-    def _standstill(self, numbers: Mapping[str, np.ndarray]) -> np.ndarray:
+    def _standstill(self, numbers: Mapping[str, Array]) -> Array:
         """Speeds below which dry friction is smoothed: small, but wide enough for the steps to stay
         stable."""
         M, _ = self.tree.terms(np.zeros(self.tree.dof), np.zeros(self.tree.dof))
@@ -125,7 +126,7 @@ class HiddenArm:
         speeds = torque * self._h / (1.5 * inertia)
         return np.maximum(np.maximum(speeds[: self.n], speeds[self.n :]), 1e-4)
 
-    def rate(self, state: np.ndarray, u: np.ndarray) -> np.ndarray:
+    def rate(self, state: Array, u: Array) -> Array:
         """Return the rate of a state under motor torques u (n,).
 
         Coordinates, velocities, further states.
@@ -191,14 +192,14 @@ class HiddenArm:
         course = self.run(motion)
         return measure(course, self.nominal.joint_names, self.faults, instruments, rng)
 
-    def _gravity(self, x: np.ndarray) -> np.ndarray:
+    def _gravity(self, x: Array) -> Array:
         """Torque (N, n) that holds the nominal arm, which is what a controller knows."""
         tree = KinematicTree(self.nominal)
         some = _every_tenth(len(x))
         held = np.array([tree.gravity(row[: 2 * self.n])[: self.n] for row in x[some]])
         return CubicSpline(some, held)(np.arange(len(x)))
 
-    def _feed_forward(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
+    def _feed_forward(self, q: Array, dq: Array, ddq: Array) -> Array:
         """Torque (N, n) of the arm as if its joints were stiff, from the nominal numbers."""
         tree = KinematicTree(self.nominal)
         some = _every_tenth(len(q))
@@ -206,7 +207,7 @@ class HiddenArm:
         torque = np.array([tree.torque(*row) for row in zip(*both, strict=True)])
         return CubicSpline(some, torque[:, : self.n] + torque[:, self.n :])(np.arange(len(q)))
 
-    def _rest(self, theta: np.ndarray, torque: np.ndarray) -> np.ndarray:
+    def _rest(self, theta: Array, torque: Array) -> Array:
         """State at rest with the springs loaded by gravity (`torque` (n,))."""
         dof = self.tree.dof
         n = self.n
@@ -249,11 +250,11 @@ def _altered_gear(gear: Transmission, fault: Fault) -> Transmission:
     return gear.with_inertias(p["inertia"])
 
 
-def _position(parameters: Mapping[str, float]) -> np.ndarray:
+def _position(parameters: Mapping[str, float]) -> Array:
     return np.array([parameters[f"position_{axis}"] for axis in "xyz"])
 
 
-def _means(torques: np.ndarray, substeps: int) -> np.ndarray:
+def _means(torques: Array, substeps: int) -> Array:
     """Means (N - 1, n) over the sample intervals centred on the samples 1 to N - 1, by Simpson's
     rule."""
     weights = np.ones(substeps + 1)
@@ -267,7 +268,7 @@ def _means(torques: np.ndarray, substeps: int) -> np.ndarray:
     return np.sum(list(parts), axis=0)
 
 
-def _every_tenth(N: int) -> np.ndarray:
+def _every_tenth(N: int) -> Array:
     """Every tenth of N samples, and the last: the motion is slow, and they determine a torque to
     1e-6 of itself."""
     return np.append(np.arange(N)[:-1:10], N - 1)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from elastic_arm.arrays import Array
 from elastic_arm.errors import RobotError, require_libraries
 from elastic_arm.robot import Component, Robot
 
@@ -86,7 +87,7 @@ class KinematicTree:
         inertia = pin.Inertia(part.mass, np.zeros(3), np.diag([part.ixx, part.ixx, part.izz]))
         self.model.appendBodyToJoint(body, inertia, pin.SE3.Identity())
 
-    def terms(self, x: np.ndarray, dx: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def terms(self, x: Array, dx: Array) -> tuple[Array, Array]:
         """Return the mass matrix (dof, dof) and the bias (dof,).
 
         Coriolis, centrifugal, gyroscopic and gravity.
@@ -97,18 +98,18 @@ class KinematicTree:
         bias = self._pin.nonLinearEffects(self.model, self._data, q, v)
         return self.gears.T @ full @ self.gears, self.gears.T @ bias
 
-    def gravity(self, x: np.ndarray) -> np.ndarray:
+    def gravity(self, x: Array) -> Array:
         """Return what holds the bodies at rest (dof,)."""
         return self.gears.T @ self._pin.computeGeneralizedGravity(
             self.model, self._data, self.gears @ x
         )
 
-    def torque(self, x: np.ndarray, dx: np.ndarray, ddx: np.ndarray) -> np.ndarray:
+    def torque(self, x: Array, dx: Array, ddx: Array) -> Array:
         """Return M ddx + h (dof,), without stiffness and damping."""
         G = self.gears
         return G.T @ self._pin.rnea(self.model, self._data, G @ x, G @ dx, G @ ddx)
 
 
-def _se3(pin: Any, placement: np.ndarray) -> Any:
+def _se3(pin: Any, placement: Array) -> Any:
     placement = np.asarray(placement, dtype=float)
     return pin.SE3(placement[:3, :3], placement[:3, 3])

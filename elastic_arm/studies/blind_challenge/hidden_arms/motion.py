@@ -5,6 +5,8 @@ from typing import Protocol
 
 import numpy as np
 
+from elastic_arm.arrays import Array
+
 HARMONICS = 8
 SPEED = 1.0  # rad/s
 ACCELERATION = 3.0  # rad/s²
@@ -21,18 +23,16 @@ STEP_SECOND_RATE = 7.5132
 class TrueChannels:
     """What really happened, at the samples."""
 
-    t: np.ndarray  # (N,) s
+    t: Array  # (N,) s
     # q, dq, theta, dtheta: (N, n) at the instant of the sample
-    q: np.ndarray
-    dq: np.ndarray
-    theta: np.ndarray
-    dtheta: np.ndarray
+    q: Array
+    dq: Array
+    theta: Array
+    dtheta: Array
     # tau_J, tau_m: (N, n) means over the sample interval centred on it
-    tau_J: np.ndarray
-    tau_m: np.ndarray
-    gravity: np.ndarray | None = (
-        None  # (N, n) what a controller that compensates gravity adds by itself
-    )
+    tau_J: Array
+    tau_m: Array
+    gravity: Array | None = None  # (N, n) what a controller that compensates gravity adds by itself
 
 
 class HiddenMotion(Protocol):
@@ -42,7 +42,7 @@ class HiddenMotion(Protocol):
     def duration(self) -> float:
         """Seconds."""
 
-    def evaluate(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def evaluate(self, t: Array) -> tuple[Array, Array, Array]:
         """Return angles, velocities and accelerations at t (N,), each (N, n)."""
 
 
@@ -52,12 +52,12 @@ class MultiSine:
 
     omega: float  # fundamental, rad/s
     # amplitude, phase: (n, H) rad
-    amplitude: np.ndarray
-    phase: np.ndarray
-    centre: np.ndarray  # (n,) rad
+    amplitude: Array
+    phase: Array
+    centre: Array  # (n,) rad
     duration: float  # s
 
-    def evaluate(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def evaluate(self, t: Array) -> tuple[Array, Array, Array]:
         """Return q_d, its velocity and acceleration at t (N,), each (N, n)."""
         k = self.omega * np.arange(1, self.amplitude.shape[1] + 1)
         angle = k * t[:, None, None] + self.phase
@@ -68,7 +68,7 @@ class MultiSine:
         return self.centre + w * s0, dw * s0 + w * s1, ddw * s0 + 2 * dw * s1 + w * s2
 
 
-def _window(t: np.ndarray, duration: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _window(t: Array, duration: float) -> tuple[Array, Array, Array]:
     """Smooth step up from 0 and down to `duration`."""
     up = _step(t / RAMP)
     down = _step((duration - t) / RAMP)
@@ -76,7 +76,7 @@ def _window(t: np.ndarray, duration: float) -> tuple[np.ndarray, np.ndarray, np.
     return up[0] * down[0], (up[1] - down[1]) / RAMP, (up[2] + down[2]) / RAMP**2
 
 
-def _step(u: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _step(u: Array) -> tuple[Array, Array, Array]:
     """Step from 0 to 1 with zero velocity, acceleration and jerk at both ends, and its
     derivatives."""
     u = np.clip(u, 0.0, 1.0)
@@ -88,12 +88,12 @@ def _step(u: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 class PointToPoint:
     """All joints from one point to the next at once, with a dwell at each."""
 
-    points: np.ndarray  # (P + 1, n) rad
-    begins: np.ndarray  # (P,) s, of each way
-    lasts: np.ndarray  # (P,) s, how long each way takes
+    points: Array  # (P + 1, n) rad
+    begins: Array  # (P,) s, of each way
+    lasts: Array  # (P,) s, how long each way takes
     duration: float  # s
 
-    def evaluate(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def evaluate(self, t: Array) -> tuple[Array, Array, Array]:
         """Return q_d, its velocity and acceleration at t (N,), each (N, n)."""
         way = np.clip(np.searchsorted(self.begins, t, side="right") - 1, 0, len(self.begins) - 1)
         last = self.lasts[way][:, None]

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.ndimage import convolve1d
 from scipy.signal import lfilter
 
+from elastic_arm.arrays import Array, Mask
 from elastic_arm.recording import Recording, Side
 from elastic_arm.studies.blind_challenge.hidden_arms.effect_laws import Fault
 from elastic_arm.studies.blind_challenge.hidden_arms.hidden_arm import RATE
@@ -54,7 +55,7 @@ class RealisticSensors:
         """Resolution of the link encoders, rad."""
         return float(2 * np.pi / 2**self.link_bits)
 
-    def motor_steps(self, ratios: np.ndarray) -> np.ndarray:
+    def motor_steps(self, ratios: Array) -> Array:
         """Return the resolution (n,) of the motor encoders behind their gears, rad."""
         return 2 * np.pi / 2**self.motor_bits / ratios
 
@@ -64,7 +65,7 @@ def measure_realistically(
     joints: Sequence[str],
     faults: Sequence[Fault],
     sensors: RealisticSensors,
-    ratios: np.ndarray,
+    ratios: Array,
     rng: np.random.Generator,
 ) -> Recording:
     """Return the recording that such sensors make of a course."""
@@ -101,7 +102,7 @@ def measure_realistically(
     return replace(taken, link=link, motor=motor)
 
 
-def _arrived(N: int, lost: float, rng: np.random.Generator) -> np.ndarray:
+def _arrived(N: int, lost: float, rng: np.random.Generator) -> Mask:
     """Which of N samples arrive: gaps of one to :data:`LONGEST_GAP` samples begin anywhere but at
     the ends."""
     kept = np.ones(N, dtype=bool)
@@ -129,8 +130,8 @@ def _every(recording: Recording, every: int) -> Recording:
 
 
 def _velocity(
-    side: Side, position: np.ndarray, sensors: RealisticSensors, rng: np.random.Generator
-) -> np.ndarray | None:
+    side: Side, position: Array, sensors: RealisticSensors, rng: np.random.Generator
+) -> Array | None:
     if sensors.velocity == MISSING or side.velocity is None:
         return None
     if sensors.velocity == DIFFERENCED:
@@ -140,7 +141,7 @@ def _velocity(
     return side.velocity + 1e-4 * rng.standard_normal(side.velocity.shape)
 
 
-def _noise(sensors: RealisticSensors, N: int, rng: np.random.Generator) -> np.ndarray:
+def _noise(sensors: RealisticSensors, N: int, rng: np.random.Generator) -> Array:
     """Noise (N, n) of one side's torque channels: white or first order, and zeros that wander about
     their mean."""
     std = np.asarray(sensors.torque_noise)

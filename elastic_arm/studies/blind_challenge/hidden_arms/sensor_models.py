@@ -8,7 +8,9 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.signal import bilinear, lfilter, lfilter_zi
 
+from elastic_arm.arrays import Array
 from elastic_arm.recording import Recording, Side
+from elastic_arm.recording.sides import Stamps
 from elastic_arm.studies.blind_challenge.hidden_arms.effect_laws import SENSOR_EFFECTS, Fault
 from elastic_arm.studies.blind_challenge.hidden_arms.motion import TrueChannels
 
@@ -40,7 +42,7 @@ def measure(
     sensors = [fault for fault in faults if fault.effect in SENSOR_EFFECTS]
     shape = course.q.shape
 
-    def sampled(values: np.ndarray, channel: str, taken: np.ndarray) -> np.ndarray:
+    def sampled(values: Array, channel: str, taken: Array) -> Array:
         delays = _delays(sensors, channel, shape[1])
         spline = CubicSpline(t, values)
         if not instruments.jitter and not delays.any():
@@ -87,15 +89,15 @@ def measure(
     return Recording(tuple(joints), link=link, motor=motor, source="challenge")
 
 
-def _instants(t: np.ndarray, jitter: float, rng: np.random.Generator) -> np.ndarray:
+def _instants(t: Array, jitter: float, rng: np.random.Generator) -> Array:
     return t + np.clip(jitter * rng.standard_normal(len(t)), -0.3e-3, 0.3e-3)
 
 
-def _stamps(taken: np.ndarray) -> np.ndarray:
+def _stamps(taken: Array) -> Stamps:
     return np.round(taken * 1e9).astype(np.int64) + 1_700_000_000_000_000_000
 
 
-def _distort(torques: dict[str, np.ndarray], sensors: Sequence[Fault], t: np.ndarray) -> None:
+def _distort(torques: dict[str, Array], sensors: Sequence[Fault], t: Array) -> None:
     """Give torque sensors their gains, let them filter, read another load and wander, and give them
     zeros, in place.
 
@@ -114,7 +116,7 @@ def _distort(torques: dict[str, np.ndarray], sensors: Sequence[Fault], t: np.nda
             torques[channel][:, fault.joint] += fault.parameters["offset"]
 
 
-def _distort_in_time(torques: dict[str, np.ndarray], fault: Fault, t: np.ndarray) -> None:
+def _distort_in_time(torques: dict[str, Array], fault: Fault, t: Array) -> None:
     """Let a torque channel pass a low-pass, read another joint's load, or wander, in place."""
     p = fault.parameters
     joints = slice(None) if fault.joint is None else slice(fault.joint, fault.joint + 1)
@@ -139,7 +141,7 @@ def _distort_in_time(torques: dict[str, np.ndarray], fault: Fault, t: np.ndarray
         torques["joint_torque"][:, fault.joint] += p["share"] * torques["joint_torque"][:, other]
 
 
-def _delays(sensors: Sequence[Fault], channel: str, n: int) -> np.ndarray:
+def _delays(sensors: Sequence[Fault], channel: str, n: int) -> Array:
     delays = np.zeros(n)
     for fault in sensors:
         if fault.effect == "time_delay" and channel in fault.channels:
@@ -147,7 +149,7 @@ def _delays(sensors: Sequence[Fault], channel: str, n: int) -> np.ndarray:
     return delays
 
 
-def _encoder(angle: np.ndarray, instruments: SensorModel, rng: np.random.Generator) -> np.ndarray:
+def _encoder(angle: Array, instruments: SensorModel, rng: np.random.Generator) -> Array:
     angle = angle + instruments.encoder_noise * rng.standard_normal(angle.shape)
     step = instruments.encoder_step
     return np.round(angle / step) * step if step else angle

@@ -13,6 +13,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from elastic_arm.arrays import Array
 from elastic_arm.errors import RobotError
 from elastic_arm.robot.description import Component, Joint, Robot, Transmission
 from elastic_arm.robot.kinematics import link_placements
@@ -127,7 +128,7 @@ def carrier_index(robot: Robot, carrier: str) -> int:
     return 0 if carrier == "base" else 1 + robot.link_names.index(carrier)
 
 
-def quaternion(placement: np.ndarray) -> np.ndarray:
+def quaternion(placement: Array) -> Array:
     """Return the rotation of a placement (4, 4) as the engine's quaternion (w, x, y, z)."""
     result = np.empty(4)
     engine().mju_mat2Quat(result, np.ascontiguousarray(placement[:3, :3]).ravel())

@@ -6,9 +6,10 @@ from typing import Protocol
 
 import numpy as np
 
+from elastic_arm.arrays import Array
 from elastic_arm.excitation import FourierTrajectory
 
-Evaluate = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
+Evaluate = Callable[[Array], tuple[Array, Array, Array]]
 """Times (N,) to theta, dtheta, ddtheta (N, n)."""
 
 
@@ -40,7 +41,7 @@ QUINTIC = (0.0, 0.0, 0.0, 10.0, -15.0, 6.0)
 class StepRamp:
     """The paper's step ramp: all joints turn by `height` in `rise` seconds, then stand still."""
 
-    start: np.ndarray  # theta before the ramp (n,), rad
+    start: Array  # theta before the ramp (n,), rad
     height: float = 0.1  # the step at the harmonic-drive output, rad
     rise: float = 1.0  # duration of the ramp, s
     hold: float = 0.5  # how long the arm then stands still, s
@@ -58,11 +59,11 @@ class StepRamp:
             SmoothPiece(self.rise, end, self._stand),
         ]
 
-    def _wait(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _wait(self, t: Array) -> tuple[Array, Array, Array]:
         theta = np.broadcast_to(self.start, (len(t), len(self.start)))
         return theta, np.zeros_like(theta), np.zeros_like(theta)
 
-    def _ramp(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _ramp(self, t: Array) -> tuple[Array, Array, Array]:
         u = np.asarray(t)[:, None] / self.rise
         scale = self.height * np.ones_like(self.start)
         shape = np.polynomial.Polynomial(self.shape)
@@ -70,7 +71,7 @@ class StepRamp:
         bend = shape.deriv(2)(u) / self.rise**2
         return self.start + scale * shape(u), scale * speed, scale * bend
 
-    def _stand(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _stand(self, t: Array) -> tuple[Array, Array, Array]:
         theta = np.broadcast_to(self.start + self.height, (len(t), len(self.start)))
         return theta, np.zeros_like(theta), np.zeros_like(theta)
 
@@ -92,5 +93,5 @@ class PeriodicMotion:
         recorded = SmoothPiece(0.0, period, self._evaluate)
         return [SmoothPiece(-ramp, 0.0, self._evaluate), recorded] if ramp > 0.0 else [recorded]
 
-    def _evaluate(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _evaluate(self, t: Array) -> tuple[Array, Array, Array]:
         return self.trajectory.evaluate(t + self.trajectory.ramp)

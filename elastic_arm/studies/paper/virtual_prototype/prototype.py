@@ -21,6 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg.lapack import dposv
 
+from elastic_arm.arrays import Array
 from elastic_arm.errors import SimulationError
 from elastic_arm.robot.description import Robot
 from elastic_arm.studies.paper.virtual_prototype.mechanism import (
@@ -33,8 +34,8 @@ from elastic_arm.studies.paper.virtual_prototype.mechanism import (
 from elastic_arm.studies.paper.virtual_prototype.motions import ImposedMotion, SmoothPiece
 from elastic_arm.studies.paper.virtual_prototype.rotations import link_coordinates
 
-Torque = Callable[[int, np.ndarray, np.ndarray], np.ndarray]
-_Sample = tuple[float, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+Torque = Callable[[int, Array, Array], Array]
+_Sample = tuple[float, Array, Array, Array, Array, Array]
 DEFAULT_STEP = 1.0e-4
 RUNGE_KUTTA_REACH = 2.78  # of |eigenvalue| times step, on the real axis
 RECORD_RATE = 1000.0
@@ -52,19 +53,19 @@ class PrototypeRun:
     is the last link's frame origin in the world (N, 3), m.
     """
 
-    t: np.ndarray
-    q: np.ndarray
-    dq: np.ndarray
-    ddq: np.ndarray
-    theta: np.ndarray
-    dtheta: np.ndarray
-    ddtheta: np.ndarray
-    tilt: np.ndarray
-    tau_m: np.ndarray
-    tau_J: np.ndarray
-    tool: np.ndarray
+    t: Array
+    q: Array
+    dq: Array
+    ddq: Array
+    theta: Array
+    dtheta: Array
+    ddtheta: Array
+    tilt: Array
+    tau_m: Array
+    tau_J: Array
+    tool: Array
 
-    def coordinates(self, bearings: bool = False) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def coordinates(self, bearings: bool = False) -> tuple[Array, Array, Array]:
         """Return x, dx, ddx for a model: [q, theta] (N, 2n).
 
         With bearings [q, theta, q_x, q_y] (N, 4n).
@@ -85,8 +86,8 @@ class PrototypeRun:
 class _Reduced:
     """The engine's dynamics on (theta, bushing) at one state."""
 
-    mass: np.ndarray
-    force: np.ndarray
+    mass: Array
+    force: Array
 
 
 class Prototype:
@@ -129,16 +130,14 @@ class Prototype:
     def _address(self, joint: str) -> int:
         return int(self._model.joint(joint).dofadr[0])
 
-    def reduced(self, y: np.ndarray, dy: np.ndarray) -> _Reduced:
+    def reduced(self, y: Array, dy: Array) -> _Reduced:
         """Return the engine's mass matrix and bias minus passive forces on y = (theta, bushing)."""
         n = self.n
         driven = self._driven
         force = self._evaluate(driven.dot(y[:n]), driven.dot(dy[:n]), y[n:], dy[n:])
         return _Reduced(self._Tt.dot(self._full).dot(self.T), self._Tt.dot(force))
 
-    def _evaluate(
-        self, position: np.ndarray, velocity: np.ndarray, u: np.ndarray, du: np.ndarray
-    ) -> np.ndarray:
+    def _evaluate(self, position: Array, velocity: Array, u: Array, du: Array) -> Array:
         """Let the engine fill its full mass matrix; return its bias minus passive forces (nv,)."""
         data = self._data
         model = self._model
@@ -157,7 +156,7 @@ class Prototype:
         mj.mj_fullM(model, data, self._full)
         return self._bias - self._passive
 
-    def equilibrium(self, theta: np.ndarray) -> np.ndarray:
+    def equilibrium(self, theta: Array) -> Array:
         """Return the bushing's deflections (6 n,) in which the arm stands still at theta (n,).
 
         Newton's iteration with the springs' stiffness alone; gravity's own stiffness is smaller by
@@ -193,7 +192,7 @@ class Prototype:
         )
         return 0.9 * RUNGE_KUTTA_REACH / float(np.abs(np.linalg.eigvals(system)).max())
 
-    def tool(self, q: np.ndarray) -> np.ndarray:
+    def tool(self, q: Array) -> Array:
         """Return where the tool would be with rigid joints at q (N, n): (N, 3) in the world, m."""
         data = self._data
         y = np.zeros(self.T.shape[1])
@@ -225,21 +224,21 @@ class Prototype:
     def _follow_piece(
         self,
         piece: SmoothPiece,
-        state: np.ndarray,
+        state: Array,
         division: tuple[int, float],
         kept: set[int],
         samples: list[_Sample],
-    ) -> np.ndarray:
+    ) -> Array:
         """Integrate the bushings over one smooth piece.
 
         Returns the state at the piece's end (2, 6 n).
         """
         steps, h = division
-        times = piece.start + 0.5 * h * np.arange(2 * steps + 1)
+        times = piece.start + 0.5 * h * np.arange(2 * steps + 1, dtype=float)
         imposed = piece.evaluate(times)
         driven = list(zip(*(part.dot(self._driven.T) for part in imposed), strict=True))
 
-        def accelerate(half: int, state: np.ndarray) -> np.ndarray:
+        def accelerate(half: int, state: Array) -> Array:
             return self._bushing_acceleration(driven[half], state)[0]
 
         for k in range(steps + 1):
@@ -260,7 +259,7 @@ class Prototype:
     def actuate(
         self,
         torque: Torque,
-        start: tuple[np.ndarray, np.ndarray],
+        start: tuple[Array, Array],
         duration: float,
         *,
         step: float = DEFAULT_STEP,
@@ -273,7 +272,7 @@ class Prototype:
         state[0, n:] = self.equilibrium(start[0])
         steps, stride, h = division(duration, step, RECORD_RATE)
 
-        def accelerate(half: int, state: np.ndarray) -> np.ndarray:
+        def accelerate(half: int, state: Array) -> Array:
             at = self.reduced(*state)
             force = -at.force
             force[:n] += torque(half, *state[:, :n])
@@ -289,9 +288,7 @@ class Prototype:
         self._refuse_unless_finite(state, h)
         return self._gather(samples)
 
-    def _bushing_acceleration(
-        self, driven: tuple[np.ndarray, ...], state: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def _bushing_acceleration(self, driven: tuple[Array, ...], state: Array) -> tuple[Array, Array]:
         """Return the bushing's acceleration, and the engine's bias minus passive forces (nv,).
 
         The rows of the bushing alone are solved: its deflections are coordinates of the engine, so
@@ -303,7 +300,7 @@ class Prototype:
         mass = self._full.take(self._among_free)
         return solve(mass, -imposed_force[self._free]), force
 
-    def _refuse_unless_finite(self, state: np.ndarray, step: float) -> None:
+    def _refuse_unless_finite(self, state: Array, step: float) -> None:
         if not np.isfinite(state).all():
             raise SimulationError(
                 f"the simulation of the virtual prototype diverged at a step of {step:g} s",
@@ -336,12 +333,12 @@ class Prototype:
 
 
 def runge_kutta(
-    acceleration: Callable[[int, np.ndarray], np.ndarray],
+    acceleration: Callable[[int, Array], Array],
     half: int,
-    state: np.ndarray,
-    first: np.ndarray,
+    state: Array,
+    first: Array,
     h: float,
-) -> np.ndarray:
+) -> Array:
     """Take one classical fourth-order step of u'' = acceleration(number of the half step, (u, u')).
 
     Returns u and u' at the end of the step (2, m).
@@ -368,7 +365,7 @@ def runge_kutta(
     return change
 
 
-def solve(mass: np.ndarray, force: np.ndarray) -> np.ndarray:
+def solve(mass: Array, force: Array) -> Array:
     """Solve with a symmetric positive definite matrix.
 
     By LAPACK itself, as this is most of a small step's overhead.
