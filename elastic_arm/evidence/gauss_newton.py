@@ -73,8 +73,8 @@ def about_itself(
             break
     found = fit.compared_in(start)
     if is_far(found) and scores:
-        # The noise of the start belongs to other numbers, and may be far too large; the earlier half
-        # of the steps led away from it.
+        # The noise of the start belongs to other numbers, and may be far too large. The earlier
+        # half of the steps leads away from it.
         lowest = min(scores[len(scores) // 2 :])
         found = replace(found, correction=found.correction + lowest - found.score)
     return linear, found
