@@ -36,7 +36,7 @@ def truth(fault):
     """What exact sensors read of two motions."""
     rng, exact = np.random.default_rng(1), SensorModel(torque_noise=0.0, velocity_noise=0.0)
     arm = HiddenArm(ROBOT, FAULTS[fault])
-    return [arm.record(random_motion(rng, ROBOT.n, 8.0), exact, rng).samples() for _ in range(2)]
+    return [arm.record(random_motion(rng, ROBOT.n, 6.0), exact, rng).samples() for _ in range(2)]
 
 
 def found(kind, candidates, fault="none"):
