@@ -126,18 +126,30 @@ class Linearisation:
     def inertial(self) -> list[Array]:
         """Columns (N', R, K) of the inertial numbers of each stretch, which depend only on the
         motion."""
-        y = self.data.y
         near = self.cache.pop("near", None)
-        if near is not None and near.late.keys() == self.late.keys():
-            moved = max(
-                (float(np.abs(self.late[k] - near.late[k]).max()) for k in self.late), default=0.0
-            )
-            stretches = zip(near.inertial, y, strict=False)
-            alike = len(near.inertial) == len(y) and all(len(a) == len(b) for a, b in stretches)
-            if alike and moved * self.observed[0].rate < 1.0:
-                return near.inertial
+        if near is not None and self._moves_as(near):
+            return near.inertial
         return inertial_columns(
             self.model, self.data, self.problem.numbers, self.problem.directions
+        )
+
+    def _moves_as(self, near: Motions) -> bool:
+        """Whether columns at other numbers belong to the same motion.
+
+        Another lag moves them by less than a sample, or it is that of a torque.
+        """
+        y = self.data.y
+        stretches = zip(near.inertial, y, strict=False)
+        alike = len(near.inertial) == len(y) and all(len(a) == len(b) for a, b in stretches)
+        if not alike or near.late.keys() != self.late.keys():
+            return False
+        steps = [float(np.abs(self.late[k] - near.late[k]).max()) for k in self.late]
+        if max(steps, default=0.0) * self.observed[0].rate < 1.0:
+            return True
+        parts = zip(self.data.parts, near.stretches, strict=True)
+        return all(
+            other.part is not None and part.signals.shares_motion(other.part.signals)
+            for part, other in parts
         )
 
     def anew(self) -> Linearisation:

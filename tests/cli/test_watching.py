@@ -69,7 +69,8 @@ def test_a_search_that_begins_anew_does_not_step_back() -> None:
 def test_a_closed_pipe_costs_no_result(tmp_path: Path) -> None:
     """`diagnose … | head` has the files of the answer all the same."""
     (tmp_path / "pendulum.urdf").write_text(URDF)
-    bags = [write_recording(tmp_path / f"run_{k}", recording(k)) for k in (1, 2)]
+    runs = (recording(k).between(0.0, 8.0) for k in (1, 2))
+    bags = [write_recording(tmp_path / f"run_{k}", run) for k, run in enumerate(runs)]
     command = [sys.executable, "-m", "elastic_arm", "diagnose", bags[0], "--validate", bags[1]]
     options = ["--robot", tmp_path / "pendulum.urdf", "--out", tmp_path / "out"]
     reading, writing = os.pipe()

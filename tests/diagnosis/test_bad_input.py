@@ -149,6 +149,6 @@ def test_a_handful_of_samples_is_too_short_in_words(clean: list[Recording], coun
 
 def test_ten_samples_a_second_are_too_few_in_words(clean: list[Recording]) -> None:
     """A stretch that is shorter than the smoother's ends is refused with what it needs."""
-    slow = [some(recording, slice(None, None, 100)) for recording in clean]
+    slow = [some(recording, slice(None, None, 50)) for recording in clean]
     with pytest.raises(IdentificationError, match="not sufficient for the smoother"):
         diagnose([slow[0]], Question(ROBOT), [slow[1]])

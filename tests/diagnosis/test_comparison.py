@@ -44,7 +44,7 @@ def test_an_effect_of_one_recording_is_told_from_one_of_both(tmp_path: Path) -> 
     """Dry friction of the real arm, viscous friction of the simulated one, and a load of both are
     told apart."""
     (motion,) = random_trajectories(
-        MODEL, LIMITS, 1, rng=np.random.default_rng(3), shape=Shape(5, 7.0, 1.0)
+        MODEL, LIMITS, 1, rng=np.random.default_rng(3), shape=Shape(5, 6.0, 1.0)
     )
     load = "payload:mass=0.5,position=0/0/0.1"
     real = record(motion, load, "coulomb_friction:joint_2:torque=13.9", seed=1)

@@ -161,8 +161,8 @@ def test_a_payload_that_is_picked_up_and_kept_is_a_change_between_parts_of_a_rec
     """From none to 2 kg at half of it; one payload throughout would be as far from either."""
     shape = Shape(5, 7.0, 1.0)
     first, second = random_trajectories(MODEL, LIMITS, 2, rng=np.random.default_rng(3), shape=shape)
-    empty = record(first, sensors=Sensors.real())
-    loaded = record(second, "payload:mass=2.0", seed=1, sensors=Sensors.real())
+    empty = record(first, sensors=Sensors.real(), rate=1000.0)
+    loaded = record(second, "payload:mass=2.0", seed=1, sensors=Sensors.real(), rate=1000.0)
     later = {
         n: replace(s, stamp_ns=s.stamp_ns + 12 * 10**9)
         for n, s in loaded.sides().items()

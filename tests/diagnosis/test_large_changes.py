@@ -31,6 +31,7 @@ def test_a_stiffness_far_off_is_a_cause_and_no_reason_to_trust_the_description_l
     assert cause.parameters["stiffness"].value == pytest.approx(stiffness, rel=1e-3)
 
 
+@pytest.mark.nightly
 def test_a_drive_half_as_stiff_is_no_law_over_its_load() -> None:
     """Scores at the described and at the true stiffness compare by the noise of the sensors, which
     is the same at both: a law over the load, which leaves the stiffness as described, does not

@@ -10,9 +10,14 @@ from elastic_arm.identification.batch.mounting import Mounting
 from elastic_arm.recording import Recording
 from elastic_arm.robot import Robot
 from elastic_arm.robot.parts import placed
-from elastic_arm.simulation import simulate
-from tests.helpers.gap_recordings import ROBOT, motions
+from elastic_arm.simulation import SimulationSettings, simulate
+from tests.helpers.gap_recordings import RATE, ROBOT, motions
 from tests.helpers.nightly import nightly
+
+
+def recorded(arm: Robot, k: int) -> Recording:
+    settings = SimulationSettings(rate=RATE)
+    return simulate(arm, motions()[k], settings, rng=np.random.default_rng(k))
 
 
 @pytest.mark.parametrize(
@@ -23,10 +28,7 @@ def test_another_mounting_removes_the_gap_of_the_description(x: float, y: float)
     base = placed(turned) @ ROBOT.base_placement
     arm = ROBOT.with_(base_placement=base, base_dh=None)
 
-    def recorded(k: int) -> Recording:
-        return simulate(arm, motions()[k], rng=np.random.default_rng(k))
-
-    found = diagnose([recorded(0)], Question(ROBOT, effects=["base_tilt"]), [recorded(1)])
+    found = diagnose([recorded(arm, 0)], Question(ROBOT, effects=["base_tilt"]), [recorded(arm, 1)])
     (cause,) = found.causes
     assert (found.verdict, cause.effect) == ("explained", "base_tilt")
     assert found.before.rmse["joint_2", "link"] > 100.0 * found.after.rmse["joint_2", "link"]
@@ -39,8 +41,7 @@ def test_the_corrected_arm_has_the_tilt_beside_the_mounting() -> None:
     turns are one, from the description, and gravity is that of the recording."""
     turned = Rotation.from_euler("XY", [0.0, 0.5275]).as_matrix()
     arm = ROBOT.with_(base_placement=placed(turned) @ ROBOT.base_placement, base_dh=None)
-    recorded = [simulate(arm, motions()[k], rng=np.random.default_rng(k)) for k in range(2)]
-    found = diagnose([recorded[0]], Question(ROBOT, effects=["base_tilt"]), [recorded[1]])
+    found = diagnose([recorded(arm, 0)], Question(ROBOT, effects=["base_tilt"]), [recorded(arm, 1)])
     corrected = repaired_robot(ROBOT, found)
     np.testing.assert_allclose(_felt(corrected), _felt(arm), atol=0.02)
 
@@ -56,7 +57,7 @@ def test_deviations_of_both_turns_are_those_of_gravity(mounting: tuple[float, fl
     """They agree with those of turns drawn at random; on its side an arm does not show a turn about
     the vertical."""
     where = Mounting(*mounting, np.zeros(3), np.array([0.0, 0.0, -9.81]))
-    drawn = np.random.default_rng(1).normal([0.01, -0.02], [1e-3, 2e-3], (20_000, 2))
+    drawn = np.random.default_rng(1).normal([0.01, -0.02], [1e-3, 2e-3], (4_000, 2))
     told = where.tilted_by((1e-3, 2e-3), 0.01, -0.02)
     np.testing.assert_allclose(told, np.std([where.tilted(*one) for one in drawn], 0), rtol=0.05)
 

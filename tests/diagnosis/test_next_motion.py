@@ -11,7 +11,6 @@ from elastic_arm.diagnosis import Question, diagnose
 from elastic_arm.diagnosis.next_motion import DECISIVE, RATE, _ambiguous_pairs, propose
 from elastic_arm.diagnosis.predicted_experiment import ExperimentConditions, PredictedExperiment
 from elastic_arm.diagnosis.result import SEPARATING, Diagnosis
-from elastic_arm.effects import EFFECTS
 from elastic_arm.evidence.terms.change import change_of
 from elastic_arm.excitation import load_trajectory
 from tests.helpers.gap_recordings import LIMITS, MODEL, ROBOT, motions, record
@@ -70,26 +69,23 @@ def test_the_motion_keeps_the_limits_and_its_file_loads(
 def test_a_recording_of_the_motion_decides(doubtful: Diagnosis) -> None:
     """On the proposed motion the diagnosis names which of the two is true, and has no pair left."""
     assert doubtful.proposal is not None and doubtful.proposal.trajectory is not None
-    found = diagnose([record(doubtful.proposal.trajectory, PLAY, seed=3)], Question(ROBOT))
+    recording = record(doubtful.proposal.trajectory, PLAY, seed=3, rate=1000.0)
+    found = diagnose([recording], Question(ROBOT))
     assert found.causes[0].effect == "backlash"
     assert found.causes[0].confidence > 0.95
 
 
-def test_the_rehearsed_size_of_an_effect_is_the_recorded_one(doubtful: Diagnosis) -> None:
+def test_the_rehearsed_size_of_an_effect_is_the_recorded_one(two_causes: Diagnosis) -> None:
     """What a motion is expected to show of an effect is, within a tenth, what its recording
     shows."""
-    first, second = motions()
-    friction = "coulomb_friction:joint_2:torque=6"
-    question = Question(ROBOT, effects=(EFFECTS["coulomb_friction"],))
-    context = diagnose(
-        [record(first, friction, seed=1)], question, [record(second, friction, seed=2)]
-    ).context
+    context = two_causes.context
     assert context is not None
-    (term,) = context.explanation.best.optional
+    optional = context.explanation.best.optional
+    (term,) = [one for one in optional if one.key[0] == "coulomb_friction"]
     assert term.feature is not None
     fitted = context.explanation.linear.data
     around = ExperimentConditions.of(context.model, fitted)
-    for data, motion in zip((fitted, context.validate), (first, second), strict=True):
+    for data, motion in zip((fitted, context.validate), motions(), strict=True):
         recorded = np.sum(data.whiten(data.plain(term.feature, term.theta)) ** 2)
         predicted = np.sum(
             PredictedExperiment(around, motion, RATE).white(term.feature, term.theta) ** 2

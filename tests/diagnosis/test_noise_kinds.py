@@ -33,17 +33,19 @@ CANDIDATES = [LIKE_NOISE, *nightly([ALL])]
 
 @cache
 def truth(fault):
-    """What exact sensors read of two motions."""
+    """What exact sensors read of two motions, 1000 times a second."""
     rng, exact = np.random.default_rng(1), SensorModel(torque_noise=0.0, velocity_noise=0.0)
     arm = HiddenArm(ROBOT, FAULTS[fault])
-    return [arm.record(random_motion(rng, ROBOT.n, 8.0), exact, rng).samples() for _ in range(2)]
+    return [arm.record(random_motion(rng, ROBOT.n, 6.0), exact, rng).samples() for _ in range(2)]
 
 
 def found(kind, candidates, fault="none"):
     """Diagnose an arm with a kind of noise, with some effects as candidates."""
     rng = np.random.default_rng(5)
     runs = [
-        recording(kind, run.t, {name: getattr(run, name) for name in CHANNELS}, rng, f"run_{k}")
+        recording(
+            kind, run.t[::2], {name: getattr(run, name)[::2] for name in CHANNELS}, rng, f"run_{k}"
+        )
         for k, run in enumerate(truth(fault))
     ]
     return diagnose(runs[:1], Question(ROBOT, effects=candidates), runs[1:])

@@ -116,7 +116,7 @@ def test_a_recording_whose_rate_changes_is_taken_in_parts_of_one_rate() -> None:
     effect = "coulomb_friction:joint_2:torque=4.0,side=motor"
     halved = []
     for k, motion in enumerate(motions()):
-        whole = record(motion, effect, seed=k)
+        whole = record(motion, effect, seed=k, rate=1000.0)
         kept = np.flatnonzero((at := np.arange(len(whole.link or ()))) * (at % 2) < 3000)
         sides = {name: side.at(kept) for name, side in whole.sides().items()}
         halved.append(replace(whole, **sides, source=f"run {k}"))  # type: ignore[arg-type]

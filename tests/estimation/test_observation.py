@@ -22,7 +22,7 @@ from tests.helpers.servo_arms import recorded, servo_arm
 
 @cache
 def recording() -> Recording:
-    return record(motions()[0], seed=0, sensors=Sensors.real())
+    return record(motions()[0], sensors=Sensors.real(), rate=1000.0)
 
 
 @cache

@@ -26,7 +26,7 @@ MODEL = build_model(ROBOT, "mod3")
 
 @lru_cache(maxsize=1)
 def observation() -> Observation:
-    return observe(record(motions()[0], seed=0, sensors=Sensors.real()))
+    return observe(record(motions()[0], sensors=Sensors.real(), rate=1000.0))
 
 
 def setting() -> tuple[EquationSet, Band]:
@@ -52,7 +52,7 @@ def test_whitened_residuals_of_a_clean_arm_are_white_noise_of_variance_one() -> 
 def test_holes_are_bridged_and_nothing_is_taken_from_them() -> None:
     """Of every 1.5 s the last 0.3 s are lost: one motion, with no more than noise in what is left
     of the rows."""
-    whole = record(motions()[0], seed=0, sensors=Sensors.real())
+    whole = record(motions()[0], sensors=Sensors.real(), rate=1000.0)
     lost = {
         name: s.at(np.mod(s.stamp_ns, 1_500_000_000) < 1_200_000_000)
         for name, s in whole.measured().items()
@@ -147,7 +147,7 @@ def test_the_floor_of_a_joint_is_a_part_of_its_own_sensors_noise() -> None:
 def test_rows_of_a_motor_that_sticks_are_freed_of_its_friction() -> None:
     """Where a joint stands for 0.2 s, its motor's rows are next to null, those of link and drive as
     they were."""
-    recording = record(motions()[0], seed=0, sensors=Sensors.real())
+    recording = record(motions()[0], sensors=Sensors.real(), rate=1000.0)
     motor, link = recording.motor, recording.link
     assert (
         motor is not None
@@ -204,7 +204,7 @@ def test_a_scale_common_to_arm_and_torques_is_told_by_nothing() -> None:
 
 def test_a_part_frees_the_rows_that_all_recordings_free() -> None:
     """A joint sticks below a share of its highest speed, which another recording may have."""
-    seen = observe(record(motions()[0], seed=0, sensors=Sensors.real()))
+    seen = observe(record(motions()[0], sensors=Sensors.real(), rate=1000.0))
     faster = [replace(one, dq=5.0 * one.dq, dtheta=5.0 * one.dtheta) for one in seen.quiet]
     other = replace(seen, quiet=tuple(faster))
     alone = WhitenedData(MODEL, [seen], *setting(), sticking_removed=True)

@@ -1,6 +1,7 @@
 """A servo that swings a pendulum, integrated here, whose duty is recorded: the firmware is none of
 the description's."""
 
+import math
 from functools import cache
 from pathlib import Path
 
@@ -76,16 +77,19 @@ def recorded(
     angle, duty = np.empty((2, count))
     late = round(0.02 / STEP)
     volts = SUPPLY * (1.0 - falls * np.arange(count) / count)
+    # Numbers of Python: arrays give one at a time slowly.
+    supplied = volts.tolist()
+    told = command[np.maximum(np.arange(count) - late, 0)].tolist()
     for k in range(count):
-        error = command[max(k - late, 0)] - q
+        error = told[k] - q
         felt = error - min(max(error, -0.03), 0.03)
         u = min(max(1.8 * felt, -1.0), 1.0)
         angle[k] = q
         duty[k] = u
-        torque = per_volt * (volts[k] * u * (1.0 - sag * abs(u)) - BACK_EMF * w)
-        torque -= MASS * 9.81 * LENGTH * np.sin(q) + FRICTION * np.tanh(w / 2e-3)
+        torque = per_volt * (supplied[k] * u * (1.0 - sag * abs(u)) - BACK_EMF * w)
+        torque -= MASS * 9.81 * LENGTH * math.sin(q) + FRICTION * math.tanh(w / 2e-3)
         # Friction is stiff: its slope is taken along implicitly.
-        slope = FRICTION / 2e-3 / np.cosh(min(abs(w) / 2e-3, 300.0)) ** 2
+        slope = FRICTION / 2e-3 / math.cosh(min(abs(w) / 2e-3, 300.0)) ** 2
         w += STEP * torque / (whole + STEP * slope)
         q += STEP * w
     every = round(1.0 / (RATE * STEP))

@@ -15,6 +15,7 @@ from elastic_arm.simulation import SimulationSettings, simulate
 ROBOT = load_robot(None)
 MODEL = build_model(ROBOT, "mod3")
 LIMITS = MotionLimits.of(ROBOT)
+RATE = 500.0  # Hz; at 250 the smoother takes a part of the residuals' band
 
 
 @cache
@@ -37,13 +38,13 @@ def gentle(seed: int) -> FourierTrajectory:
 
 
 def record(
-    motion: FourierTrajectory, *effects: str, seed: int = 0, sensors: Sensors | None = None
+    motion: FourierTrajectory,
+    *effects: str,
+    seed: int = 0,
+    sensors: Sensors | None = None,
+    rate: float = RATE,
 ) -> Recording:
     """Let the arm with effects follow a motion."""
     instances = [parse(text, ROBOT) for text in effects]
-    return simulate(
-        ROBOT,
-        motion,
-        SimulationSettings(effects=instances, sensors=sensors),
-        rng=np.random.default_rng(seed),
-    )
+    settings = SimulationSettings(effects=instances, sensors=sensors, rate=rate)
+    return simulate(ROBOT, motion, settings, rng=np.random.default_rng(seed))

@@ -42,7 +42,8 @@ def record(
     """Record an arm with encoders of 19 and 13 bits, no velocities, and stamps that jitter by 20
     us.
 
-    The noise of the torques is white, or made of their shape and the samples a second.
+    The engine samples at 1000 Hz, of which every second sample is kept. The noise of the torques
+    is white, or made of their shape and the samples a second.
     """
     arm, found = HiddenArm(robot, faults), []
     sensors = (
@@ -52,10 +53,11 @@ def record(
     for k, duration in enumerate(seconds):
         exact = arm.record(random_motion(rng, robot.n, duration), sensors, rng)
         sides = {}
-        for name, side, step in (
+        for name, every, step in (
             ("link", exact.link, LINK_STEP),
             ("motor", exact.motor, MOTOR_STEP / ratios),
         ):
+            side = every.at(slice(None, None, 2))
             sides[name] = replace(
                 side, position=np.round(side.position / step) * step, velocity=None
             )

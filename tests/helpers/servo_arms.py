@@ -39,7 +39,7 @@ def servo_arm(changes: Mapping[str, str] | None = None) -> MjcfArm:
 
 
 def recorded(
-    arm: MjcfArm, rate: float, bits: int, *, seed: int = 0, seconds: float = 12.0, late: int = 0
+    arm: MjcfArm, rate: float, bits: int, *, seed: int = 0, seconds: float = 8.0, late: int = 0
 ) -> Recording:
     """Return a recording of commands, of which the arm gets each some samples late, and
     positions."""

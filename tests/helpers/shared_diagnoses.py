@@ -20,6 +20,8 @@ ERROR = "transmission_error:joint_1:amplitude=2e-5,phase=0.7"
 # Loaded one way throughout, play in a drive is an offset between its two encoders; larger than an
 # ordinary one, which would be no cause.
 PLAY = "backlash:joint_2:half_gap=4e-5"
+# Hz: at half of it, angles are not known well enough to tell what the small error of joint 1 does.
+RATE = 1000.0
 
 
 class Commanded(NamedTuple):
@@ -33,7 +35,9 @@ class Commanded(NamedTuple):
 
 def with_two_causes() -> Diagnosis:
     """Dry friction and a transmission error, asked for alone, and what follows a diagnosis."""
-    recordings = [record(motion, FRICTION, ERROR, seed=k) for k, motion in enumerate(motions())]
+    recordings = [
+        record(motion, FRICTION, ERROR, seed=k, rate=RATE) for k, motion in enumerate(motions())
+    ]
     question = Question(ROBOT, effects=(EFFECTS["coulomb_friction"], EFFECTS["transmission_error"]))
     found = diagnose([recordings[0]], question, [recordings[1]])
     return follow_up(found, rng=np.random.default_rng(0))
@@ -41,7 +45,7 @@ def with_two_causes() -> Diagnosis:
 
 def without_cause() -> Diagnosis:
     """A clean arm, and no effect to choose."""
-    recordings = [record(motion, seed=k) for k, motion in enumerate(motions())]
+    recordings = [record(motion, seed=k, rate=RATE) for k, motion in enumerate(motions())]
     return diagnose([recordings[0]], Question(ROBOT, effects=()), [recordings[1]])
 
 

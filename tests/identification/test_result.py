@@ -32,7 +32,7 @@ def errors_together(encoder_noise: float, seed: int) -> tuple[float, int]:
     recording = simulate(
         true,
         motion,
-        SimulationSettings(nominal=robot, sensors=sensors, substeps=4),
+        SimulationSettings(nominal=robot, sensors=sensors, rate=500.0, substeps=8),
         duration=20.0,
         rng=rng,
     )

@@ -86,7 +86,7 @@ def test_laws_follow_what_the_file_states(stated, follows, allowed) -> None:
     """What scales friction or follows the joint torque finds the friction and the drive that the
     file has of itself."""
     robot = with_effects(load_robot(), stated, follows)
-    with_laws, without = (apart(robot, 0.5, attached=on) for on in (True, False))
+    with_laws, without = (apart(robot, 0.35, attached=on) for on in (True, False))
     assert with_laws < allowed * without
 
 

@@ -28,7 +28,7 @@ def integrating(arm: MjcfArm) -> MjcfArm:
 def error(arm: MjcfArm, true: MjcfArm, rate: float, begin: float) -> float:
     """Return the largest of the joints' errors, rad, on a recording of the true arm that begins in
     mid-motion."""
-    run = recorded(true, rate, 17)
+    run = recorded(true, rate, 17, seconds=12.0)
     found = play(arm, run.between(begin, run.duration))
     assert found is not None and len(found.t) > 0.5 * rate * (run.duration - begin)
     return float(np.sqrt(np.mean(found.errors**2, axis=0)).max())
@@ -82,7 +82,7 @@ def test_a_part_is_played_with_the_commands_before_it() -> None:
     """The last third of a whole recording starts from what is recorded there, late commands
     included."""
     true = servo_arm(LATE)
-    run = recorded(true, 250.0, 17)
+    run = recorded(true, 250.0, 17, seconds=12.0)
     found = play(true, run, span=(8.0, 12.0))
     assert found is not None
     assert found.t[0] == pytest.approx(8.0, abs=0.01)

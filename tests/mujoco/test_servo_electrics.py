@@ -278,7 +278,7 @@ def test_the_numbers_of_every_servo_are_fitted_in_closed_loop(base: Path) -> Non
     true = robot.with_joint("lift", controller=drive.scaled(0.8, 0.8))
     file = base.parent / "true.xml"
     export_mjcf(true, base, file)
-    run = recorded(with_controllers(open_mjcf(file), true), 250.0, 17)
+    run = recorded(with_controllers(open_mjcf(file), true), 250.0, 17, seconds=12.0)
     begun, numbers = servo_numbers(arm.robot, Priors())
     started = base.parent / "started.xml"
     export_mjcf(begun, base, started)

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import sympy
 
 from elastic_arm.dynamics import build_model
 from elastic_arm.errors import RobotError
@@ -270,6 +269,8 @@ def test_symbolic_coupling_is_that_of_the_numbers() -> None:
 def test_coupling_of_locked_bearings_has_the_papers_terms() -> None:
     """S_11 is the rotor's alone, S_23 has spline, wave generator and rotor, as in (9)."""
     matrix = symbolic_coupling(load_robot(None)).matrix
+    import sympy  # takes half a second, which every process would spend
+
     r_b, r_hd = sympy.symbols("r_b r_hd", positive=True)
     r1, r3, wg3, spl3 = (
         sympy.Symbol(f"I_zz^({name})", positive=True) for name in ("r,1", "r,3", "wg,3", "spl,3")

@@ -193,11 +193,12 @@ def sized(motion: SideMotion, side: str, robot: Robot, arm: Arm) -> list[Finding
     better explanation, nothing is reported.
     """
     unit = np.eye(robot.n)
-    as_given = Products.of(motion, arm, arm.weight(motion))
+    own = [motion.own(j) for j in motion.measured]  # whatever the zeros are
+    as_given = Products.of(motion, arm, arm.weight(motion), own)
     given, free = as_given.given()
 
     def zero(at: Array, size: float) -> float:
-        moved = Products.of(motion._replace(q=motion.q - size * at), arm)
+        moved = Products.of(motion._replace(q=motion.q - size * at), arm, own=own)
         return moved.fit(unit, free, given).likelihood
 
     def share(at: Array, size: float) -> float:

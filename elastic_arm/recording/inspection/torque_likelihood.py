@@ -15,7 +15,7 @@ Torques enter through products of columns: another torque for the same motion co
 likelihood of these products.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -117,8 +117,21 @@ class Products(NamedTuple):
     samples: int
 
     @classmethod
-    def of(cls, motion: SideMotion, arm: Arm, weight: Array | None = None) -> Self:
-        """Form the products; weight: described gravity (N, n) for torques that may lack it."""
+    def of(
+        cls,
+        motion: SideMotion,
+        arm: Arm,
+        weight: Array | None = None,
+        own: Sequence[Array] | None = None,
+    ) -> Self:
+        """Form the products.
+
+        weight: described gravity (N, n) for torques that may lack it; own: :meth:`.SideMotion.own`
+        of each measured joint, which follows from velocities and accelerations alone; None to form
+        it.
+        """
+        if own is None:
+            own = [motion.own(j) for j in motion.measured]
         Y = arm.regressor(*motion[:3])
         predicted = Y @ arm.mean
         weight = np.zeros_like(predicted) if weight is None else weight
@@ -126,12 +139,11 @@ class Products(NamedTuple):
         m = len(motion.measured)
         columns = []
         rows = []
-        for k, j in enumerate(motion.measured):
+        for k, (j, basis) in enumerate(zip(motion.measured, own, strict=True)):
             gains = np.zeros((len(Y), m))
             gains[:, k] = GAIN * predicted[:, j]
             moved = Y[:, j, free] * arm.spread[free]
             both = np.column_stack([moved, gains, motion.torque, weight[:, j], predicted[:, j]])
-            basis = motion.own(j)
             both -= basis @ (basis.T @ both)
             columns.append(both[:, : len(free) + m])
             rows.append(both[:, len(free) + m :])
@@ -231,7 +243,7 @@ def _covariance(weight: Array, flat: Array, scale2: Array) -> tuple[Array, float
     std = np.sqrt(scale2)
     scales = np.outer(std, std)
     known = scales * (weight @ flat).reshape(scales.shape)
-    known[np.diag_indices_from(known)] += 1.0
+    known.flat[:: len(known) + 1] += 1.0  # the diagonal
     inverse, logdet = _inverse(known)
     return scales * inverse, logdet
 
