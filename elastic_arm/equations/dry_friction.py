@@ -28,7 +28,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -36,11 +35,10 @@ import numpy as np
 from elastic_arm.arrays import Array
 from elastic_arm.estimation.known_torques import ActingEffect
 from elastic_arm.estimation.regressors import Entries, Signals
+from elastic_arm.estimation.turnover import FrictionPlace, late_signs, turned_over
 from elastic_arm.estimation.whitening import Part, WhitenedData
 from elastic_arm.robot import Robot
 
-# rad: between two of them, a sum of both is as good
-DISTANCES = tuple(1.25e-4 * 2.0**k for k in range(9))
 DECADES = 2.0  # of speed below the fastest, over which the curve bends
 LENGTH = 1.5  # of the kernel, in natural logarithms of the speed
 FUNCTIONS = 5  # of S; further ones have a hundredth of the variance together
@@ -49,13 +47,6 @@ GRID = 64  # speeds at which the kernel is evaluated; numerical
 BENDS = FUNCTIONS + 3  # coefficients of S
 SHAPES = BENDS + OF_DIRECTION  # coefficients of S and A
 LAWS = 2  # dry and viscous friction
-
-
-class FrictionPlace(NamedTuple):
-    """Where friction acts."""
-
-    joint: str
-    side: str  # "link" or "motor"
 
 
 def places_of_friction(acting: Sequence[ActingEffect]) -> list[FrictionPlace]:
@@ -78,7 +69,7 @@ def turnover_columns(
         return []
     found = []
     for part, size in zip(data.parts, dry, strict=True):
-        late = _late(part, robot, place)
+        late = late_signs(part.signals, place, robot.joint_names.index(place.joint))
         found.append(_in_band(data, part, robot, place, late * size))
     return data.weighted(found, in_place=True)
 
@@ -103,9 +94,7 @@ def curve_columns(
     speeds, loads = _speeds_and_loads(data, robot, place)
     found = []
     for part, size, w, load in zip(data.parts, dry, speeds, loads, strict=True):
-        z = _sign(part, robot, place)
-        if np.any(turned):
-            z = z + turned @ _late(part, robot, place)
+        z = turned_over(part.signals, place, robot.joint_names.index(place.joint), turned)
         x = 2.0 * part.signals.values["progress"][:, 0]
         bends, sides = curve.shapes(w, load, x)
         laws = np.array([np.ones_like(w), w])
@@ -122,21 +111,6 @@ def _in_band(
     row = 2 * robot.n + j if robot.elastic and place.side == "motor" else j
     k = len(values)
     return data.in_band(part, Entries(values.T, np.full(k, row), np.arange(k), (3 * robot.n, k)))
-
-
-def _sign(part: Part, robot: Robot, place: FrictionPlace) -> Array:
-    """Return the sign (N,) of the velocity of a place."""
-    return part.signals.values[f"sign_{place.side}"][:, robot.joint_names.index(place.joint)]
-
-
-def _late(part: Part, robot: Robot, place: FrictionPlace) -> Array:
-    """Return z_k - s (K, N) of a place."""
-    motion = part.stretch.quiet
-    of_motor = robot.elastic and place.side == "motor"
-    j = robot.joint_names.index(place.joint)
-    angle = (motion.theta if of_motor else motion.q)[:, j]
-    sign = _sign(part, robot, place)
-    return np.array([over_distance(angle, sign, distance) - sign for distance in DISTANCES])
 
 
 def curve_over(data: WhitenedData, robot: Robot, place: FrictionPlace) -> Curve:
@@ -197,29 +171,6 @@ class Curve(NamedTuple):
         return bends, phi[:OF_DIRECTION] - self.means
 
 
-def over_distance(angle: Array, sign: Array, distance: float) -> Array:
-    """Return the course (N,) of dry friction of 1 that turns over within a distance.
-
-    While the angle (N,) rad goes one way, s, the difference z - s falls by exp(-|way| / d). sign:
-    (N,) of the velocity, with the first of which it begins.
-    """
-    steps = np.diff(angle)
-    ways = np.sign(steps)
-    turns = np.flatnonzero(np.diff(ways)) + 1
-    state = np.empty_like(angle)
-    z = float(sign[0])
-    state[0] = z
-    for first, last in pairwise([0, *turns.tolist(), len(steps)]):
-        way = ways[first]
-        if way == 0.0:  # at rest it stays
-            state[first + 1 : last + 1] = z
-            continue
-        gone = np.abs(angle[first + 1 : last + 1] - angle[first])
-        state[first + 1 : last + 1] = way + (z - way) * np.exp(-gone / distance)
-        z = float(state[last])
-    return state
-
-
 def functions_of_speed(w: Array, fastest: float) -> Array:
     """Return phi_i (FUNCTIONS, N) at speeds (N,) rad/s, up to the fastest of all recordings."""
     grid, functions = _functions()
@@ -252,6 +203,7 @@ def _dry(data: WhitenedData, acting: Sequence[ActingEffect], place: FrictionPlac
 def _dry_of(effect: ActingEffect, signals: Signals, place: FrictionPlace) -> Array:
     """Return the magnitude (N,) Nm of what has the sign of the velocity in the friction that an
     effect makes at a place."""
+    effect = replace(effect, turned=None)
     feature = effect.feature
     acts = feature.effect.friction and feature.joint == place.joint
     if not acts or place.side not in feature.sides:

@@ -19,6 +19,7 @@ from elastic_arm.estimation.noise import reduced_to, wiener_filter
 from elastic_arm.estimation.observation import Observation
 from elastic_arm.estimation.regressors import Signals
 from elastic_arm.estimation.residuals import predicted_torques
+from elastic_arm.estimation.turnover import FrictionPlace, turned_over
 
 TINY = 1e-300  # numerical
 
@@ -32,15 +33,29 @@ class ActingEffect:
     searched: tuple[float, ...]
     coefficients: Array  # (count,) of its columns
     known: bool = True  # whether it acts in every set of terms that is compared
+    turned: Array | None = None  # (K,) shares of dry friction that turn over late; None for none
 
     def torques(self, signals: Signals) -> tuple[Array, Array, Array, Array]:
         """Return what it adds to torques of joint, motor and spring, Nm.
 
         The last entry is beside the deflection that is read.
         """
-        entries = self.feature.entries(signals, self.searched)
+        entries = self.feature.entries(self._late(signals), self.searched)
         link, drive, motor = np.split(entries.weighted(self.coefficients), 3, axis=1)
         return link, link + motor, link if self.feature.effect.twist else link - drive, drive
+
+    def _late(self, signals: Signals) -> Signals:
+        """Return signals with the sign of the velocity as this friction has it."""
+        if self.turned is None:
+            return signals
+        j = self.feature.equations.robot.joint_names.index(str(self.feature.joint))
+        late = {}
+        for side in self.feature.sides:
+            place = FrictionPlace(str(self.feature.joint), side)
+            sign = signals.values[f"sign_{side}"].copy()
+            sign[:, j] = turned_over(signals, place, j, self.turned)
+            late[f"sign_{side}"] = sign
+        return replace(signals, values={**signals.values, **late})
 
 
 @dataclass(frozen=True)
@@ -121,6 +136,7 @@ def inertia_of(model: Model, poses: Array, acting: Sequence[ActingEffect]) -> Ar
     n = model.n
     # A regressor of its own, or states, take the motion as a whole.
     laws = [e for e in acting if e.feature.effect.regressor is None and not e.feature.effect.states]
+    laws = [e for e in laws if not e.feature.effect.friction]  # it does not follow accelerations
     if not laws:
         return np.zeros((len(poses), n, n))
     q = np.repeat(poses, n + 1, axis=0)

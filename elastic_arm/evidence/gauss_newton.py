@@ -14,6 +14,7 @@ import numpy as np
 
 from elastic_arm.arrays import Array, Mask
 from elastic_arm.estimation.known_torques import ActingEffect
+from elastic_arm.estimation.turnover import FrictionPlace
 from elastic_arm.evidence.fit import KINDS, Fit, Frame, LinearModel
 from elastic_arm.evidence.grams import Bands
 from elastic_arm.evidence.linearisation import Linearisation
@@ -21,6 +22,7 @@ from elastic_arm.evidence.nonlinear import placed_anew
 from elastic_arm.evidence.priors import COMPARED, WORTH, Assumed
 from elastic_arm.evidence.problem import Problem
 from elastic_arm.evidence.terms.change import ChangeTerm
+from elastic_arm.evidence.terms.dry_friction import TurnoverTerm
 from elastic_arm.evidence.terms.effect import EffectTerm
 from elastic_arm.evidence.terms.known import known_terms
 from elastic_arm.evidence.terms.share import shares_of
@@ -167,9 +169,22 @@ def linear_model(linear: Linearisation, assumed: Assumed) -> LinearModel:
 
 
 def _acting(fit: Fit) -> tuple[ActingEffect, ...]:
-    """Return the effects of a fit that act in the true torques."""
-    terms = [t for t in fit.terms if isinstance(t, EffectTerm) and t.acts]
-    return tuple(t.acting(fit, known=t in fit.model.always) for t in terms)
+    """Return the effects of a fit that act in the true torques; dry friction turns over late."""
+    turned = {t.place: fit.beta(t) for t in fit.terms if isinstance(t, TurnoverTerm)}
+    found = []
+    for term in fit.terms:
+        if not isinstance(term, EffectTerm) or not term.acts:
+            continue
+        effect = term.acting(fit, known=term in fit.model.always)
+        feature = term.feature
+        places = [FrictionPlace(str(feature.joint), side) for side in feature.sides]
+        late = [turned[place] for place in places if place in turned]
+        if feature.effect.friction and late:
+            # Columns of lags would otherwise have reversals where the torque has none yet, and
+            # each step would move the lag further.
+            effect = replace(effect, turned=np.maximum(late[0], 0.0))
+        found.append(effect)
+    return tuple(found)
 
 
 def again(fit: Fit, linear: Linearisation) -> list[Term]:

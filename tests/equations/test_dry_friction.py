@@ -9,8 +9,8 @@ from elastic_arm.equations.dry_friction import (
     LAWS,
     Curve,
     functions_of_speed,
-    over_distance,
 )
+from elastic_arm.estimation.turnover import over_distance
 
 T = np.linspace(0.0, 4.0, 2001)
 ANGLE = 0.3 * np.sin(2.0 * T) + 0.02 * np.sin(11.0 * T)

@@ -5,7 +5,8 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from elastic_arm.equations.dry_friction import SHAPES, FrictionPlace
+from elastic_arm.equations.dry_friction import SHAPES
+from elastic_arm.estimation.turnover import FrictionPlace
 from elastic_arm.evidence.grams import Grams
 from elastic_arm.evidence.terms.dry_friction import SHARES, CurveTerm, TurnoverTerm, choices
 from tests.evidence.made_up import HARMONICS, bands

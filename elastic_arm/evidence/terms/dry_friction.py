@@ -18,15 +18,14 @@ import numpy as np
 
 from elastic_arm.arrays import Array
 from elastic_arm.equations.dry_friction import (
-    DISTANCES,
     SHAPES,
     Curve,
-    FrictionPlace,
     curve_columns,
     curve_over,
     places_of_friction,
     turnover_columns,
 )
+from elastic_arm.estimation.turnover import DISTANCES, FrictionPlace
 from elastic_arm.evidence.keys import Key
 from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.priors import CURVE, TURNOVER
