@@ -108,7 +108,7 @@ def _in_band(
 ) -> Array:
     """Return columns (N', R, k) within the band of torques (k, N) Nm at a place."""
     j = robot.joint_names.index(place.joint)
-    row = 2 * robot.n + j if robot.elastic and place.side == "motor" else j
+    row = 2 * robot.n + j if place.side == "motor" else j
     k = len(values)
     return data.in_band(part, Entries(values.T, np.full(k, row), np.arange(k), (3 * robot.n, k)))
 

@@ -102,12 +102,29 @@ def at_lags(linear: Linearisation, fit: Fit, frame: Frame) -> tuple[Linearisatio
                 there = linear.moved(linear.values + np.where(own, by / stds, 0.0), linear.acting)
                 model = linear_model(there, fit.model.assumed)
                 later = model.fit(again(fit, there), fit).compared_in(frame)
-                if not later.score > fit.score:  # a lag of which nothing tells ends here as well
+                gain = _score_at(later, own) - _score_at(fit, own)
+                if not gain > 0.0:  # a lag of which nothing tells ends here as well
                     break
                 linear, fit = there, later
             if fit is not before:
                 break
     return linear, fit
+
+
+def _score_at(fit: Fit, own: list[bool]) -> float:
+    """Return the score of a fit with some numbers (K,) as they are at its linearisation.
+
+        score - rows ln(1 + delta' C^-1 delta / rows) / 2
+
+    delta is the step to the numbers of the fit and C its covariance; the noise is that of the
+    residuals. What a long step of a lag promises, its columns cannot keep.
+    """
+    which = np.flatnonzero(own)
+    step = fit.numbers[which]
+    covariance = fit.number_covariance[np.ix_(which, which)]
+    distance = float(step @ np.linalg.pinv(covariance, hermitian=True) @ step)
+    rows = len(fit.model.y)
+    return fit.score - 0.5 * rows * float(np.log1p(distance / rows))
 
 
 def _has_settled(linear: Linearisation, fit: Fit, none: float) -> bool:

@@ -4,8 +4,8 @@
     score(S_{k+1}) counts at the linearisation of S_{k+1}
 
 Both steps repeat until no set is better (:mod:`.frontier`). The search starts at the description,
-and again at a fit of ordinary deviations with friction in every drive, which turns over within a
-distance, at the lag of each channel.
+and again at a fit of ordinary deviations and of the lag of each channel, both with friction in
+every drive that turns over within a distance.
 """
 
 from __future__ import annotations

@@ -13,7 +13,8 @@ form are the same thing with other columns, another prior and another word in th
 | `NumberTerm` | a number that is far off | its column of N | wide |
 | `UnnamedTerm` | the same, of no cause in the catalogue | its column of N | wide |
 | `LawTerm` | a smooth function at one place | Gaussian process | size by evidence |
-| `DryFrictionTerm` | dry friction that turns over late and bends | shares, shapes | 0.5, 0.1 |
+| `TurnoverTerm` | dry friction that turns over late | shares by distance | 0.5 |
+| `CurveTerm` | dry friction whose curve bends | shapes of its curve | 0.1 |
 | `ChangeTerm` | a size of its own in each recording | a term's, by recording | as of the term |
 | `ShareTerm` | what an effect adds to columns of N | that part | none: never chosen |
 
