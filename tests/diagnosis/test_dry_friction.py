@@ -4,6 +4,7 @@ drives."""
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from elastic_arm.diagnosis import Question, diagnose
 from elastic_arm.recording import Recording, Side
@@ -21,11 +22,14 @@ URDF = f"""<robot name="pendulum"><link name="base"/><joint name="joint_1" type=
 </inertial></link></robot>"""
 
 
-def recording(seed: int, stribeck: float = 0.0, warmth: float = 0.0) -> Recording:
+def recording(
+    seed: int, stribeck: float = 0.0, warmth: float = 0.0, *, has_joint_torque: bool = False
+) -> Recording:
     """A pendulum swung for 20 s, its torque by the equations of motion and Dahl's equation.
 
     stribeck, warmth: shares of the dry friction that are there at rest only, and that are lost
-    while the joint warms up.
+    while the joint warms up; has_joint_torque: whether a sensor behind the drive reads the torque
+    of the joint.
     """
     rng = np.random.default_rng(seed)
     t = np.arange(4000) / 200.0
@@ -43,19 +47,28 @@ def recording(seed: int, stribeck: float = 0.0, warmth: float = 0.0) -> Recordin
     inertia = INERTIA + MASS * LENGTH**2
     dry = DRY * (1.0 + stribeck * np.exp(-((dq / STRIBECK_SPEED) ** 2)))
     dry *= 1.0 - warmth * (1.0 - np.exp(-t / WARM_AFTER))
-    tau = inertia * ddq + MASS * GRAVITY * LENGTH * np.sin(q) + dry * z + VISCOUS * dq
+    load = inertia * ddq + MASS * GRAVITY * LENGTH * np.sin(q)
+    tau = load + dry * z + VISCOUS * dq
     seen = q + 1e-5 * rng.normal(size=len(q))
     read = tau + 0.05 * rng.normal(size=len(q))
     stamps = (t * 1e9).astype(np.int64)
+    if has_joint_torque:
+        sensed = load + 0.01 * rng.normal(size=len(q))
+        link = Side(stamps, seen[:, None], None, sensed[:, None])
+        return Recording(("joint_1",), link, Side(stamps, None, None, read[:, None]))
     return Recording(("joint_1",), None, Side(stamps, seen[:, None], None, read[:, None]))
 
 
-def test_friction_that_turns_over_late_is_no_delay_of_the_torque(tmp_path: Path) -> None:
+@pytest.mark.parametrize("has_joint_torque", [False, True])
+def test_friction_that_turns_over_late_is_no_delay_of_the_torque(
+    has_joint_torque: bool, tmp_path: Path
+) -> None:
     """The friction is found with its size; no delay, low pass or other law stands for how it
-    turns over."""
+    turns over, with and without a sensor of the joint's torque behind the drive."""
     (tmp_path / "pendulum.urdf").write_text(URDF)
     robot = load_robot(tmp_path / "pendulum.urdf")
-    found = diagnose([recording(1)], Question(robot), [recording(2)])
+    fitted, other = (recording(seed, has_joint_torque=has_joint_torque) for seed in (1, 2))
+    found = diagnose([fitted], Question(robot), [other])
     sizes = {cause.effect: cause.parameters for cause in found.causes}
     assert found.verdict == "explained"
     assert set(sizes) <= ORDINARY

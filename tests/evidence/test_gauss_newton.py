@@ -110,7 +110,17 @@ def test_a_lag_is_found_in_steps_where_its_tangent_says_nothing() -> None:
 
 
 def test_steps_end_at_once_where_nothing_tells_of_a_lag() -> None:
-    start = curve(lambda _: 1.0, true=0.0, start=-0.3)
+    start = curve(lambda _: 1.0, true=0.0, start=0.0)
+    fit = start.fit()
+    near, begun = at_lags(start, fit, fit.frame)
+    assert near is start
+    assert begun is fit
+
+
+def test_no_lag_is_chosen_for_what_its_column_promises() -> None:
+    """Far from zero, the arc tangent is so flat that a step leads anywhere: the score at its end
+    is as good as that of the true lag, and the residual at the lag that is tried is not."""
+    start = curve(np.arctan, true=0.0, start=0.0)
     fit = start.fit()
     near, begun = at_lags(start, fit, fit.frame)
     assert near is start
