@@ -95,6 +95,9 @@ class Cause:
     def to_dict(self) -> dict[str, Any]:
         """Return it as in `diagnosis.json`."""
         parameters = plain(self.parameters)
+        for parameter in self.instance.effect.parameters:
+            if parameter.integer and parameter.name in parameters:
+                parameters[parameter.name]["std"] = None
         for choice in self.instance.effect.choices:
             if choice.name != "side":
                 chosen = self.instance.parameters[choice.name]
@@ -678,7 +681,9 @@ def _cause(one: Mapping[str, Any], catalogue: Catalogue) -> Cause:
         **{name: one[name] for name in ("effect", "joint", "regime", "shrink", "confidence")},
         sides=tuple(one["sides"]),
         parameters={
-            p.name: ParameterEstimate(**given[p.name]) for p in effect.parameters if p.name in given
+            p.name: ParameterEstimate(**given[p.name] | ({"std": 0.0} if p.integer else {}))
+            for p in effect.parameters
+            if p.name in given
         },
         alternatives=tuple(Alternative(**a) for a in one["alternatives"]),
         instance=EffectInstance(effect, one["joint"], {**values, **side}),
