@@ -364,8 +364,8 @@ def unknown_sentences(found: Diagnosis) -> list[str]:
     hold = bool(found.causes) and not any(cause.rejected for cause in found.causes)
     if hold and found.shrink is not None and found.shrink > 0.0:
         sentences.append(
-            f"The causes remain valid: they explain {percent(found.shrink)} of the gap. If"
-            f" {size} is negligible for your application, they are the answer."
+            f"The causes explain {percent(found.shrink)} of the gap. If {size} is negligible for"
+            " your application, they are the answer."
         )
     sentences.append(
         f"Record next: {first.joint} alone, {motion_that_shows(first.regime)}. See docs/unknown.md."
