@@ -45,7 +45,7 @@ class Node:
 
     fit: Any  # the set with its score there
     linear: Any  # the linearisation
-    depth: int = 0  # index of the next kind of moves
+    depth: int = 0  # index of the next stage of moves
     found: Any = None  # path of the last search from the set
     is_expanded: bool = False  # whether it was expanded
 
@@ -64,8 +64,8 @@ class Frontier:
     """The sets that were linearised about themselves, and the best of them.
 
     linearise: returns a set at its own linearisation, starting from that of a node; expand: returns
-    a path that begins with the node's own set; depths: number of kinds of moves, the most expensive
-    last; is_over: whether the search must end with the best set so far.
+    a path that begins with the node's own set; depths: number of stages of moves, the most
+    expensive last; is_over: whether the search must end with the best set so far.
     """
 
     best: Node

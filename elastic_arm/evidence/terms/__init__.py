@@ -18,9 +18,10 @@ form are the same thing with other columns, another prior and another word in th
 | `ChangeTerm` | a size of its own in each recording | a term's, by recording | as of the term |
 | `ShareTerm` | what an effect adds to columns of N | that part | none: never chosen |
 
-Each class makes its columns at a linearisation (`again`), its columns in Nm (`plain`), and the odds
-of its kind (`doubt`). Two terms with one `ident` share their products, so `_details` must hold all
-that changes the columns at one linearisation. A new kind is a new file here. A report names it
-where `says_cause` is true (the default), and then `diagnosis/estimates.py` states its sizes. A
-smooth function of one more quantity is no new kind, but a law in `equations/formless.py`.
+Each class makes the terms that it becomes at another linearisation (`again`), its columns in Nm
+(`plain`), and -ln of the prior odds of its kind (`doubt`). Two terms with one `ident` share their
+products, so `_details` must hold all that changes the columns at one linearisation. A new kind is a
+new file here. A report names it where `says_cause` is true (the default), and then
+`diagnosis/estimates.py` states its sizes. A smooth function of one more quantity is no new kind,
+but a law in `equations/formless.py`.
 """
