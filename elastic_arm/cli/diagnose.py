@@ -92,7 +92,8 @@ Seconds = Annotated[
 Explain = Annotated[
     bool,
     typer.Option(
-        help="Also print the search: the sets that were scored, what the best one lacks, moves."
+        help="Also print why each residual is unexplained, and the search: the sets that were"
+        " scored, what the best one lacks, moves."
     ),
 ]
 

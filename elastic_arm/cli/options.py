@@ -147,7 +147,8 @@ PriorsFile = Annotated[
     Path | None,
     typer.Option(
         "--priors",
-        help="Priors (YAML) for errors of masses, stiffnesses and sensors; see docs/diagnosis.md.",
+        help="Priors (YAML) for errors of masses, stiffnesses and sensors (`sensors: {ID: std}`);"
+        " see docs/diagnosis.md.",
     ),
 ]
 KnownEffects = Annotated[

@@ -194,12 +194,15 @@ def _motor_inertias(pieces: Sequence[Motion]) -> Array | None:
     return np.maximum(torque, LEAST_SCALE) / np.maximum(acceleration, LEAST_SCALE)
 
 
-def unreferenced(number: Number) -> Number:
+def unreferenced(number: Number, priors: Priors) -> Number:
     """Return the number with its prior on an arm without joint torque sensors: no known torque has
-    set the zeros of its encoders."""
+    set the zeros of its encoders.
+
+    priors: with the sensors whose prior the user states, which holds.
+    """
     own = number.feature
     zero = number.unit in ("rad", "m")
-    if own is None or "q" not in own.sensed or not zero:
+    if own is None or "q" not in own.sensed or not zero or own.effect.id in priors.sensors:
         return number
     return replace(number, prior_std=max(number.prior_std, ZERO_AS_MOUNTED))
 

@@ -170,7 +170,7 @@ def uncertain_numbers(
         turning = np.maximum(turning, first.turning)
     found = numbers_of(robot, shown, first.rate, priors, pieces, largest, turning, layout.sides)
     if layout.reads_torque_by_deflection:
-        found = tuple(unreferenced(number) for number in found)
+        found = tuple(unreferenced(number, priors) for number in found)
     count = len(observed[0]) + (0 if held_back else len(observed[1]))
     found += of_each_recording(found, count, priors.between_recordings)
     return found, directions_of(robot, model, found)

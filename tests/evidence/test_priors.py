@@ -9,8 +9,8 @@ from elastic_arm.effects import EFFECTS
 from elastic_arm.effects.arm_equations import ArmEquations
 from elastic_arm.equations.places import features
 from elastic_arm.errors import DiagnosisError
-from elastic_arm.evidence.numbers import LARGEST_SCALE, numbers_of
-from elastic_arm.evidence.priors import Priors, read_priors
+from elastic_arm.evidence.numbers import LARGEST_SCALE, numbers_of, unreferenced
+from elastic_arm.evidence.priors import ZERO_AS_MOUNTED, Priors, read_priors
 from elastic_arm.robot import load_robot
 
 SENSORS = [effect for effect in EFFECTS.values() if effect.prior is not None]
@@ -77,6 +77,23 @@ def test_numbers_have_the_stated_deviations() -> None:
     # half is as far off as twice
     assert stiffness.value(-2.0) * stiffness.value(2.0) == pytest.approx(1.0)
     assert stiffness.slope(1.0) == pytest.approx(0.3 * stiffness.value(1.0))
+
+
+def test_a_stated_deviation_of_encoders_holds_without_joint_torque_sensors() -> None:
+    """No known torque sets their zeros there, so the default is that of mounting."""
+    robot = load_robot()
+    shown = features(ArmEquations(robot, "mod3"), SENSORS)
+    largest = np.full(robot.n, 100.0)
+    for priors, expected in (
+        (Priors(), ZERO_AS_MOUNTED),
+        (Priors(sensors={"encoder_offset": 2e-5}), 2e-5),
+    ):
+        made = numbers_of(
+            robot, shown, 1000.0, priors, (), largest, None, ("link", "drive", "motor")
+        )
+        zeros = [unreferenced(p, priors) for p in made if p.what == "encoder_offset"]
+        assert len(zeros) == robot.n
+        assert {p.prior_std for p in zeros} == {expected}
 
 
 def test_how_gradually_friction_turns_over_is_uncertain_about_where_it_was_found_to() -> None:
