@@ -82,9 +82,9 @@ def curve_columns(
     turned: Array,
     curve: Curve,
 ) -> list[Array]:
-    """Return the columns (N', R, SHAPES + LAWS) Nm of each stretch: those of S and A, with what of
-    S is dry and viscous friction, then these. None at all where no friction has the sign of the
-    velocity.
+    """Return the columns (N', R, SHAPES + LAWS) Nm of each stretch: of S, from which dry and
+    viscous friction are not removed yet, of A, and of dry and viscous friction. None at all where
+    no friction has the sign of the velocity.
 
     turned: c_k (K,) by which z is made; curve: that of all recordings.
     """

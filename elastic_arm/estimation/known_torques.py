@@ -136,7 +136,7 @@ def inertia_of(model: Model, poses: Array, acting: Sequence[ActingEffect]) -> Ar
     n = model.n
     # A regressor of its own, or states, take the motion as a whole.
     laws = [e for e in acting if e.feature.effect.regressor is None and not e.feature.effect.states]
-    laws = [e for e in laws if not e.feature.effect.friction]  # it does not follow accelerations
+    laws = [e for e in laws if not e.feature.effect.friction]  # these poses are no path
     if not laws:
         return np.zeros((len(poses), n, n))
     q = np.repeat(poses, n + 1, axis=0)

@@ -14,7 +14,7 @@ import numpy as np
 from elastic_arm.arrays import Array
 from elastic_arm.estimation.regressors import Signals
 
-# rad: between two of them, a sum of both is as good
+# rad, m for slides: between two of them, a sum of both is as good
 DISTANCES = tuple(1.25e-4 * 2.0**k for k in range(9))
 
 

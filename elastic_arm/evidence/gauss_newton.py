@@ -83,7 +83,8 @@ def about_itself(
 
 
 def at_lags(linear: Linearisation, fit: Fit, frame: Frame) -> tuple[Linearisation, Fit]:
-    """Return a set at those lags of whole channels, in equal steps, at which it is most probable.
+    """Return a set at those lags of whole channels, in equal steps, at which it is most probable
+    with the lags as they are tried (:func:`_score_at`).
 
     A torque that reverses with its friction is linear in a lag only as far as the band resolves.
     From further away, Gauss–Newton steps end at lags that differ from joint to joint.

@@ -3,9 +3,9 @@
     S_{k+1} = best set found from S_k at the linearisation of S_k
     score(S_{k+1}) counts at the linearisation of S_{k+1}
 
-Both steps repeat until no set is better (:mod:`.frontier`). The search starts at the description,
-and again at a fit of ordinary deviations and of the lag of each channel, both with friction in
-every drive that turns over within a distance.
+Both steps repeat until no set is better (:mod:`.frontier`). The search starts at the description
+with friction in every drive, and again at a fit of ordinary deviations and of the lag of each
+channel, with friction that turns over within a distance.
 """
 
 from __future__ import annotations
@@ -253,7 +253,8 @@ def _begun(problem: Problem, refit: bool, shared: Shared) -> list[Explanation]:
         shared.look(Explanation(built, Search(built, fitted.model, ()), fitted, [fitted]))
     shared.watch.say("search for causes", Stage.CAUSES)
     starts = [_explained(built, terms, AS_BUILT, refit, shared, moves=ADDED)]
-    # Ordinary deviations that stand for a large effect may be too far for columns at their place.
+    # Ordinary deviations that stand for a large effect may move the linearisation so far that the
+    # columns of the effect are wrong there.
     near = [*usual.optional, *dry_friction_terms(described)]
     starts.append(_explained(described, near, AS_BUILT, refit, shared, moves=ADDED, most=FIRST))
     if refit:

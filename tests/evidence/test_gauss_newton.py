@@ -93,7 +93,7 @@ def test_a_set_that_does_not_settle_counts_by_the_lowest_of_its_later_scores() -
     found, own = about_itself(start, fit, fit.frame)
     there = found.fit().compared_in(fit.frame)
     assert is_far(own)
-    assert own.score < there.score - 1.0
+    assert fit.score < own.score < there.score - 1.0
 
 
 def test_a_lag_is_found_in_steps_where_its_tangent_says_nothing() -> None:

@@ -1,13 +1,13 @@
 """Dry friction of a real joint beside that of its law.
 
 It turns over within a distance, and its curve bends by some percent
-(:mod:`elastic_arm.equations.dry_friction`). The friction of most drives does either. Many simulated
+(:mod:`elastic_arm.equations.dry_friction`). The friction of most drives does both. Many simulated
 arms have neither, and some have one alone: each has a term of its own.
 
     P(a set of k out of n joints) = 1 / (n + 1) / C(n, k)
 
-Each number k of joints is as likely, because the joints of an arm are alike: mostly all of them
-differ from the laws, or none.
+Every number k = 0..n of joints is equally likely, because the joints of an arm are alike: mostly
+all of them differ from the laws, or none.
 """
 
 from collections.abc import Iterator, Sequence
