@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from elastic_arm.arrays import Array, Indices
+from elastic_arm.arrays import Array, Indices, rms
 from elastic_arm.diagnosis.context import DiagnosisContext
 from elastic_arm.dynamics import Model
 from elastic_arm.effects import EffectInstance
@@ -276,7 +276,7 @@ def _rms(errors: Sequence[Array]) -> Array:
     """Return the root mean square (H, n) of errors (starts, H, n) of all stretches; NaN where the
     model diverged."""
     with np.errstate(over="ignore"):
-        size = np.sqrt(np.mean(np.concatenate(errors) ** 2, axis=0))
+        size = rms(np.concatenate(errors))
     return np.where(size < FARTHEST, size, np.nan)
 
 

@@ -203,12 +203,12 @@ def _dry(data: WhitenedData, acting: Sequence[ActingEffect], place: FrictionPlac
 def _dry_of(effect: ActingEffect, signals: Signals, place: FrictionPlace) -> Array:
     """Return the magnitude (N,) Nm of what has the sign of the velocity in the friction that an
     effect makes at a place."""
-    effect = replace(effect, turned=None)
     feature = effect.feature
     acts = feature.effect.friction and feature.joint == place.joint
     if not acts or place.side not in feature.sides:
         return np.zeros(len(signals.t))
-    moving, resting = (_one_way(effect, signals, place.side, sign) for sign in (1.0, 0.0))
+    at_once = replace(effect, turned=None)
+    moving, resting = (_one_way(at_once, signals, place.side, sign) for sign in (1.0, 0.0))
     j = feature.equations.robot.joint_names.index(place.joint)
     return (moving - resting)[:, j]
 

@@ -360,5 +360,5 @@ def _moves_at_ends(grid: Grid, count: int) -> bool:
         return False
     speed = np.diff(position, axis=0)
     whole = rms(speed, None)
-    ends = np.sqrt(np.mean(np.concatenate([speed[:count], speed[-count:]]) ** 2))
+    ends = rms(np.concatenate([speed[:count], speed[-count:]]), None)
     return bool(ends > MOVING * whole)
